@@ -107,7 +107,7 @@ class AsyncCorrectionClient(ClientBase):
                 await self._await_server(querier, asked + question.patience)
             elif answer.status in ("NO_SERVICE", "OTHER_MODEL"):
                 querier.suspect()
-            answer = await self._attempt(querier, querier.second, question)
+            answer = await self._attempt(querier, querier.everyone, question)
         if isinstance(answer, ServiceError):
             raise answer
         return answer, asked

@@ -154,7 +154,7 @@ class CorrectionClient(ClientBase):
                 self._await_server(querier, asked + question.patience)
             elif answer.status in ("NO_SERVICE", "OTHER_MODEL"):
                 querier.suspect()
-            answer = self._attempt(querier, querier.second, question)
+            answer = self._attempt(querier, querier.everyone, question)
         if isinstance(answer, ServiceError):
             raise answer
         return answer, asked

@@ -58,13 +58,13 @@ class Querier:
     timeout : float
         Seconds for one answer, the retry included.
     fresh : bool
-        Whether nothing was asked of this key before, with or without a connection: that question may wait for a server.
+        Whether nothing was asked of this key before: that question may wait for a server.
     """
 
     def __init__(
         self, session: zenoh.Session, key: str, settings: ClientSettings, timeout: float, *, fresh: bool
     ) -> None:
-        self._nearest, self._everyone = (
+        self._nearest, self.everyone = (
             session.declare_querier(
                 key,
                 target=target,
@@ -91,32 +91,22 @@ class Querier:
     @property
     def first(self) -> zenoh.Querier:
         """Whom to ask first."""
-        return self._nearest if time.monotonic() >= self._trusted_from else self._everyone
-
-    @property
-    def second(self) -> zenoh.Querier:
-        """Whom to ask when that fails."""
-        return self._everyone
+        return self._nearest if time.monotonic() >= self._trusted_from else self.everyone
 
     def suspect(self) -> None:
         """Note that the nearest server is silent or has another model: for a while it is not asked alone."""
         self._trusted_from = time.monotonic() + SUSPICION_SECONDS
 
     def ask(self, querier: zenoh.Querier, handler: Any, question: Question[Any]) -> Any:
-        """Send a question; return what zenoh makes of the handler.
+        """Send a question; return what zenoh makes of the handler. NO_SERVICE where the session is closed.
 
         Parameters
         ----------
         querier : zenoh.Querier
-            :attr:`first` or :attr:`second`.
+            :attr:`first` or :attr:`everyone`.
         handler
             zenoh's, for the replies.
         question : Question
-
-        Raises
-        ------
-        ServiceError
-            NO_SERVICE: the session is closed.
         """
         try:
             return querier.get(
@@ -131,7 +121,7 @@ class Querier:
         A zenoh querier that is freed after its session was closed leaves the session's shared memory mapped, and the
         traceback of an error holds on to one until Python collects it.
         """
-        for one in (self._nearest, self._everyone):
+        for one in (self._nearest, self.everyone):
             with suppress(zenoh.ZError):
                 while not _undeclared(one):
                     time.sleep(POLL_SECONDS)

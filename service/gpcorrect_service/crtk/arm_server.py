@@ -24,7 +24,7 @@ from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.limits import checked_stamp
 
 STATE_HZ = 10.0  # chosen by hand: fast enough for people
-BEAT_HZ = 2.0  # chosen by hand
+BEAT_HZ = 2.0  # chosen by hand: who listens notices within a second that it ended
 BEHIND = 0.5  # chosen by hand: s of wall time after which lost ticks are given up instead of caught up with
 
 
@@ -126,15 +126,11 @@ class ArmServer:
         self._orders: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._late = 0
         prefix = "corrected/" if settings.corrected else ""
-        reading: tuple[tuple[str, Callable[..., object], Callable[..., None]], ...] = (
-            ("servo_jp", self._joints, arm.servo_jp),
-            ("move_jp", self._joints, arm.move_jp),
-            (f"{prefix}servo_cp", self._pose, arm.servo_cp),
-            (f"{prefix}move_cp", self._pose, arm.move_cp),
-            ("state_command", lambda message: message.string, arm.operate),
-        )
-        for name, read, act in reading:
-            bus.subscribe(name, self._queueing(read, act), self._refused)
+        for name, act in (("servo_jp", arm.servo_jp), ("move_jp", arm.move_jp)):
+            self._obey_topic(name, self._joints, act)
+        for name, act in (("servo_cp", arm.servo_cp), ("move_cp", arm.move_cp)):
+            self._obey_topic(prefix + name, self._pose, act)
+        self._obey_topic("state_command", lambda message: message.string, arm.operate)
 
     def run(self, stop: threading.Event) -> None:
         """Let the arm live until it is stopped.
@@ -162,17 +158,14 @@ class ArmServer:
         self._late += 1
         return due if ahead > -BEHIND else time.monotonic()
 
-    def _queueing(self, read: Callable[..., object], act: Callable[..., None]) -> Callable[[object], None]:
-        def _receive(message: object) -> None:
-            self._orders.put(lambda: act(read(message)))
+    def _obey_topic(self, name: str, read: Callable[..., object], act: Callable[..., None]) -> None:
+        def _refused(error: GpCorrectError) -> None:
+            def _raise() -> None:
+                raise error
 
-        return _receive
+            self._orders.put(_raise)
 
-    def _refused(self, error: GpCorrectError) -> None:
-        def _raise() -> None:
-            raise error
-
-        self._orders.put(_raise)
+        self._bus.subscribe(name, lambda message: self._orders.put(lambda: act(read(message))), _refused)
 
     def _obey(self) -> None:
         """Do what was commanded since the last tick; what is refused is published on `error`."""

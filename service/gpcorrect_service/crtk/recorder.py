@@ -29,7 +29,7 @@ SIGNALS = {
 }  # of a log, by topic of joints and field; other topics are poses
 CLOCK_STEP = 0.5  # chosen by hand: s that stamps of the joints may run back; more is a clock that was set
 APART = 1e7  # s between what came before and after such a step, on one axis: longer than any recording
-PAUSE = 1.0  # s between them in the log
+PAUSE = 1.0  # chosen by hand: s between them in the log, more than between samples
 MOSTLY = 0.5  # chosen by hand: of the samples, at which a signal must have a value for those without it to be left out
 
 
@@ -129,8 +129,8 @@ class Recording:
             for field, signal in SIGNALS[name].items():
                 rows = [getattr(m, field) or () for m in messages]
                 if any(len(row) == len(missing) for row in rows):
-                    whole = [row if len(row) == len(missing) else missing for row in rows]
-                    yield Stream(signal, stamp, np.array(whole, dtype=np.float64))
+                    filled = [row if len(row) == len(missing) else missing for row in rows]
+                    yield Stream(signal, stamp, np.array(filled, dtype=np.float64))
 
     def _trajectories(self, at: FloatArray, marked: FloatArray) -> Any:
         if not self.events:
@@ -179,12 +179,7 @@ def recovered(path: Path) -> Recording:
     Parameters
     ----------
     path : path
-        Its journal.
-
-    Raises
-    ------
-    LogError
-        The file is no journal, or was altered.
+        Its journal; LogError where it is none, or was altered.
     """
     arm, entries = read_journal(path)
     came: dict[str, list[Came]] = {"event": []}
@@ -194,16 +189,16 @@ def recovered(path: Path) -> Recording:
 
 
 def _recording(arm: str, came: Mapping[str, Sequence[Came]]) -> Recording:
-    remarks, kept = [], {}
+    remarks, whole = [], {}
     for name, all_of_it in came.items():
         widths = Counter(_width(c.message) for c in all_of_it)
         usual = widths.most_common(1)[0][0] if widths else 0
-        kept[name] = tuple(c for c in all_of_it if _width(c.message) == usual)
-        if len(kept[name]) < len(all_of_it):
-            odd = f"{len(all_of_it) - len(kept[name])} messages of {name} do not hold as many numbers as the others"
+        whole[name] = tuple(c for c in all_of_it if _width(c.message) == usual)
+        if len(whole[name]) < len(all_of_it):
+            odd = f"{len(all_of_it) - len(whole[name])} messages of {name} do not hold as many numbers as the others"
             remarks.append(f"{odd} and are left out.")
-    events = kept.pop("event")
-    return Recording(arm, kept, events, tuple(remarks))
+    events = whole.pop("event")
+    return Recording(arm, whole, events, tuple(remarks))
 
 
 def _width(message: Any) -> int:
@@ -222,17 +217,12 @@ def _time(at: FloatArray, session: IntArray) -> FloatArray:
 
 
 def require_mcap(folder: Path) -> None:
-    """Check, before recording, that a ROS 2 recording can be written.
+    """Check, before recording, that a ROS 2 recording can be written: name, folder, and rosbags.
 
     Parameters
     ----------
     folder : path
         To be made.
-
-    Raises
-    ------
-    GpCorrectError
-        It exists already, the folder above it is not there or may not be written, or rosbags is not installed.
     """
     require_new(folder)
     require_folder(folder)
@@ -246,14 +236,7 @@ def write_mcap(recording: Recording, folder: Path) -> None:
     ----------
     recording : Recording
     folder : path
-        Made.
-
-    Raises
-    ------
-    LogError
-        The folder exists already.
-    MissingExtraError
-        rosbags is not installed.
+        Made; LogError where it exists already.
     """
     store = ros_types()
     from rosbags.rosbag2 import StoragePlugin, Writer

@@ -111,13 +111,7 @@ class Robot:
         return None if pose is None else np.array(pose.pose)
 
     def make_ready(self) -> None:
-        """Enable and home.
-
-        Raises
-        ------
-        RobotError
-            It does not.
-        """
+        """Enable and home; RobotError where it does not."""
         if self.state.state != "ENABLED":
             self.operate("resume" if self.state.state == "PAUSED" else "enable")
         if not self.state.is_homed:
@@ -133,10 +127,8 @@ class Robot:
 
         Raises
         ------
-        DataError
-            There is no such command.
-        RobotError
-            It does not.
+        DataError, RobotError
+            There is no such command; it does not obey.
         """
         obeyed = OPERATIONS.get(command)
         if obeyed is None:
@@ -167,38 +159,27 @@ class Robot:
         self._bus.publish("servo_cp", Pose(self.time, tuple(pose.tolist()), frame))
 
     def move_jp(self, q: FloatArray) -> None:
-        """Go to joints and wait until the robot is there.
+        """Go to joints and wait until the robot is there; RobotError where it says why it cannot, or stops elsewhere.
 
         Parameters
         ----------
         q : (dof,) array
             rad or m.
-
-        Raises
-        ------
-        RobotError
-            It says why it cannot, or it stops elsewhere.
         """
         self._errors.clear()
         what = f"go to {np.round(q, 4).tolist()}"
 
-        def _is_there() -> bool:
-            return bool(np.abs(self.setpoint - q).max() < NEAR)
-
         self._bus.publish("move_jp", JointState(self.time, tuple(q.tolist())))
         # A lost command, a lost complaint and a stop elsewhere all look like a robot at rest: none is waited for long.
-        self._until(lambda: _is_there() or self.state.is_busy or bool(self._errors), self._patience, what)
-        self._until(lambda: _is_there() or not (self.state.is_busy or self._errors), None, what)
-        self._until(_is_there, self._patience, what)
+        self._until(lambda: self._is_at(q) or self.state.is_busy or bool(self._errors), self._patience, what)
+        self._until(lambda: self._is_at(q) or not (self.state.is_busy or self._errors), None, what)
+        self._until(lambda: self._is_at(q), self._patience, what)
+
+    def _is_at(self, q: FloatArray) -> bool:
+        return bool(np.abs(self.setpoint - q).max() < NEAR)
 
     def rest(self) -> None:
-        """Wait until the move that was sent last is over; one that is not begun within the patience was none.
-
-        Raises
-        ------
-        RobotError
-            The robot says why it cannot, or falls silent.
-        """
+        """Wait until the move that was sent last is over; one that is not begun within the patience was none."""
         with suppress(RobotError):
             self._until(lambda: self.state.is_busy or bool(self._errors), self._patience, "begin to move")
         self._until(lambda: not self.state.is_busy, None, "come to rest")
@@ -243,8 +224,7 @@ class Robot:
         for moment in self._paced(times, _is_near):
             self.servo_jp(_joints(moment))
         # The last sample is streamed once more, to be there before the mark that ends the trajectory.
-        end = q[-1]
-        self._until(lambda: bool(np.abs(self.setpoint - end).max() < NEAR), self._patience, "reach the path's end")
+        self._until(lambda: self._is_at(q[-1]), self._patience, "reach the path's end")
         self._mark(NO_TRAJECTORY)
 
     def follow_poses(self, times: FloatArray, poses: FloatArray, frame: str) -> None:
@@ -282,12 +262,12 @@ class Robot:
                 moment = further
             yield moment
 
-    def _mark(self, trajectory: int) -> None:
-        self._bus.publish("event", Event(self.time, trajectory))
-
     def _await_fresh(self) -> None:
         before = self.time
         self._until(lambda: self.time > before, None, "go on")
+
+    def _mark(self, trajectory: int) -> None:
+        self._bus.publish("event", Event(self.time, trajectory))
 
     def _until(self, done: Callable[[], bool], patience: float | None, what: str) -> None:
         """Wait until something holds: at most `patience` seconds; without, while the robot is alive and content."""

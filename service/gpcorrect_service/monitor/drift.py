@@ -73,6 +73,8 @@ class DriftWatch:
         C above; 1 and less is none.
     alarm : bool
         Whether it ever reached the threshold since the model was loaded.
+    votes : int
+        Seconds that were counted.
     """
 
     settings: DriftSettings = DriftSettings()
@@ -81,6 +83,16 @@ class DriftWatch:
     votes: int = field(default=0, init=False)
     _begin: float | None = field(default=None, init=False)
     _samples: list[bool] = field(default_factory=list, init=False)
+
+    @property
+    def state(self) -> dict[str, float | bool | int]:
+        """What a page shows."""
+        return {
+            "evidence": self.evidence,
+            "threshold": self.settings.threshold,
+            "alarm": self.alarm,
+            "votes": self.votes,
+        }
 
     def reset(self) -> None:
         """Begin anew, as with another model."""

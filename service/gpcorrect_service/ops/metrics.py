@@ -195,14 +195,9 @@ def metrics_over_http(port: int, registry: CollectorRegistry) -> Iterator[None]:
     Parameters
     ----------
     port : int
-        To listen on.
+        To listen on; EndpointError where it is taken, or may not be used.
     registry : CollectorRegistry
         Collected at each scrape.
-
-    Raises
-    ------
-    EndpointError
-        The port is taken, or may not be used.
     """
     try:
         server = make_server(HOST, port, _guarded(make_wsgi_app(registry)), _Server, _Handler)

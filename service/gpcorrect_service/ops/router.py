@@ -46,7 +46,7 @@ HANDSHAKE = re.compile(r" WARN .*zenoh_link_tls::unicast: (?P<cause>.+?)(?:\. Hi
 GROUP_SECONDS = 0.1  # chosen by hand: in which the decisions about a key that a session declares are all there
 MOST = 20  # chosen by hand: lines a second, so that who asks a thousand times a second fills no disk
 PIPE_BYTES = 1 << 20  # the largest that Linux gives to everybody: some thousand lines
-STDOUT = 1
+STDOUT = 1  # file descriptor, by POSIX
 
 
 @dataclass
@@ -195,10 +195,8 @@ def route(
 
     Raises
     ------
-    DataError
-        The configuration cannot be read, or is not a router's.
-    EndpointError
-        The address is taken or cannot be used.
+    DataError, EndpointError
+        The configuration cannot be read, or is not a router's; the address is taken or cannot be used.
     """
     config = read_config(config_file)
     if config.get_json("mode") != '"router"':

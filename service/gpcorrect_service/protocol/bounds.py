@@ -40,18 +40,11 @@ class CorrectionBound:
         return bool(np.isfinite(self.position) or np.isfinite(self.rotation))
 
     def apply(self, reference: FloatArray, command: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Shorten the way from a reference to its command: a straight line, and a turn about one axis.
+        """Shorten the way from reference to command, straight and in one turn; tell which (n,) were cut.
 
         Parameters
         ----------
         reference, command : (n, 7) or (n, 3) arrays
-
-        Returns
-        -------
-        bounded : array
-            Commands no further from their references than the bounds.
-        cut : (n,) bool array
-            Which were shortened.
         """
         shift, short = _shortened(command[:, :3] - reference[:, :3], self.position)
         position = np.where(short[:, None], reference[:, :3] + shift, command[:, :3])
@@ -92,24 +85,22 @@ class RateBound:
         self._last: tuple[float, FloatArray] | None = None
 
     def step(self, time: float, correction: FloatArray) -> tuple[FloatArray, bool]:
-        """Return the correction as near to the wanted one as the rate allows, and whether it acted.
+        """Return the correction (k,) as near to the wanted one as the rate allows, and whether it acted.
 
         Parameters
         ----------
         time : float
             s.
         correction : (k,) array
-            What is wanted.
         """
         if not np.isfinite(correction).all():
             self.reset()
             return correction, False
-        if self._last is None:
-            self._last = time, correction
-            return correction, False
-        then, before = self._last
-        most = self._limit * max(time - then, 0.0)
-        bounded = before + np.clip(correction - before, -most, most)
+        bounded = correction
+        if self._last is not None:
+            then, before = self._last
+            most = self._limit * max(time - then, 0.0)
+            bounded = before + np.clip(correction - before, -most, most)
         self._last = time, bounded
         return bounded, bool((np.abs(correction - bounded) > 1e-15).any())
 

@@ -49,18 +49,13 @@ class Codec:
         return self._encodings[form]
 
     def decode(self, message: type[S], data: bytes) -> S:
-        """Read one message.
+        """Read one message; BAD_INPUT where the bytes are not it.
 
         Parameters
         ----------
         message : type
             Its class.
         data : bytes
-
-        Raises
-        ------
-        ServiceError
-            BAD_INPUT: the bytes are not this message.
         """
         decode = self._decode.get(message)
         if decode is None:
@@ -98,17 +93,14 @@ def error_codec(encoding: str) -> Codec | None:
 def codec_of(encoding: str, form: Form) -> Codec:
     """Return how a message is written; a bare media type is the newest schema.
 
+    BAD_INPUT where the encoding is not known here, is of another message, or of a newer schema.
+
     Parameters
     ----------
     encoding : str
         As zenoh names it.
     form : str
         The message that is expected.
-
-    Raises
-    ------
-    ServiceError
-        BAD_INPUT: the encoding is another one, of another message, or of a newer schema.
     """
     codec, named = KNOWN.get(encoding, (None, None))
     if codec is not None and named == form:

@@ -39,10 +39,8 @@ def bad_input(cause: str, next_step: str = "") -> ServiceError:
 
     Parameters
     ----------
-    cause : str
-        One sentence.
-    next_step : str, optional
-        Another one.
+    cause, next_step : str
+        A sentence each.
     """
     return ServiceError("BAD_INPUT", cause, hint=next_step)
 

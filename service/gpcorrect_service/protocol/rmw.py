@@ -51,10 +51,8 @@ def attachment(sequence: int, stamp_ns: int, gid: bytes) -> bytes:
 
     Parameters
     ----------
-    sequence : int
-        Its number, from 1.
-    stamp_ns : int
-        Its time, ns since 1970.
+    sequence, stamp_ns : int
+        Its number, from 1, and its time, ns since 1970.
     gid : 16 bytes
         Its sender.
     """
@@ -85,10 +83,8 @@ class RmwNode:
     ----------
     domain : int
         ROS_DOMAIN_ID.
-    zid : str
-        Of the zenoh session.
-    name : str
-        Of the node.
+    zid, name : str
+        Of the zenoh session, and of the node.
     distro : str
         ROS distribution of the nodes that see it.
     """

@@ -15,7 +15,7 @@ from gpcorrect_service.protocol.errors import EndpointError
 from gpcorrect_service.protocol.messages import Kind
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7449"  # on this machine only; 7447 is that of ROS 2's router, rmw_zenohd
-DEFAULT_NAMESPACE = "gpcorrect"
+DEFAULT_NAMESPACE = "gpcorrect"  # the package's name, which nobody else takes
 MAX_MESSAGE_BYTES = 4 * 1024 * 1024  # holds the longest path in JSON; what is larger is no query of ours
 
 OnFailure = Literal["raise", "identity"]
@@ -145,12 +145,11 @@ class ClientSettings:
     config_file: Path | None = None
 
     def timeout_of(self, kind: Kind) -> float:
-        """Return the seconds for one answer.
+        """Return the seconds for one answer of a key.
 
         Parameters
         ----------
         kind : str
-            The key that is asked.
         """
         return self.path_timeout if kind in ("correct_path", "correct_joints") else self.timeout
 
@@ -165,35 +164,27 @@ class ClientSettings:
 
 
 def refuse_two_places(config_file: Path | None, *, given: bool) -> None:
-    """Refuse an address beside a configuration, which names one too: only one of them would be followed.
+    """Refuse, with a DataError, an address beside a configuration, which names one too: only one would be followed.
 
     Parameters
     ----------
     config_file : Path or None
     given : bool
         Whether an address was given, other than the default.
-
-    Raises
-    ------
-    DataError
-        Both were.
     """
     if config_file is not None and given:
         raise DataError(f"an address and {config_file} both say where to go.", hint="Give one of them.")
 
 
 def check_loopback(endpoint: str, *, allow_remote: bool) -> None:
-    """Refuse an address that other machines can reach, unless that was asked for; pipes and Unix sockets stay at home.
+    """Refuse, with an EndpointError, an address that other machines can reach, unless that was asked for.
+
+    Pipes and Unix sockets stay at home.
 
     Parameters
     ----------
     endpoint : str
     allow_remote : bool
-
-    Raises
-    ------
-    EndpointError
-        The address is not loopback and `allow_remote` is false.
     """
     if endpoint.startswith(("unixsock-stream/", "unixpipe/")):
         return

@@ -63,10 +63,8 @@ class Active:
         model : Model or JointModel
         """
         with self._lock:
-            if isinstance(model, JointModel):
-                self._now = replace(self._now, joints=model)
-            else:
-                self._now = replace(self._now, pose=model)
+            part = "joints" if isinstance(model, JointModel) else "pose"
+            self._now = replace(self._now, **{part: model})  # type: ignore[arg-type]  # its own part
             self._failures = 0
 
     def pause(self, paused: bool) -> None:
@@ -92,13 +90,7 @@ class Active:
                 self._failures = 0 if self._failures < FAULTS_IN_A_ROW else self._failures
 
     def pose_model(self) -> Model:
-        """Return the model that answers poses.
-
-        Raises
-        ------
-        ServiceError
-            NO_MODEL: there is none; BUSY: paused; INTERNAL: in FAULT.
-        """
+        """Return the model that answers poses; NO_MODEL where there is none, BUSY while paused, INTERNAL in FAULT."""
         self._check_enabled()
         model = self._now.pose
         if model is None:

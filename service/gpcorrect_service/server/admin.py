@@ -10,18 +10,8 @@ from gpcorrect.calibration import Entry, ModelStore, last_measured, refuse_other
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
 from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.ops.metrics import OPENMETRICS, Counters, exposition, metrics_of
+from gpcorrect_service.protocol import messages
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
-from gpcorrect_service.protocol.messages import (
-    ActivateAnswer,
-    ActivateRequest,
-    HealthAnswer,
-    Kind,
-    ModelEntry,
-    ModelListAnswer,
-    PartRmse,
-    StateAnswer,
-    StateRequest,
-)
 from gpcorrect_service.server.models import JointModel, Model, check_arm, load_joint_model, load_model
 from gpcorrect_service.server.queues import WorkerQueue
 from gpcorrect_service.server.requests import Handler, Parsed, RequestParser, Response, plain_response
@@ -33,7 +23,6 @@ class Admin:
     Parameters
     ----------
     parser : RequestParser
-        Whose requests are answered.
     store : ModelStore or None
         Where models are; without it none can be activated.
     logger : Logger
@@ -56,7 +45,7 @@ class Admin:
         self._logger = logger
         self._changed = changed
 
-    def handlers(self) -> dict[Kind, Handler]:
+    def handlers(self) -> dict[messages.Kind, Handler]:
         """Return which key is answered by what."""
         handler = self._parser.handler
         return {
@@ -73,11 +62,11 @@ class Admin:
         if self._store is not None:
             history = {kind: [entry.hash for entry in self._store.history(kind)] for kind in ("pose", "joints")}
             entries = [_listed(self._store, e, active=serving.get(e.kind) == e.hash) for e in self._store.models()]
-        return plain_response(parsed, "model/list", ModelListAnswer(self._replica, entries, history, serving))
+        return plain_response(parsed, "model/list", messages.ModelListAnswer(self._replica, entries, history, serving))
 
     def _activate(self, parsed: Parsed) -> Response:
         """Load, verify and try a model of the store once, note it there, and answer with it from then on."""
-        asked = parsed.codec.decode(ActivateRequest, parsed.request.payload)
+        asked = parsed.codec.decode(messages.ActivateRequest, parsed.request.payload)
         if self._store is None:
             raise bad_input("this server has no model store.", "Start it with: gpcorrect serve --store FOLDER")
         entry = self._store.find(asked.model)
@@ -100,12 +89,12 @@ class Admin:
         self._changed()
         old = before.hash if before else ""
         self._logger.info("activated", kind=entry.kind, model_id=model.id, model_hash=model.hash, before=old)
-        message = ActivateAnswer(model.id, model.hash, entry.kind, old, self._replica)
+        message = messages.ActivateAnswer(model.id, model.hash, entry.kind, old, self._replica)
         return plain_response(parsed, "admin/activate", message)
 
     def _state(self, parsed: Parsed) -> Response:
         """Pause, or go on; where there is a store, whoever starts from it later does so too."""
-        asked = parsed.codec.decode(StateRequest, parsed.request.payload)
+        asked = parsed.codec.decode(messages.StateRequest, parsed.request.payload)
         paused, stays = asked.state == "PAUSED", self._store is not None
         self._active.pause(paused)
         if self._store is not None:
@@ -115,7 +104,7 @@ class Admin:
                 stays = False
                 self._logger.error("state not stored", cause=error.message)
         self._logger.warning("state set", asked=asked.state, state=self._active.state)
-        return plain_response(parsed, "admin/state", StateAnswer(self._active.state, self._replica, stays))
+        return plain_response(parsed, "admin/state", messages.StateAnswer(self._active.state, self._replica, stays))
 
 
 class Health:
@@ -124,9 +113,7 @@ class Health:
     Parameters
     ----------
     parser : RequestParser
-        Whose requests are answered.
     counters : Counters
-        What was answered.
     queues : mapping of name to WorkerQueue
         Filled by the server before the first query.
     monotonic : callable
@@ -147,19 +134,19 @@ class Health:
         self._started = monotonic()
         self.metrics = metrics_of(self.report, counters)
 
-    def handlers(self) -> dict[Kind, Handler]:
+    def handlers(self) -> dict[messages.Kind, Handler]:
         """Return which key is answered by what; metrics are, whatever the request holds."""
         return {
             "health": self._parser.handler("health", lambda parsed: plain_response(parsed, "health", self.report())),
             "metrics": lambda _: Response(exposition(self.metrics), OPENMETRICS),
         }
 
-    def report(self) -> HealthAnswer:
+    def report(self) -> messages.HealthAnswer:
         """Return the state of this moment; FAULT also when a worker is gone."""
         active = self._parser.active
         now = active.now
         queues = dict(self._queues)  # as they are now: while a server starts, more are added
-        return HealthAnswer(
+        return messages.HealthAnswer(
             state=active.state if all(queue.alive for queue in queues.values()) else "FAULT",
             model_id=now.pose.id if now.pose else "",
             model_hash=now.pose.hash if now.pose else "",
@@ -174,25 +161,20 @@ class Health:
 
 
 def load_entry(store: ModelStore, entry: Entry) -> Model | JointModel:
-    """Return a model of a store, read whole, verified and tried on its recorded check queries.
+    """Return a model of a store, verified and tried on its recorded check queries; ArtifactError if refused.
 
     Parameters
     ----------
     store : ModelStore
     entry : Entry
-
-    Raises
-    ------
-    ArtifactError
-        The file is refused, or is not the one that was added.
     """
     load = load_model if entry.kind == "pose" else load_joint_model
     return load(store.path(entry), entry.id, entry.hash)
 
 
-def _listed(store: ModelStore, entry: Entry, *, active: bool) -> ModelEntry:
+def _listed(store: ModelStore, entry: Entry, *, active: bool) -> messages.ModelEntry:
     history = store.made(entry)
     measured = last_measured(history)
-    errors = [PartRmse(row.part, row.unit, row.rmse) for row in measured.corrected] if measured else []
+    errors = [messages.PartRmse(row.part, row.unit, row.rmse) for row in measured.corrected] if measured else []
     made = history[-1].date if history else ""
-    return ModelEntry(entry.id, entry.hash, entry.kind, entry.added, active, made, errors)
+    return messages.ModelEntry(entry.id, entry.hash, entry.kind, entry.added, active, made, errors)

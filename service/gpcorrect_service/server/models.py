@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -82,7 +82,7 @@ class Model:
         mapped = rigid.apply(PoseSignal(poses[:, :3], poses[:, 3:] if poses.shape[1] == 7 else None))
         return mapped.position if mapped.quaternion is None else np.hstack([mapped.position, mapped.quaternion])
 
-    def reference_position(self, pose: FloatArray) -> Sequence[float]:
+    def reference_position(self, pose: FloatArray) -> list[float]:
         """Return where registration alone commands one pose to be, m.
 
         Parameters
@@ -127,17 +127,12 @@ def load_model(path: str | Path, name: str = "", expected: str = "") -> Model:
 
 
 def load_joint_model(path: str | Path, name: str = "", expected: str = "") -> JointModel:
-    """Read and verify a model file of joints, once.
+    """Read and verify a model file of joints, once; raises as :func:`load_model`.
 
     Parameters
     ----------
     path, name, expected
         As for :func:`load_model`.
-
-    Raises
-    ------
-    ArtifactError
-        As :func:`load_model`.
     """
     corrector, digest = load_with_hash(path, JointCorrector)
     return JointModel(corrector, name or Path(path).stem, _as_added(path, digest, expected))
@@ -153,18 +148,13 @@ def _as_added(path: str | Path, digest: str, expected: str) -> str:
 
 
 def check_arm(arm: str, *models: Model | JointModel | None) -> None:
-    """Refuse models that were learned on another arm than each other, or on a sister of the arm that is served.
+    """Refuse, with an ArtifactError, models of different arms, or of a sister of the arm that is served.
 
     Parameters
     ----------
     arm : str
         CRTK name. A model that was learned on PSM2 is refused for PSM1; what a model calls raven2_left may be arm1.
     *models : Model, JointModel or None
-
-    Raises
-    ------
-    ArtifactError
-        They were.
     """
     learned = [(model.id, name) for model in models if model and (name := model.corrector.info().get("arm", ""))]
     for model, name in learned:

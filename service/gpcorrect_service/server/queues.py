@@ -142,11 +142,9 @@ class Dispatcher:
     Parameters
     ----------
     settings : ServerSettings
-        Arm, replica name, and the queue's bound that a refusal quotes.
-    counters : Counters
-        Where answers are counted.
-    logger : Logger
-        Where replies that cannot be sent are written.
+        Replica name, and the queue's bound that a refusal quotes.
+    counters, logger
+        Where answers are counted, and replies that cannot be sent are written.
     monotonic : callable
         Clock, s.
     """

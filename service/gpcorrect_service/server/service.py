@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from types import FrameType
 from typing import Any, Self
 
 import zenoh
@@ -56,16 +55,14 @@ class Server:
     ----------
     corrector : CommandCorrector, Model or None
         What answers poses; None answers NO_MODEL.
-    settings : ServerSettings
-        Address, names and bounds.
+    settings : ServerSettings, optional
     joints : JointModel, optional
         What answers joints.
     store : ModelStore, optional
         From where models can be activated.
     logger : Logger, optional
-        Where the server logs; standard error by default.
+        Standard error by default.
     clock : Clock, optional
-        Where the time comes from.
 
     Raises
     ------
@@ -117,13 +114,7 @@ class Server:
         self.stop()
 
     def start(self) -> None:
-        """Listen, and answer from now on.
-
-        Raises
-        ------
-        EndpointError
-            The address is taken or cannot be used.
-        """
+        """Listen, and answer from now on; EndpointError where the address is taken or cannot be used."""
         self.follow_store()
         with ExitStack() as stack:
             stack.enter_context(threadpool_limits(limits=1))
@@ -139,7 +130,10 @@ class Server:
             stack.callback(self._drain)
             self._declare(session, ros_session, parser, health)
             self._stack = stack.pop_all()
-        self._logger.info("serving", endpoint=self.settings.endpoint, **self._identity())
+        now = self.active.now
+        named = (("model", now.pose), ("joint_model", now.joints))
+        facts = {f"{what}_{part}": getattr(m, part) for what, m in named if m for part in ("id", "hash")}
+        self._logger.info("serving", endpoint=self.settings.endpoint, **(facts or {"model_id": ""}))
 
     def follow_store(self) -> None:
         """Pause, or go on, where the store says so since the last look: while this server was down or hung, for one."""
@@ -173,12 +167,6 @@ class Server:
         if not all(in_time):
             self._logger.warning("did not finish in time", hanging=ended.count(False))
 
-    def _identity(self) -> dict[str, str]:
-        now = self.active.now
-        named = (("model", now.pose), ("joint_model", now.joints))
-        found = [(f"{what}_{part}", getattr(m, part)) for what, m in named if m for part in ("id", "hash")]
-        return dict(found) or {"model_id": ""}
-
     def _declare(
         self, session: zenoh.Session, ros_session: zenoh.Session | None, parser: RequestParser, health: Health
     ) -> None:
@@ -186,15 +174,17 @@ class Server:
         self._refusals.start()
         if self._store is not None or self.active.now.joints is not None:
             self._declare_stream(session)
-        handlers = self._handlers(session, parser, health)
-        for kind, handler in handlers.items():
+        s = self.settings
+        corrections = Corrections(parser, s.bound, strict=s.strict, frame=s.frame).handlers()
+        admin = Admin(parser, self._store, self._logger, lambda: self._announce(session))
+        for kind, handler in {**corrections, **health.handlers(), **admin.handlers()}.items():
             self._declare_key(session, kind, handler)
         if ros_session is not None:
-            ros = RosService(self.settings, handlers["correct"], self._clock)
+            ros = RosService(s, corrections["correct"], self._clock)
             receive = self._receiver("correct", ros.key, ros.answer, ros.refuse)
             ros.declare(ros_session, receive, self._queryables, self._logger)
         self._announce(session)
-        self._queryables.callback(self._conceal)
+        self._queryables.callback(lambda: self._token.undeclare())  # noqa: PLW0108  # that of the moment
 
     def _announce(self, session: zenoh.Session) -> None:
         """Show that this server lives, and which models it holds."""
@@ -203,18 +193,6 @@ class Server:
         self._token = session.liveliness().declare_token(key)
         if before is not None:
             before.undeclare()
-
-    def _conceal(self) -> None:
-        self._token.undeclare()
-
-    def _handlers(self, session: zenoh.Session, parser: RequestParser, health: Health) -> dict[Kind, Handler]:
-        """Return which key is answered by what; the monitor's and the operator's come last."""
-        s = self.settings
-        corrections, admin = (
-            Corrections(parser, s.bound, strict=s.strict, frame=s.frame),
-            Admin(parser, self._store, self._logger, lambda: self._announce(session)),
-        )
-        return {**corrections.handlers(), **health.handlers(), **admin.handlers()}
 
     def _declare_key(self, session: zenoh.Session, kind: Kind, handler: Handler) -> None:
         s = self.settings
@@ -273,7 +251,6 @@ def serve(
     model_path : path or None
         What `gpcorrect fit` wrote; None takes the active one of the store.
     settings : ServerSettings, optional
-        Address, names and bounds.
     stop_event : threading.Event, optional
         Ends the service when set. Without it SIGTERM and SIGINT do, which needs the main thread.
     on_ready : callable, optional
@@ -285,12 +262,8 @@ def serve(
 
     Raises
     ------
-    ArtifactError
-        A model file is refused.
-    DataError
-        There is nothing to serve.
-    EndpointError
-        The address is taken or cannot be used.
+    ArtifactError, DataError, EndpointError
+        A model file is refused; there is nothing to serve; the address is taken or cannot be used.
     """
     models = None if store is None else ModelStore(store)
     pose = load_model(model_path) if model_path is not None else _stored(models, "pose")
@@ -328,7 +301,6 @@ def run(
     # What the process has loaded by now it keeps: the collector need not walk through it while a planner waits.
     gc.collect()
     gc.freeze()
-    # A thread that loads a model hands the interpreter over after this long, s, when a query waits for it.
     sys.setswitchinterval(SWITCH_SECONDS)
     with _stop_signal(stop_event) as stop, Server(corrector, settings, joints=joints, store=store) as server:
         if on_ready is not None:
@@ -339,15 +311,11 @@ def run(
 @contextmanager
 def _stop_signal(given: threading.Event | None) -> Iterator[threading.Event]:
     """Give the event that ends the service; without a given one the usual signals set it."""
-    stop = given or threading.Event()
     if given is not None:
-        yield stop
+        yield given
         return
-
-    def _on_signal(number: int, frame: FrameType | None) -> None:
-        stop.set()
-
-    before = {number: signal.signal(number, _on_signal) for number in (signal.SIGTERM, signal.SIGINT)}
+    stop = threading.Event()
+    before = {n: signal.signal(n, lambda *_: stop.set()) for n in (signal.SIGTERM, signal.SIGINT)}
     try:
         yield stop
     finally:

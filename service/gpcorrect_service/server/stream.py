@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-import msgspec
 import numpy as np
 import zenoh
 
@@ -25,18 +24,11 @@ from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.active import Active
 from gpcorrect_service.server.models import JointModel
 from gpcorrect_service.server.queues import WorkerQueue
+from gpcorrect_service.server.requests import Request
 
 CLOCK_STEP = 1.0  # chosen by hand: s that a stamp may lie behind the one before and be late; more is another clock
 SAMPLES_WAITING = 1000  # a second of a fast robot: the slack needs every sample, and a late one says that it is
 LOG_EVERY = 1000  # refused samples between two lines about them in the log
-
-
-class StreamSample(msgspec.Struct, frozen=True):
-    """A sample as it came: bytes, zenoh encoding, and when it arrived (s, monotonic)."""
-
-    payload: bytes
-    encoding: str
-    arrived: float
 
 
 class Estimator:
@@ -44,12 +36,8 @@ class Estimator:
 
     Parameters
     ----------
-    active : Active
-        The models, and whether they may answer.
-    settings : ServerSettings
-        Replica, age after which an estimate is STALE, and the largest change of a correction.
-    counters : Counters
-        Where samples are counted.
+    active, settings, counters
+        The models; age after which an estimate is STALE, and the largest change of a correction; where samples count.
     logger : Logger
         Where refused samples are written, the first and every thousandth.
     monotonic : callable
@@ -76,12 +64,13 @@ class Estimator:
         self._last: JointState | None = None
         self._clock = StreamClock()
 
-    def estimate(self, sample: StreamSample) -> tuple[bytes, str] | None:
+    def estimate(self, sample: Request) -> tuple[bytes, str] | None:
         """Return the estimate's bytes and encoding, or None for a sample that is refused, which is counted.
 
         Parameters
         ----------
-        sample : StreamSample
+        sample : Request
+            Bytes, zenoh encoding, and when it arrived.
         """
         try:
             codec = codec_of(sample.encoding, "joint_state")
@@ -110,14 +99,8 @@ class Estimator:
         # What waited outside of this process, in a socket while it was stopped, came fresh by its arrival alone.
         age = self._clock.delay(state.stamp, arrived) + self._monotonic() - arrived
         answer = answer.because(Reason.STALE, age > self._settings.stream_max_age)
-        return pack(
-            EstimateAnswer,
-            answer,
-            stamp=state.stamp,
-            session=state.session,
-            model_hash=model.hash,
-            replica=self._settings.replica,
-        )
+        beside = {"stamp": state.stamp, "session": state.session, "model_hash": model.hash}
+        return pack(EstimateAnswer, answer, replica=self._settings.replica, **beside)
 
     def _stream_for(self, model: JointModel, state: JointState) -> JointStream:
         """Return the path that this sample goes on with; it begins anew with a model, a session or another clock."""
@@ -167,7 +150,7 @@ def stream_queue(
     counters: Counters,
     logger: Logger,
     monotonic: Callable[[], float],
-) -> tuple[WorkerQueue[StreamSample], Callable[[zenoh.Sample], None]]:
+) -> tuple[WorkerQueue[Request], Callable[[zenoh.Sample], None]]:
     """Return the queue that answers samples and publishes estimates, and the callback that fills it.
 
     Parameters
@@ -181,16 +164,16 @@ def stream_queue(
     drop = zenoh.CongestionControl.DROP
     publisher = session.declare_publisher(f"{settings.arm}/estimate", congestion_control=drop)
 
-    def _publish(sample: StreamSample) -> None:
+    def _publish(sample: Request) -> None:
         answer = estimator.estimate(sample)
         if answer is not None:
             publisher.put(answer[0], encoding=answer[1])
 
     def _receive(sample: zenoh.Sample) -> None:
         if active.now.joints is not None:
-            queue.offer(StreamSample(sample.payload.to_bytes(), str(sample.encoding), monotonic()))
+            queue.offer(Request(sample.payload.to_bytes(), str(sample.encoding), b"", monotonic()))
 
-    queue: WorkerQueue[StreamSample] = WorkerQueue(
+    queue: WorkerQueue[Request] = WorkerQueue(
         "estimate",
         _publish,
         lambda _: counters.add("estimate", "DROPPED"),
