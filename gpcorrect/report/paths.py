@@ -53,23 +53,12 @@ class Line(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """A measured recording as its page shows it.
-
-    Parameters
-    ----------
-    corrector : Corrector
-    measured : Measured
-        Samples that pass cleaning.
-    cleaning : CleaningReport
-        Why the others do not.
-    log : CalibrationLog
-        All of them.
-    """
+    """A measured recording as its page shows it."""
 
     corrector: Corrector
-    measured: Measured
-    cleaning: CleaningReport
-    log: CalibrationLog
+    measured: Measured  # samples that pass cleaning
+    cleaning: CleaningReport  # why the others do not
+    log: CalibrationLog  # all of them
 
     @property
     def axes(self) -> list[Axis]:

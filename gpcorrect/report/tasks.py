@@ -25,27 +25,13 @@ METHOD_WORDS = {
 
 @dataclass(frozen=True)
 class Words:
-    """Names of paths.
+    """Names of paths."""
 
-    Parameters
-    ----------
-    reference : str
-        The path that is to be hit.
-    reached : str
-        Where the arm, or its report, was instead.
-    reached_method : int
-        Which of the three methods' errors leads there.
-    answer : str
-        What the model gives.
-    errors : str
-        What an error is, in a sentence.
-    """
-
-    reference: str
-    reached: str
-    reached_method: int
-    answer: str
-    errors: str
+    reference: str  # the path that is to be hit
+    reached: str  # where the arm, or its report, was instead
+    reached_method: int  # which of the three methods' errors leads there
+    answer: str  # what the model gives
+    errors: str  # what an error is, in a sentence
 
 
 WORDS: Mapping[str, Words] = {

@@ -32,32 +32,16 @@ WORTH_A_RETRY = frozenset({"BUSY", "STALE", "NO_MODEL", "INTERNAL", "NO_SERVICE"
 
 
 class Question(msgspec.Struct, Generic[R], frozen=True, eq=False):
-    """A request ready to send, and how its reply is read.
+    """A request ready to send, and how its reply is read."""
 
-    Parameters
-    ----------
-    kind : str
-        Which key is asked.
-    payload, attachment : bytes
-    encoding : str
-        zenoh's name of how they are written.
-    read : callable
-        From zenoh's reply to the planner's; raises the server's refusal.
-    patience : float
-        s after which a reply of one attempt is too old to be used; for both together it is twice that.
-    begun : float
-        When the caller asked, s of the monotonic clock.
-    fallback : callable or None
-        From the failure to the answer that replaces it; None raises the failure.
-    """
-
-    kind: messages.Kind
+    kind: messages.Kind  # which key is asked
     payload: bytes
-    encoding: str
+    encoding: str  # zenoh's name of how they are written
     attachment: bytes
-    read: Callable[[zenoh.Reply], R]
-    patience: float
-    begun: float
+    read: Callable[[zenoh.Reply], R]  # from zenoh's reply to the planner's; raises the server's refusal
+    patience: float  # s after which a reply of one attempt is too old to be used; for both together it is twice that
+    begun: float  # when the caller asked, s of the monotonic clock
+    # from the failure to the answer that replaces it; None raises the failure
     fallback: Callable[[ServiceError], R] | None = None
 
     def answer(self, reply: zenoh.Reply, waited: float) -> R | ServiceError:

@@ -111,33 +111,18 @@ def checked_numbers(numbers: Sequence[float | None], count: int, what: str) -> N
 
 @dataclass(frozen=True)
 class Topic:
-    """One topic.
+    """One topic."""
 
-    Parameters
-    ----------
-    name : str
-        Behind the arm's name.
-    form : type
-        Struct on native keys.
-    kind : str
-        Name of the struct in zenoh encodings.
-    ros_type : str
-        Empty where ROS users have no such topic.
-    latched : bool
-        Whether a ROS node that comes late hears the last message, as CRTK has it of states ("transient local").
-    urgent : bool
-        Whether messages overtake those of other topics and have a queue of their own: of streams that a loaded machine
-        sends, what finds the queue full is dropped, and with them went one first complaint in twenty.
-    child : str
-        Behind the arm's name, the frame whose pose it is: ROS nodes find it on `/tf` too. Empty for none.
-    """
-
-    name: str
-    form: type[msgspec.Struct]
-    kind: str
-    ros_type: str = ""
+    name: str  # behind the arm's name
+    form: type[msgspec.Struct]  # struct on native keys
+    kind: str  # name of the struct in zenoh encodings
+    ros_type: str = ""  # empty where ROS users have no such topic
+    # whether a ROS node that comes late hears the last message, as CRTK has it of states ("transient local")
     latched: bool = False
+    # whether messages overtake those of other topics and have a queue of their own: of streams that a loaded machine
+    # sends, what finds the queue full is dropped, and with them went one first complaint in twenty
     urgent: bool = False
+    # behind the arm's name, the frame whose pose it is: ROS nodes find it on `/tf` too. Empty for none
     child: str = ""
 
 

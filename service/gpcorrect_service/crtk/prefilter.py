@@ -39,38 +39,21 @@ Correct = Callable[[Pose], tuple[Pose, Report]]
 
 @dataclass(frozen=True)
 class PrefilterSettings:
-    """What the pre-filter allows.
+    """What the pre-filter allows."""
 
-    Parameters
-    ----------
-    linear, angular : float
-        How much faster a command may change than the desired pose does, m/s and rad/s: the correction's own speed.
-    gap : float
-        s between two servo commands after which the stream begins anew.
-    state_age : float
-        s for which the robot's last operating state is believed.
-    command_age : float
-        s after which a desired pose no longer moves the robot. Stamps are the robot's clock: one that lies as far ahead
-        of it says nothing of its age, and is refused as well.
-    time_scale : float
-        Seconds of the robot's clock in one of ours; above 1 for a simulated arm that lives faster.
-    frame : str
-        Name of the frame that commands are in.
-    desired_frame : str
-        Name of the frame that desired poses come in; empty for the model's own.
-    outside : bool
-        Whether poses out of the model's domain are passed on at all.
-    """
-
+    # how much faster a command may change than the desired pose does, m/s and rad/s: the correction's own speed
     linear: float = 0.05
     angular: float = 1.0
-    gap: float = 0.5
-    state_age: float = 1.0
+    gap: float = 0.5  # s between two servo commands after which the stream begins anew
+    state_age: float = 1.0  # s for which the robot's last operating state is believed
+    # s after which a desired pose no longer moves the robot. Stamps are the robot's clock: one that lies as far ahead
+    # of it says nothing of its age, and is refused as well
     command_age: float = OLDEST
+    # seconds of the robot's clock in one of ours; above 1 for a simulated arm that lives faster
     time_scale: float = 1.0
-    frame: str = "base"
-    desired_frame: str = ""
-    outside: bool = True
+    frame: str = "base"  # name of the frame that commands are in
+    desired_frame: str = ""  # name of the frame that desired poses come in; empty for the model's own
+    outside: bool = True  # whether poses out of the model's domain are passed on at all
 
 
 class Prefilter:

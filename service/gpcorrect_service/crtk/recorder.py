@@ -42,19 +42,10 @@ class Came(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Messages by topic, in the order in which they came, the marks of trajectories, and what was left out.
-
-    Parameters
-    ----------
-    arm : str
-    messages : mapping of topic to Came
-        Those of a topic hold as many numbers each.
-    events : tuple of Came
-    remarks : tuple of str
-    """
+    """Messages by topic, in the order in which they came, the marks of trajectories, and what was left out."""
 
     arm: str
-    messages: Mapping[str, tuple[Came, ...]]
+    messages: Mapping[str, tuple[Came, ...]]  # those of a topic hold as many numbers each
     events: tuple[Came, ...]
     remarks: tuple[str, ...] = ()
 

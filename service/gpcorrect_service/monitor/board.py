@@ -68,31 +68,16 @@ def _require_short(*texts: str) -> None:
 
 @dataclass(frozen=True)
 class BoardSettings:
-    """What is shown for how long; chosen by hand for people who look on.
+    """What is shown for how long; chosen by hand for people who look on."""
 
-    Parameters
-    ----------
-    window : float
-        s of reports that fractions are taken over.
-    latencies : int
-        Reports that latencies are taken over: a minute at 70 Hz.
-    together : float
-        s between a tracked pose and the desired one that it is compared with.
-    gone, forgotten : float
-        s of silence after which a replica is shown as gone, and after which it is not shown.
-    old : float
-        s after which what an arm said last is shown as old.
-    arms : int
-        Arms that are shown; names beyond it are not taken up.
-    """
-
-    window: float = 60.0
-    latencies: int = 4096
-    together: float = 0.03
+    window: float = 60.0  # s of reports that fractions are taken over
+    latencies: int = 4096  # reports that latencies are taken over: a minute at 70 Hz
+    together: float = 0.03  # s between a tracked pose and the desired one that it is compared with
+    # s of silence after which a replica is shown as gone, and after which it is not shown
     gone: float = 5.0
     forgotten: float = 60.0
-    old: float = 2.0
-    arms: int = 64
+    old: float = 2.0  # s after which what an arm said last is shown as old
+    arms: int = 64  # arms that are shown; names beyond it are not taken up
 
 
 SETTINGS = BoardSettings()

@@ -22,25 +22,14 @@ NORMAL_95 = 1.96  # half width of a 95 % interval in standard deviations
 
 @dataclass(frozen=True)
 class DriftSettings:
-    """What decides an alarm; chosen by hand, each for the reason given.
+    """What decides an alarm; chosen by hand, each for the reason given."""
 
-    Parameters
-    ----------
-    usual, changed : float
-        Fraction of votes for "outside" while the model holds (twice the 5 % of honest intervals), and when it does not.
-    vote_seconds : float
-        s of one vote: longer than neighbouring samples err together.
-    fewest : int
-        Samples that a vote needs.
-    threshold : float
-        Evidence of an alarm, and votes between false ones at least: more than a day of work.
-    """
-
+    # fraction of votes for "outside" while the model holds (twice the 5 % of honest intervals), and when it does not
     usual: float = 0.1
     changed: float = 0.6
-    vote_seconds: float = 1.0
-    fewest: int = 5
-    threshold: float = 1e5
+    vote_seconds: float = 1.0  # s of one vote: longer than neighbouring samples err together
+    fewest: int = 5  # samples that a vote needs
+    threshold: float = 1e5  # evidence of an alarm, and votes between false ones at least: more than a day of work
 
 
 def outside(miss: Sequence[float], interval95: Sequence[float | None]) -> bool:
@@ -62,10 +51,6 @@ def outside(miss: Sequence[float], interval95: Sequence[float | None]) -> bool:
 @dataclass
 class DriftWatch:
     """Evidence so far that the arm no longer is the one that was learned.
-
-    Parameters
-    ----------
-    settings : DriftSettings
 
     Attributes
     ----------

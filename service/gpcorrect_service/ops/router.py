@@ -66,16 +66,10 @@ class DenialReader:
 
     Of a key that a session declares zenoh decides everything at once, whatever it is declared for; what it may use in
     some way is then no denial.
-
-    Parameters
-    ----------
-    logger : Logger
-    monotonic : callable
-        Clock, s.
     """
 
     logger: Logger
-    monotonic: Callable[[], float] = time.monotonic
+    monotonic: Callable[[], float] = time.monotonic  # clock, s
     _open: dict[tuple[str, str], _Decisions] = field(default_factory=dict)
     _linked_last: str = ""
     _began: float = float("-inf")

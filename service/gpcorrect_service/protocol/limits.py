@@ -19,43 +19,25 @@ POSITION, POSE, TWIST = 3, 7, 6  # how many numbers each has
 
 @dataclass(frozen=True)
 class Limits:
-    """Beyond these a number is a mistake of units or a broken message; chosen by hand, each for the reason given.
+    """Beyond these a number is a mistake of units or a broken message; chosen by hand, each for the reason given."""
 
-    Parameters
-    ----------
-    quaternion : float
-        Norm of a quaternion off one: as for recorded samples; more is a mistake, not rounding.
-    command_quaternion : float
-        The same for commands: a model's own quaternion is normalised.
-    room : float
-        m from the origin: no tabletop robot or tracker of its workspace measures further, and 5 mm sent as metres is 5.
-    reach : float
-        Times the reach of the training data: millimetres for metres are a thousand times.
-    speed, turning : float
-        m/s and rad/s of a twist: faster than any robot arm.
-    shortest_step : float
-        s between rows: no robot is asked more often, and velocities over less are rounding.
-    latest : float
-        s: three thousand years; nanoseconds since 1970 are ten million times more.
-    rows : int
-        Of a path: about a minute at 100 Hz; question and answer stay below the largest message in JSON too.
-    sliding, turned : float
-        m and rad of a joint: no arm inserts 2 m, and 20 rad are over three turns; more are millimetres or degrees.
-    learned : float
-        m between a command and what registration alone commands: no arm here misses by a third of it.
-    """
-
+    # norm of a quaternion off one: as for recorded samples; more is a mistake, not rounding
     quaternion: float = QUATERNION_TOLERANCE
-    command_quaternion: float = 1e-6
+    command_quaternion: float = 1e-6  # the same for commands: a model's own quaternion is normalised
+    # m from the origin: no tabletop robot or tracker of its workspace measures further, and 5 mm sent as metres is 5
     room: float = 5.0
-    reach: float = 10.0
+    reach: float = 10.0  # times the reach of the training data: millimetres for metres are a thousand times
+    # m/s and rad/s of a twist: faster than any robot arm
     speed: float = 20.0
     turning: float = 200.0
-    shortest_step: float = 1e-6
-    latest: float = 1e11
+    shortest_step: float = 1e-6  # s between rows: no robot is asked more often, and velocities over less are rounding
+    latest: float = 1e11  # s: three thousand years; nanoseconds since 1970 are ten million times more
+    # of a path: about a minute at 100 Hz; question and answer stay below the largest message in JSON too
     rows: int = 5000
+    # m and rad of a joint: no arm inserts 2 m, and 20 rad are over three turns; more are millimetres or degrees
     sliding: float = 2.0
     turned: float = 20.0
+    # m between a command and what registration alone commands: no arm here misses by a third of it
     learned: float = 0.1
 
 

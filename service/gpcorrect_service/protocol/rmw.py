@@ -77,22 +77,13 @@ def reply_attachment(asked: bytes, stamp_ns: int) -> bytes:
 
 @dataclass(frozen=True)
 class RmwNode:
-    """A node as the ROS graph shows it.
+    """A node as the ROS graph shows it."""
 
-    Parameters
-    ----------
-    domain : int
-        ROS_DOMAIN_ID.
-    zid, name : str
-        Of the zenoh session, and of the node.
-    distro : str
-        ROS distribution of the nodes that see it.
-    """
-
-    domain: int
+    domain: int  # ROS_DOMAIN_ID
+    # of the zenoh session, and of the node
     zid: str
     name: str
-    distro: RosDistro
+    distro: RosDistro  # ROS distribution of the nodes that see it
 
     def node_token(self) -> str:
         """Return the liveliness key that shows the node."""
