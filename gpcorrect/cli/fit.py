@@ -8,32 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 import typer
 
 from gpcorrect.atomic import require_new
+from gpcorrect.cli import options as opt
 from gpcorrect.cli.console import (
+    dropped_words,
     err,
+    fitted,
     note,
     out,
     plain_table,
     print_json,
-    progress_bar,
     show_errors,
     split_names,
     styled,
     write_evaluation_page,
-    write_fit_page,
-)
-from gpcorrect.cli.options import (
-    Clean,
-    Holdout,
-    HoldOutBy,
-    Json,
-    Logs,
-    ModelFile,
-    ModelOutput,
-    Report,
-    Seed,
-    one_of,
-    report_page,
-    takes_groups,
 )
 from gpcorrect.cli.reading import Reading
 from gpcorrect.errors import DataError
@@ -43,10 +30,10 @@ if TYPE_CHECKING:
     from gpcorrect.cleaning import Segment
 
 
-@takes_groups
+@opt.takes_groups
 def fit(
-    logs: Logs,
-    output: ModelOutput,
+    logs: opt.Logs,
+    output: opt.ModelOutput,
     reading: Reading,
     features: Annotated[
         str,
@@ -56,20 +43,20 @@ def fit(
         ),
     ] = "",
     method: Annotated[str, typer.Option(help="How to learn what the registration leaves, as in joint fit.")] = "gp",
-    clean: Clean = True,
+    clean: opt.Clean = True,
     keep: Annotated[list[str] | None, typer.Option(help="Never reject TRAJECTORY:START:STOP (s). Repeatable.")] = None,
     drop: Annotated[list[str] | None, typer.Option(help="Always reject TRAJECTORY:START:STOP (s). Repeatable.")] = None,
     marker: Annotated[
         str, typer.Option(help="Marker is not the tool tip: none, solve, or auto (by held-out error).")
     ] = "auto",
-    holdout: Holdout = 0.2,
-    hold_out_by: HoldOutBy = "auto",
+    holdout: opt.Holdout = 0.2,
+    hold_out_by: opt.HoldOutBy = "auto",
     shuffle: Annotated[
         bool, typer.Option("--shuffle", help="Hold out random trajectories, not the last ones.")
     ] = False,
-    seed: Seed = 0,
-    report: Report = None,
-    json: Json = False,
+    seed: opt.Seed = 0,
+    report: opt.Report = None,
+    json: opt.Json = False,
 ) -> None:
     """Learn what to command from recordings, and measure it on trajectories that were held out.
 
@@ -85,47 +72,43 @@ def fit(
 
     gpcorrect fit joints.csv --machine ur5e.urdf --output model.gpc
     """
-    from gpcorrect.calibration import FitSettings, HoldOut, learner_named, require_model_place, run_experiment, save
+    from gpcorrect.calibration import FitSettings, HoldOut, learner_named, require_model_place
     from gpcorrect.cleaning import CleaningSettings
     from gpcorrect.rigid import MarkerOption
 
     require_model_place(output)
-    page = None if report is None else report_page(report)
+    page = opt.report_page(report)
     learner_named(method)
-    by = HoldOut(one_of(hold_out_by, tuple(HoldOut), "what is held out"))
+    by = HoldOut(opt.one_of(hold_out_by, tuple(HoldOut), "what is held out"))
     settings = FitSettings(
         method=method,
         features=split_names(features),
         clean=clean,
         cleaning=CleaningSettings(keep=_segments(keep), drop=_segments(drop)),
-        marker=one_of(marker, get_args(MarkerOption), "the marker"),
+        marker=opt.one_of(marker, get_args(MarkerOption), "the marker"),
         time_offset=reading.clock_left,
         seed=seed,
     )
     log = reading.log(logs)
-    with progress_bar(quiet=json) as progress:
-        experiment = run_experiment(log, settings, holdout=holdout, by=by, shuffle=shuffle, progress=progress)
-    save(experiment.corrector, output)
+    experiment = fitted(log, settings, output, page, quiet=json, holdout=holdout, by=by, shuffle=shuffle)
     result = experiment.to_dict()
-    if page is not None:
-        write_fit_page(experiment, page)
     if json:
         print_json(result)
     else:
         _show(experiment, result, output, page)
 
 
-@takes_groups
+@opt.takes_groups
 def evaluate(
-    model: ModelFile,
-    logs: Logs,
+    model: opt.ModelFile,
+    logs: opt.Logs,
     reading: Reading,
-    report: Report = None,
+    report: opt.Report = None,
     mcap: Annotated[
         Path | None,
         typer.Option(help="Folder to write: the measured poses as a ROS 2 recording (MCAP), for Foxglove and RViz."),
     ] = None,
-    json: Json = False,
+    json: opt.Json = False,
 ) -> None:
     """Measure a model on recordings it has not seen: errors before, after the rigid part, and corrected.
 
@@ -137,15 +120,14 @@ def evaluate(
     """
     from gpcorrect.calibration import evaluate_model, load
 
-    page = None if report is None else report_page(report)
+    page = opt.report_page(report)
     if mcap is not None:
         require_new(mcap)
     corrector = load(model)
     log, clocks = corrector.on_one_clock(reading.log(logs), reading.clock_left)
     measured = evaluate_model(corrector, log)
     result = {"n_test": len(measured.clean.rows), "dropped": dict(measured.cleaning.counts), **measured.to_dict()}
-    if page is not None:
-        write_evaluation_page(measured, log, model, clocks.notes, page)
+    write_evaluation_page(measured, log, model, clocks.notes, page)
     if mcap is not None:
         from gpcorrect.report.mcap_file import write_mcap  # the report's libraries are an extra
 
@@ -193,23 +175,27 @@ def _show(experiment: Experiment, result: dict[str, Any], output: Path, page: Pa
         show_errors(f"Held-out error, {result['n_test']} samples that pass cleaning", result["errors"])
         show_errors("All held-out samples as they came", result["errors_dirty"])
         out.print(f"95 % intervals cover {100 * result['coverage95']:.1f} % of the held-out errors")
-    dropped = ", ".join(f"{n} {why}" for why, n in result["dropped"].items() if n) or "none"
+    dropped = dropped_words(experiment)
     out.print(f"trained on {result['n_train']} samples in {result['seconds']:.1f} s; dropped: {dropped}")
     out.print(f"model: {output}" + (f"   report: {page}" if page else ""))
 
 
-Model = Annotated[Path, typer.Argument(help="Model file that a fit wrote.")]
-
-
-@takes_groups
-def compare(one: Model, other: Model, logs: Logs, reading: Reading, report: Report = None, json: Json = False) -> None:
+@opt.takes_groups
+def compare(
+    one: opt.AnyModel,
+    other: opt.AnyModel,
+    logs: opt.Logs,
+    reading: Reading,
+    report: opt.Report = None,
+    json: opt.Json = False,
+) -> None:
     """Measure two models of one task on the same samples of recordings: errors, intervals, domain, side by side.
 
     Example: gpcorrect compare monday.gpc tuesday.gpc wednesday.csv --report compare.html
     """
     from gpcorrect.calibration import load_any, measure_both, refuse_unlike
 
-    page = None if report is None else report_page(report)
+    page = opt.report_page(report)
     first, second = load_any(one), load_any(other)
     names = (one.stem, other.stem) if one.stem != other.stem else (str(one), str(other))
     refuse_unlike(first, second, names)
@@ -246,14 +232,12 @@ def _show_both(figures: dict[str, Any], parts: list[str]) -> None:
     out.print(table)
     names = [model["name"] for model in figures["models"]]
     columns = [f"{part} {name}" for part in parts for name in names]
-    table = plain_table(
-        "trajectory", "samples", *columns, *(f"in domain {name}" for name in names), title="Mean errors"
-    )
+    columns += [f"in domain {name}" for name in names]
+    table = plain_table("trajectory", "samples", *columns, title="Mean errors")
     for row in figures["trajectories"]:
         means = [f"{mean:.3f}" for pair in row["mean"].values() for mean in pair]
-        table.add_row(
-            str(row["trajectory"]), str(row["samples"]), *means, *(f"{100 * near:.1f} %" for near in row["in_domain"])
-        )
+        inside = [f"{100 * near:.1f} %" for near in row["in_domain"]]
+        table.add_row(str(row["trajectory"]), str(row["samples"]), *means, *inside)
     out.print(table)
     for model in figures["models"]:
         covered, near = 100 * model["coverage95"], 100 * model["in_domain"]

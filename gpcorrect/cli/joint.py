@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
+from gpcorrect.cli import options as opt
 from gpcorrect.cli.console import (
+    dropped_words,
+    fitted,
     note,
     out,
     plain_table,
@@ -17,20 +20,6 @@ from gpcorrect.cli.console import (
     split_names,
     styled,
     write_evaluation_page,
-    write_fit_page,
-)
-from gpcorrect.cli.options import (
-    Clean,
-    Holdout,
-    HoldOutBy,
-    Json,
-    Logs,
-    ModelOutput,
-    Report,
-    Seed,
-    one_of,
-    report_page,
-    takes_groups,
 )
 from gpcorrect.cli.reading import Reading
 from gpcorrect.errors import DataError
@@ -55,23 +44,23 @@ Model = Annotated[Path, typer.Argument(help="Model file that `gpcorrect joint fi
 
 
 @joint_app.command()
-@takes_groups
+@opt.takes_groups
 def fit(
-    logs: Logs,
-    output: ModelOutput,
+    logs: opt.Logs,
+    output: opt.ModelOutput,
     reading: Reading,
     method: Method = "gp",
     features: Features = None,
     input_signal: Input = None,
     direction: Way = "estimate",
-    holdout: Holdout = 0.2,
-    hold_out_by: HoldOutBy = "auto",
-    clean: Clean = True,
+    holdout: opt.Holdout = 0.2,
+    hold_out_by: opt.HoldOutBy = "auto",
+    clean: opt.Clean = True,
     end_to_end: Annotated[bool, typer.Option("--end-to-end", help="Learn the true positions, not the error.")] = False,
     layers: Annotated[str, typer.Option(help="Widths of the network, as 600,500,400.")] = "100,100",
-    seed: Seed = 0,
-    report: Report = None,
-    json: Json = False,
+    seed: opt.Seed = 0,
+    report: opt.Report = None,
+    json: opt.Json = False,
 ) -> None:
     """Learn joint errors from recordings with outside encoders, and measure on trajectories that were held out.
 
@@ -85,12 +74,12 @@ def fit(
 
     gpcorrect joint fit ur5e.bag --machine ur5e.xml --output joints.gpc
     """
-    from gpcorrect.calibration import HoldOut, JointCorrector, learner_named, require_model_place, run_experiment, save
+    from gpcorrect.calibration import HoldOut, JointCorrector, learner_named, require_model_place
 
     require_model_place(output)
-    page = None if report is None else report_page(report)
+    page = opt.report_page(report)
     learner_named(method)
-    by = HoldOut(one_of(hold_out_by, tuple(HoldOut), "what is held out"))
+    by = HoldOut(opt.one_of(hold_out_by, tuple(HoldOut), "what is held out"))
     widths = split_names(layers)
     if not widths or not all(width.isdigit() and int(width) > 0 for width in widths):
         raise DataError(f"layers are widths above 0, got {layers!r}.", hint="For example 100,100 or 600,500,400")
@@ -102,12 +91,8 @@ def fit(
         layers=tuple(map(int, widths)),
     )
     log = reading.joint_log(logs)
-    with progress_bar(quiet=json) as progress:
-        experiment = run_experiment(log, settings, task=JointCorrector, holdout=holdout, by=by, progress=progress)
-    save(experiment.corrector, output)
+    experiment = fitted(log, settings, output, page, quiet=json, task=JointCorrector, holdout=holdout, by=by)
     result = experiment.to_dict()
-    if page is not None:
-        write_fit_page(experiment, page)
     for remark in experiment.fit.remarks:
         note(remark)
     if json:
@@ -116,20 +101,20 @@ def fit(
     for caution in result.get("cautions", ()):
         note(caution)
     show_joint_errors(f"Held-out errors, {experiment.n_test} samples that pass cleaning", result["errors"])
-    dropped = ", ".join(f"{n} {why}" for why, n in result["dropped"].items() if n) or "none"
+    dropped = dropped_words(experiment)
     out.print(f"trained on {result['n_train']} samples in {experiment.seconds:.1f} s; dropped: {dropped} -> {output}")
 
 
 @joint_app.command()
-@takes_groups
-def evaluate(model: Model, logs: Logs, reading: Reading, report: Report = None, json: Json = False) -> None:
+@opt.takes_groups
+def evaluate(model: Model, logs: opt.Logs, reading: Reading, report: opt.Report = None, json: opt.Json = False) -> None:
     """Measure a joint model on recordings it has not seen.
 
     Example: gpcorrect joint evaluate joints.gpc tuesday.csv
     """
     from gpcorrect.calibration import JointCorrector, evaluate_model, load
 
-    page = None if report is None else report_page(report)
+    page = opt.report_page(report)
     corrector = load(model, JointCorrector)
     log, clocks = corrector.on_one_clock(reading.joint_log(logs), reading.clock_left)
     evaluation = evaluate_model(corrector, log)
@@ -139,8 +124,7 @@ def evaluate(model: Model, logs: Logs, reading: Reading, report: Report = None, 
         **evaluation.to_dict(),
         "zeros": corrector.zeros(log, evaluation.clean),
     }
-    if page is not None:
-        write_evaluation_page(evaluation, log, model, clocks.notes, page)
+    write_evaluation_page(evaluation, log, model, clocks.notes, page)
     for sentence in (*clocks.notes, *evaluation.cautions):
         note(sentence)
     if json:
@@ -156,16 +140,16 @@ def evaluate(model: Model, logs: Logs, reading: Reading, report: Report = None, 
 
 
 @joint_app.command()
-@takes_groups
+@opt.takes_groups
 def compare(
-    logs: Logs,
+    logs: opt.Logs,
     reading: Reading,
     features: Features = None,
     input_signal: Input = None,
     direction: Way = "estimate",
-    holdout: Holdout = 0.2,
-    seed: Seed = 0,
-    json: Json = False,
+    holdout: opt.Holdout = 0.2,
+    seed: opt.Seed = 0,
+    json: opt.Json = False,
 ) -> None:
     """Fit every method on the same trajectories and print their held-out RMSE, a row a method.
 
@@ -194,8 +178,8 @@ def compare(
 
 
 @joint_app.command()
-@takes_groups
-def rezero(model: Model, logs: Logs, output: ModelOutput, reading: Reading, json: Json = False) -> None:
+@opt.takes_groups
+def rezero(model: Model, logs: opt.Logs, output: opt.ModelOutput, reading: Reading, json: opt.Json = False) -> None:
     """Set the zeros of a model anew from a short run, as after a homing: a minute instead of a calibration.
 
     Example: gpcorrect joint rezero joints.gpc minute.csv --output joints-today.gpc
@@ -229,8 +213,8 @@ def _settings(
 
     return FitSettings(
         features=split_names(features or ""),
-        input_signal=one_of(input_signal, (None, *get_args(InputSignal)), "the input"),
-        direction=one_of(direction, get_args(Direction), "the direction"),
+        input_signal=opt.one_of(input_signal, (None, *get_args(InputSignal)), "the input"),
+        direction=opt.one_of(direction, get_args(Direction), "the direction"),
         time_offset=time_offset,
         seed=seed,
     )

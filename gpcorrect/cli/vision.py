@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gpcorrect.atomic import require_folder, require_new, require_own, write_file
+from gpcorrect.cli import options as opt
 from gpcorrect.cli.console import (
     digests,
+    fitted,
     note,
     out,
     plain_table,
@@ -22,9 +24,7 @@ from gpcorrect.cli.console import (
     progress_bar,
     split_names,
     write_evaluation_page,
-    write_fit_page,
 )
-from gpcorrect.cli.options import Columns, Json, Logs, OldPage, Report, RobotPlace, report_page, takes_groups
 from gpcorrect.cli.reading import read_logs
 from gpcorrect.errors import DataError
 
@@ -32,10 +32,7 @@ if TYPE_CHECKING:  # OpenCV is an extra, and scikit-learn is slow: they are impo
     from gpcorrect.vision import AnnotatedVideo, Camera, Frame, LiveView, Source, Target
     from gpcorrect.vision.opencv import Image
 
-PAPER_LAYERS, PAPER_EPOCHS = (600, 500, 400), 60  # network of Peng et al. 2020, whose batch normalisation is left out
-
 STATE = ("measured_cp", "tracker_cp", "measured_jp")  # what an estimator learns from
-
 vision_app = typer.Typer(
     no_args_is_help=True,
     help="Ground truth from ordinary cameras and coloured balls, and a position estimator from it.",
@@ -48,7 +45,7 @@ Square = Annotated[float, typer.Option(help="Side of a square, mm, as measured o
 
 
 @dataclass(frozen=True)
-class LivePlace(RobotPlace):
+class LivePlace(opt.RobotPlace):
     """Whether pictures are shown while the command works, and where; its fields become options."""
 
     live: Annotated[
@@ -63,7 +60,7 @@ def board(
     rows: BoardRows = 6,
     square: Square = 20.0,
     paper: Annotated[str, typer.Option(help="a4, a3 or letter.")] = "a4",
-    json: Json = False,
+    json: opt.Json = False,
 ) -> None:
     """Write the chessboard for the calibration as a PDF: print it at 100 % and glue it onto something flat.
 
@@ -84,7 +81,7 @@ def rig(
     columns: BoardColumns = 9,
     rows: BoardRows = 6,
     square: Square = 20.0,
-    json: Json = False,
+    json: opt.Json = False,
 ) -> None:
     """Write the rig file for `calibrate` from pictures of the printed board.
 
@@ -102,7 +99,7 @@ def rig(
 
 
 @vision_app.command()
-@takes_groups
+@opt.takes_groups
 def record(
     cameras: Annotated[
         list[str], typer.Argument(help="Numbers of cameras (0 1 2 3) or their devices, or video files instead.")
@@ -112,7 +109,7 @@ def record(
     fps: Annotated[float, typer.Option(help="Frames a second to ask for.", min=1.0)] = 30.0,
     *,
     place: LivePlace,
-    json: Json = False,
+    json: opt.Json = False,
 ) -> None:
     """Record cameras into a folder that `track` takes: a video each, and when every picture was taken.
 
@@ -138,9 +135,9 @@ def calibrate(
     output: Annotated[Path, typer.Option("--output", "-o", help="Calibration file to write (JSON).")] = Path(
         "cameras.json"
     ),
-    report: Report = None,
-    old_page: OldPage = None,
-    json: Json = False,
+    report: opt.Report = None,
+    old_page: opt.OldPage = None,
+    json: opt.Json = False,
 ) -> None:
     """Calibrate cameras: lenses from chessboards, places from markers at known points.
 
@@ -151,7 +148,7 @@ def calibrate(
     from gpcorrect.vision import calibrate_rig, read_rig, write_cameras
 
     require_own(output, rb'\s*{\s*"format"', "cameras file")
-    page = None if report is None else report_page(report)
+    page = opt.report_page(report)
     with progress_bar(quiet=json) as progress:
         result = calibrate_rig(read_rig(rig), progress)
     write_cameras([camera.camera for camera in result.cameras], output)
@@ -168,7 +165,7 @@ def calibrate(
 
 
 @vision_app.command()
-@takes_groups
+@opt.takes_groups
 def track(
     videos: Annotated[
         list[Path],
@@ -189,8 +186,8 @@ def track(
     ball: Annotated[str | None, typer.Option(help="Track a single ball of this colour instead of a target.")] = None,
     fps: Annotated[float | None, typer.Option(help="Frames a second; as the videos or file names say, or 30.")] = None,
     annotated: Annotated[Path | None, typer.Option(help="Annotated video to write (.mp4 or .avi).")] = None,
-    report: Report = None,
-    old_page: OldPage = None,
+    report: opt.Report = None,
+    old_page: opt.OldPage = None,
     measured_only: Annotated[
         bool, typer.Option("--measured-only", help="Leave out poses that were predicted through an occlusion.")
     ] = False,
@@ -200,7 +197,7 @@ def track(
     workers: Annotated[int, typer.Option(help="Whole pictures searched at the same time.", min=1)] = 2,
     *,
     place: LivePlace,
-    json: Json = False,
+    json: opt.Json = False,
 ) -> None:
     """Track coloured balls through synchronised videos into `tracker_cp` of a log.
 
@@ -221,7 +218,7 @@ def track(
 
     for path in filter(None, (output, annotated)):
         require_folder(path)
-    page = None if report is None else report_page(report)
+    page = opt.report_page(report)
     if output.suffix not in (".csv", ".parquet"):
         raise DataError(f"a log ends in .csv or .parquet; got {output.name}.")
     followed, known = _target(target, ball), read_cameras(cameras)
@@ -254,15 +251,15 @@ def track(
 
 @vision_app.command()
 def fit(
-    logs: Logs,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Model file to write.")] = Path("estimator.gpc"),
+    logs: opt.Logs,
+    output: opt.ModelOutput = Path("estimator.gpc"),
     method: Annotated[str, typer.Option(help="gp, network, linear; see gpcorrect joint fit.")] = "gp",
     holdout: Annotated[float, typer.Option(help="Fraction of whole trajectories, the last ones, to measure on.")] = 0.2,
     extra: Annotated[str | None, typer.Option(help="Extra columns of the log that belong to the state.")] = None,
-    columns: Columns = None,
+    columns: opt.Columns = None,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
-    report: Report = None,
-    json: Json = False,
+    report: opt.Report = None,
+    json: opt.Json = False,
 ) -> None:
     """Learn where the tool really is from the robot's own state, with tracker_cp as labels: no sensor needed after.
 
@@ -274,22 +271,15 @@ def fit(
         learner_named,
         position_reductions,
         require_model_place,
-        run_experiment,
-        save,
     )
 
     require_model_place(output)
-    page = None if report is None else report_page(report)
+    page = opt.report_page(report)
     learner_named(method)
-    settings = FitSettings(
-        method=method, layers=PAPER_LAYERS, epochs=PAPER_EPOCHS, extra=split_names(extra or ""), seed=seed
-    )
+    paper = {"layers": (600, 500, 400), "epochs": 60}  # Peng et al. 2020; its batch normalisation is left out
+    settings = FitSettings(method=method, extra=split_names(extra or ""), seed=seed, **paper)
     log = read_logs(logs, columns, learned=STATE)
-    with progress_bar(quiet=json) as progress:
-        experiment = run_experiment(log, settings, task=PositionEstimator, holdout=holdout, progress=progress)
-    save(experiment.corrector, output)
-    if page is not None:
-        write_fit_page(experiment, page)
+    experiment = fitted(log, settings, output, page, quiet=json, task=PositionEstimator, holdout=holdout)
     for remark in experiment.fit.remarks:
         note(remark)
     figures = {**experiment.to_dict(), "method": method, **position_reductions(experiment.evaluation)}
@@ -303,10 +293,10 @@ def fit(
 @vision_app.command()
 def evaluate(
     model: Annotated[Path, typer.Argument(help="Model file of `gpcorrect vision fit`.")],
-    logs: Logs,
-    columns: Columns = None,
-    report: Report = None,
-    json: Json = False,
+    logs: opt.Logs,
+    columns: opt.Columns = None,
+    report: opt.Report = None,
+    json: opt.Json = False,
 ) -> None:
     """Measure a position estimator on recordings it has not seen.
 
@@ -314,11 +304,10 @@ def evaluate(
     """
     from gpcorrect.calibration import PositionEstimator, evaluate_model, load, position_reductions
 
-    page = None if report is None else report_page(report)
+    page = opt.report_page(report)
     log = read_logs(logs, columns, learned=STATE)
     evaluation = evaluate_model(load(model, PositionEstimator), log)
-    if page is not None:
-        write_evaluation_page(evaluation, log, model, (), page)
+    write_evaluation_page(evaluation, log, model, (), page)
     for caution in evaluation.cautions:
         note(caution)
     figures = {"n_test": len(evaluation.clean.rows), **evaluation.to_dict(), **position_reductions(evaluation)}
@@ -333,8 +322,7 @@ def _show_estimator(figures: dict[str, Any]) -> None:
         note("nothing was held out, so nothing was measured")
         return
     table = plain_table("position error [mm]", "RMS", "SD", "RMS x y z")
-    rows = (("raw", "reported"), ("rigid", "after rigid motion"), ("estimated", "estimated"))
-    for key, name in rows:
+    for key, name in (("raw", "reported"), ("rigid", "after rigid motion"), ("estimated", "estimated")):
         row = figures[key]
         axes = " ".join(f"{value:.3f}" for value in row["rms_axes_mm"])
         table.add_row(name, f"{row['rms_mm']:.3f}", f"{row['sd_mm']:.3f}", axes)
@@ -345,11 +333,11 @@ def _show_estimator(figures: dict[str, Any]) -> None:
 def _target(path: Path | None, ball: str | None) -> Target:
     from gpcorrect.vision import END_EFFECTOR, read_target, single_ball
 
-    if path is not None and ball is not None:
+    if ball is None:
+        return END_EFFECTOR if path is None else read_target(path)
+    if path is not None:
         raise DataError("give --target or --ball, not both.")
-    if ball is not None:
-        return single_ball(ball)
-    return END_EFFECTOR if path is None else read_target(path)
+    return single_ball(ball)
 
 
 @contextmanager
@@ -373,16 +361,14 @@ def _live(place: LivePlace) -> Iterator[LiveView | None]:
         yield None
         return
     from gpcorrect.vision import LiveView
-    from gpcorrect_service.crtk import Bus, BusSettings, View  # zenoh is an extra; other commands work without it
+    from gpcorrect_service.crtk import Bus, View  # zenoh is an extra; other commands work without it
 
-    settings = BusSettings(place.endpoint, place.arm, place.namespace, config_file=place.config)
-    with Bus(settings) as bus:
+    with Bus(place.bus) as bus:
         yield LiveView(lambda jpeg: bus.publish("view", View(time.time(), jpeg)))
 
 
 def _show_cameras(cameras: list[dict[str, Any]]) -> None:
-    names = ("camera", "boards", "corners [px]", "markers", "markers [px]", "focal [px]", "position ± [mm]")
-    table = plain_table(*names)
+    table = plain_table("camera", "boards", "corners [px]", "markers", "markers [px]", "focal [px]", "position ± [mm]")
     for row in cameras:
         left_out = f" (without {', '.join(row['marker_outliers'])})" if row["marker_outliers"] else ""
         table.add_row(
