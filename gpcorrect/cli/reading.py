@@ -77,7 +77,7 @@ def read_logs(
     time_offset: str = "auto",
     learned: Collection[str] = ("setpoint_cp", "tracker_cp"),
 ) -> CalibrationLog:
-    """Read the recordings and join them into one log, a session each; put the tracker of another one beside the only one.
+    """Read the recordings and join them into one log, a session each; put another one's tracker beside the only one.
 
     Parameters
     ----------

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-DIGITS = 6
-"""Of a number on the page: a thousand seconds to the millisecond or so; chosen by hand."""
+from gpcorrect.types import IntArray
+
+DIGITS = 6  # of a number on the page: a thousand seconds to the millisecond or so; chosen by hand
 
 
 class Mark(StrEnum):
@@ -109,6 +110,16 @@ def charts_data(charts: Sequence[Chart]) -> dict[str, Any]:
     """
     store = _Columns()
     return {"charts": [_plain(chart, store) for chart in charts], "columns": store.lists}
+
+
+def runs(labels: np.ndarray) -> list[IntArray]:
+    """Return the places of each unbroken run of one label.
+
+    Parameters
+    ----------
+    labels : (n,) array
+    """
+    return np.split(np.arange(len(labels)), np.flatnonzero(labels[1:] != labels[:-1]) + 1)
 
 
 class _Columns:

@@ -12,8 +12,7 @@ from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
 from gpcorrect.report.page import Page, Section, write_page
 from gpcorrect.types import FloatArray
 
-BAND = (2.5, 97.5)
-"""Percentiles of the training's scores that are shaded: 95 % of them."""
+BAND = (2.5, 97.5)  # percentiles of the training's scores that are shaded: 95 % of them
 
 
 def write_drift_report(
@@ -35,11 +34,6 @@ def write_drift_report(
         What was found, the verdict first.
     path : Path
         HTML file.
-
-    Raises
-    ------
-    GpCorrectError
-        The folder cannot be written.
     """
     number = np.arange(1, len(found.scores) + 1)
     ends = np.array([0.5, len(number) + 0.5])

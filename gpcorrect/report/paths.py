@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -10,17 +10,12 @@ import numpy as np
 
 from gpcorrect.calibration import COMPONENTS, Corrector, JointCorrector, Measured, joint_units
 from gpcorrect.cleaning import CleaningReport, Reason
-from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
+from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series, runs
 from gpcorrect.report.tasks import reference, words_of
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 
-MOST_SAMPLES = 6000
-"""Drawn on a page: of seven joints and two models they take three megabytes; chosen by hand."""
-MOST_TRAJECTORIES = 300
-"""In the table and the charts; the page names how many there are. Chosen by hand."""
-DEGREES = float(np.rad2deg(1.0))
-ABOVE = 3
-"""Panels that are drawn above each other; more are drawn in two columns."""
+MOST_SAMPLES = 6000  # drawn on a page: of seven joints and two models they take three megabytes; chosen by hand
+MOST_TRAJECTORIES = 300  # in the table and the charts; the page names how many there are; chosen by hand
 
 
 class Axis(NamedTuple):
@@ -67,7 +62,7 @@ class Shown:
             names, factors = joint_units(self.corrector.types)
             axes = [Axis(j, f"joint {j + 1}", names[j], float(factors[j])) for j in range(len(names))]
         else:
-            axes = [Axis(i, n, *(("mm", 1e3) if i < 3 else ("deg", DEGREES))) for i, n in enumerate(COMPONENTS)]
+            axes = [Axis(i, n, *(("mm", 1e3) if i < 3 else ("deg", np.rad2deg(1.0)))) for i, n in enumerate(COMPONENTS)]
         corrected = self.measured.corrected
         return [a for a in axes if a.column < corrected.shape[1] and np.isfinite(corrected[:, a.column]).any()]
 
@@ -97,12 +92,10 @@ def path_charts(shown: Shown, paths: Sequence[Line], errors: Sequence[Line]) -> 
     if shown.log.static:  # nothing joins one pose to the next
         paths, errors = ([line._replace(mark=Mark.DOTS) for line in lines] for lines in (paths, errors))
     step = -(-sum(map(len, groups.values())) // MOST_SAMPLES)
-    drawn = {
-        key: _panels(
-            shown, _Chosen.of(shown, key, _thinned(shown.measured.rows[rows], rows, step)), target, paths, errors
-        )
-        for key, rows in groups.items()
-    }
+    drawn = {}
+    for key, rows in groups.items():
+        chosen = _chosen(shown, key, _thinned(shown.measured.rows[rows], rows, step))
+        drawn[key] = _panels(shown, chosen, target, paths, errors)
     thin = f" Every {step}th sample is drawn." if step > 1 else ""
     gaps = " Shaded: samples that cleaning rejected; lines have gaps there." if not shown.cleaning.keep.all() else ""
     names = [words_of(shown.corrector).reference, *(path.name for path in paths)]
@@ -120,20 +113,20 @@ def path_charts(shown: Shown, paths: Sequence[Line], errors: Sequence[Line]) -> 
     ]
 
 
-@dataclass(frozen=True, eq=False)
-class _Chosen:
+class _Chosen(NamedTuple):
     """Samples of one trajectory: indices into the measured ones (-1 leaves a gap), times (s), what was rejected."""
 
     index: IntArray
     time: FloatArray
     spans: list[tuple[float, float, str]]
 
-    @classmethod
-    def of(cls, shown: Shown, key: str, index: IntArray) -> _Chosen:
-        log = shown.log
-        here = np.arange(len(log)) if key == "" else np.flatnonzero(log.trajectory == int(key))
-        time = log.time[here] - log.time[here[0]]
-        return cls(index, _taken(shown.measured.time - log.time[here[0]], index), _rejected(shown.cleaning, here, time))
+
+def _chosen(shown: Shown, key: str, index: IntArray) -> _Chosen:
+    log = shown.log
+    here = np.arange(len(log)) if key == "" else np.flatnonzero(log.trajectory == int(key))
+    time = log.time[here] - log.time[here[0]]
+    measured = _taken(shown.measured.time - log.time[here[0]], index)
+    return _Chosen(index, measured, _rejected(shown.cleaning, here, time))
 
 
 def _panels(
@@ -146,15 +139,10 @@ def _panels(
     for line in (zero, *paths):
         columns = [a.scale * (target[:, a.column] - line.errors[:, a.column]) for a in axes]
         drawn.append((line, [_taken(column, chosen.index) for column in columns]))
-    over_time = [
-        Panel(
-            along,
-            axis.label,
-            [Series(line.name, line.mark, line.role, time, columns[i]) for line, columns in drawn],
-            spans=chosen.spans,
-        )
-        for i, axis in enumerate(axes)
-    ]
+    over_time = []
+    for i, axis in enumerate(axes):
+        series = [Series(line.name, line.mark, line.role, time, columns[i]) for line, columns in drawn]
+        over_time.append(Panel(along, axis.label, series, spans=chosen.spans))
     space = []
     if len(axes) >= 3:  # the coordinates, or the first three joints
         x, y, z = axes[:3]
@@ -179,32 +167,23 @@ def _errors(axes: Sequence[Axis], along: str, chosen: _Chosen, lines: Sequence[L
 
 
 def _chart(caption: str, choices: Mapping[str, list[Panel]], *, space: bool) -> Chart:
-    columns = 2 if len(next(iter(choices.values()))) > ABOVE else 1
-    if "" in choices:
-        return Chart(caption, panels=choices[""], columns=columns, space=space, shared=True)
-    return Chart(caption, choices=choices, columns=columns, space=space, shared=True)
+    columns = 2 if len(next(iter(choices.values()))) > 3 else 1  # of more panels than fit above each other
+    static, chosen = choices.get("", ()), {key: panels for key, panels in choices.items() if key}
+    return Chart(caption, static, chosen, columns=columns, space=space, shared=True)
 
 
 def _rejected(cleaning: CleaningReport, here: IntArray, time: FloatArray) -> list[tuple[float, float, str]]:
     """Return from when to when samples `here` (n,) were rejected, s, and why."""
     reason = np.asarray(cleaning.reason)[here]
     half = float(np.median(np.diff(time))) / 2 if len(time) > 1 else 0.0
-    return [
-        (float(time[run[0]] - half), float(time[run[-1]] + half), f"rejected: {Reason(str(reason[run[0]])).sentence}")
-        for run in _runs(reason)
-        if reason[run[0]]
-    ]
-
-
-def _runs(labels: np.ndarray) -> Iterator[IntArray]:
-    """Yield the places of each unbroken run of one label."""
-    yield from np.split(np.arange(len(labels)), np.flatnonzero(labels[1:] != labels[:-1]) + 1)
+    found = [(run[0], run[-1], str(reason[run[0]])) for run in runs(reason) if reason[run[0]]]
+    return [(float(time[a] - half), float(time[b] + half), f"rejected: {Reason(why).sentence}") for a, b, why in found]
 
 
 def _thinned(rows: IntArray, index: IntArray, step: int) -> IntArray:
     """Return one in `step` of the samples `index`, with -1 where their `rows` of the log do not touch."""
     gap, pieces = np.array([-1]), []
-    for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows) > 1) + 1):
+    for run in runs(rows - np.arange(len(rows))):
         pieces += [index[run[::step]], index[run[-1:]] if step > 1 else index[:0], gap]
     return np.concatenate(pieces[:-1]).astype(np.int64)
 

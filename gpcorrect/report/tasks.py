@@ -59,11 +59,6 @@ def words_of(corrector: Corrector) -> Words:
     return WORDS[corrector.view.direction if isinstance(corrector, JointCorrector) else corrector.TASK]
 
 
-def method_words(method: str) -> str:
-    """Return what pages call one of the three methods that are measured."""
-    return METHOD_WORDS[method]
-
-
 def reference(corrector: Corrector, log: CalibrationLog, measured: Measured) -> FloatArray:
     """Return what was to be hit at the measured samples `(n, d)`: positions or joints; less an error, it is a path.
 
