@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -29,7 +29,7 @@ from gpcorrect.cli.reading import read_logs
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:  # OpenCV is an extra, and scikit-learn is slow: they are imported when a command needs them
-    from gpcorrect.vision import AnnotatedVideo, Camera, Frame, LiveView, Source, Target
+    from gpcorrect.vision import Frame, LiveView, Target
     from gpcorrect.vision.opencv import Image
 
 STATE = ("measured_cp", "tracker_cp", "measured_jp")  # what an estimator learns from
@@ -118,7 +118,8 @@ def record(
     from gpcorrect.vision import record as record_cameras
     from gpcorrect.vision import side_by_side
 
-    with _live(place) as view:
+    with ExitStack() as stack:
+        view = _live(place, stack)
 
         def show(pictures: Sequence[Image]) -> None:
             if view is not None:
@@ -212,7 +213,7 @@ def track(
     gpcorrect vision track cam0/ cam1/ --ball red --fps 25 --annotated look.mp4 --report quality.html
     """
     from gpcorrect.logs import write_log
-    from gpcorrect.vision import TrackSettings, open_sources, read_cameras
+    from gpcorrect.vision import AnnotatedVideo, TrackSettings, open_sources, read_cameras
     from gpcorrect.vision import annotated as draw
     from gpcorrect.vision import track as track_sources
 
@@ -224,8 +225,13 @@ def track(
     followed, known = _target(target, ball), read_cameras(cameras)
     sources = open_sources(videos, [camera.name for camera in known])
     settings = TrackSettings(fps=fps, first_look=first_look, workers=workers)
-    drawing = _drawing(annotated, known, followed, fps, sources)
-    with progress_bar(quiet=json) as progress, drawing as video, _live(place) as view:
+    with ExitStack() as stack:
+        progress = stack.enter_context(progress_bar(quiet=json))
+        video = None
+        if annotated is not None:
+            rate = fps or next((source.fps for source in sources if source.fps), 30.0)
+            video = stack.enter_context(AnnotatedVideo(annotated, known, followed, rate))
+        view = _live(place, stack)
 
         def show(frame: Frame, images: Sequence[Image | None]) -> None:
             if video is not None:
@@ -340,31 +346,15 @@ def _target(path: Path | None, ball: str | None) -> Target:
     return single_ball(ball)
 
 
-@contextmanager
-def _drawing(
-    path: Path | None, cameras: Sequence[Camera], target: Target, fps: float | None, sources: Sequence[Source]
-) -> Iterator[AnnotatedVideo | None]:
-    """Open the annotated video, when one is asked for."""
-    from gpcorrect.vision import AnnotatedVideo
-
-    if path is None:
-        yield None
-        return
-    with AnnotatedVideo(path, cameras, target, fps or next((s.fps for s in sources if s.fps), 30.0)) as video:
-        yield video
-
-
-@contextmanager
-def _live(place: LivePlace) -> Iterator[LiveView | None]:
+def _live(place: LivePlace, stack: ExitStack) -> LiveView | None:
     """Open the way to the monitor, when pictures are to be shown there."""
     if not place.live:
-        yield None
-        return
+        return None
     from gpcorrect.vision import LiveView
     from gpcorrect_service.crtk import Bus, View  # zenoh is an extra; other commands work without it
 
-    with Bus(place.bus) as bus:
-        yield LiveView(lambda jpeg: bus.publish("view", View(time.time(), jpeg)))
+    bus = stack.enter_context(Bus(place.bus))
+    return LiveView(lambda jpeg: bus.publish("view", View(time.time(), jpeg)))
 
 
 def _show_cameras(cameras: list[dict[str, Any]]) -> None:

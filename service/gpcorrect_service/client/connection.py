@@ -5,17 +5,18 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Generic, Literal, TypeVar
 
 import zenoh
+from numpy.typing import ArrayLike
 
 from gpcorrect_service.client.pinned import PinnedModels
 from gpcorrect_service.client.requests import Question, RequestBuilder, no_service
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.messages import Kind
+from gpcorrect_service.protocol.messages import HealthAnswer, Kind, ModelAnswer
 from gpcorrect_service.protocol.process import immortal_in_children, is_forked
 from gpcorrect_service.protocol.sessions import open_client
 from gpcorrect_service.protocol.settings import DEFAULT_ENDPOINT, ClientSettings, OnFailure
@@ -131,7 +132,11 @@ class Querier:
         return no_service(settings=self._settings)
 
 
-class ClientBase:
+ReplyOf, TextOf = TypeVar("ReplyOf"), TypeVar("TextOf")
+ModelOf, HealthOf = TypeVar("ModelOf"), TypeVar("HealthOf")
+
+
+class ClientBase(Generic[ReplyOf, TextOf, ModelOf, HealthOf]):
     """What makes a client, blocking or asynchronous.
 
     Connects with the first question, and again by itself when a server comes back.
@@ -190,6 +195,67 @@ class ClientBase:
         self._asked: set[Kind] = set()
         self._lock = threading.Lock()
         self._closed = False
+
+    def correct(self, pose: ArrayLike, twist: ArrayLike | None = None) -> ReplyOf:
+        """Return what to command so that the robot reaches `pose`.
+
+        Parameters
+        ----------
+        pose : (7,) or (3,) array
+            Desired position (m) and unit quaternion wxyz, in the frame that the model was trained in.
+        twist : (6,) array, optional
+            Desired velocity there, m/s and rad/s.
+
+        Raises
+        ------
+        ServiceError
+            With the status of the failure; except for BAD_INPUT only when `on_failure` is "raise".
+        """
+        return self._ask(lambda: self._build.correct(pose, twist))
+
+    def correct_path(self, poses: ArrayLike, times: ArrayLike) -> ReplyOf:
+        """Return what to command so that the robot follows a path, velocities along it; raises as :meth:`correct`.
+
+        Parameters
+        ----------
+        poses : (n, 7) or (n, 3) array
+            As for :meth:`correct`.
+        times : (n,) array
+            Seconds, strictly increasing.
+        """
+        return self._ask(lambda: self._build.correct_path(poses, times))
+
+    def correct_joints(
+        self, q: ArrayLike, times: ArrayLike, efforts: ArrayLike | None = None, sessions: Sequence[int] | None = None
+    ) -> ReplyOf:
+        """Return the true joints of a path of reported ones, or what to command, by the model's direction.
+
+        Parameters
+        ----------
+        q, efforts : (n, d) arrays
+            rad or m, NaN where missing; efforts, as logged, for models that look at them.
+        times : (n,) array
+            Seconds, strictly increasing.
+        sessions : n int, optional
+            Where the number changes, the arm was homed or moved by hand.
+        """
+        return self._ask(lambda: self._build.correct_joints(q, times, efforts, sessions))
+
+    def metrics(self) -> TextOf:
+        """Return the server's numbers as OpenMetrics text; raises whatever `on_failure` says, as the next two do."""
+        return self._ask(self._build.metrics)
+
+    def model(self) -> ModelOf:
+        """Return which model is active and what it says of itself."""
+        return self._ask(lambda: self._build.plain("model", ModelAnswer))
+
+    def health(self) -> HealthOf:
+        """Return the server's state, queues and counts."""
+        return self._ask(lambda: self._build.plain("health", HealthAnswer))
+
+    def _ask(self, ask: Callable[[], Question[Any]]) -> Any:
+        """Make a question, and return its answer or what waits for it."""
+        raise NotImplementedError
 
     def change_model(self, model_hash: str = "") -> None:
         """Take another model from the next answer on: where the robot rests, for the command may step.

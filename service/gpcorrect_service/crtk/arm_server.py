@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from gpcorrect import se3
 from gpcorrect.errors import GpCorrectError
 from gpcorrect.types import FloatArray
 from gpcorrect_service.crtk.bus import Bus
-from gpcorrect_service.crtk.messages import Heartbeat, JointState, OperatingState, Pose, State, Text, checked_numbers
+from gpcorrect_service.crtk.messages import Heartbeat, JointState, OperatingState, Pose, Text, checked_numbers
 from gpcorrect_service.protocol.clocks import OLDEST
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.limits import checked_stamp
@@ -26,57 +26,6 @@ from gpcorrect_service.protocol.limits import checked_stamp
 STATE_HZ = 10.0  # chosen by hand: fast enough for people
 BEAT_HZ = 2.0  # chosen by hand: who listens notices within a second that it ended
 BEHIND = 0.5  # chosen by hand: s of wall time after which lost ticks are given up instead of caught up with
-
-
-class CommandedArm(Protocol):
-    """An arm with a controller; see `gpcorrect.sim.live_robot.LiveRobot`. Callables are properties."""
-
-    state: State
-    is_homed: bool
-
-    @property
-    def is_busy(self) -> bool:
-        """Whether a move is under way."""
-
-    @property
-    def setpoint(self) -> FloatArray:
-        """(dof,) commanded joints."""
-
-    @property
-    def time(self) -> float:
-        """Seconds on the arm's clock."""
-
-    @property
-    def poses_of(self) -> Callable[[FloatArray], FloatArray | None]:
-        """From joints (n, dof) to nominal tool poses (n, 4, 4)."""
-
-    @property
-    def read(self) -> Callable[..., Any]:
-        """Position, velocity, effort and true joints `external` (dof,); if `tracked=`, the `tracker` (4, 4) or None."""
-
-    @property
-    def operate(self) -> Callable[[str], None]:
-        """Change the operating state by CRTK's `state_command`."""
-
-    @property
-    def servo_jp(self) -> Callable[[FloatArray], None]:
-        """Go to joints (dof,) at once."""
-
-    @property
-    def move_jp(self) -> Callable[[FloatArray], None]:
-        """Go to joints (dof,) smoothly."""
-
-    @property
-    def servo_cp(self) -> Callable[[FloatArray], None]:
-        """Go to a pose (4, 4) at once."""
-
-    @property
-    def move_cp(self) -> Callable[[FloatArray], None]:
-        """Go to a pose (4, 4) in a straight line."""
-
-    @property
-    def advance(self) -> Callable[[float], None]:
-        """Let time pass, s."""
 
 
 @dataclass(frozen=True)
@@ -114,14 +63,15 @@ class ArmServer:
 
     Parameters
     ----------
-    arm : CommandedArm
+    arm : object
+        With the commands and the state of `gpcorrect.sim.live_robot.LiveRobot`, which a server must not import.
     bus : Bus
     settings : ArmServerSettings
     epoch : float
         Stamp at the arm's time 0, s since 1970.
     """
 
-    def __init__(self, arm: CommandedArm, bus: Bus, settings: ArmServerSettings, epoch: float) -> None:
+    def __init__(self, arm: Any, bus: Bus, settings: ArmServerSettings, epoch: float) -> None:
         self._arm, self._bus, self._settings, self._epoch = arm, bus, settings, epoch
         self._orders: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._late = 0
