@@ -10,8 +10,7 @@ from scipy.stats import norm
 from gpcorrect.calibration import Corrector, Measured, PartErrors, part_errors
 from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
 from gpcorrect.report.page import Section, TableData
-from gpcorrect.report.paths import Shown
-from gpcorrect.report.tasks import METHOD_ROLES, METHOD_WORDS
+from gpcorrect.report.paths import METHOD_ROLES, METHOD_WORDS, Shown
 from gpcorrect.report.trajectories import LEAVES, leaves, measured_parts
 from gpcorrect.rigid.registration import evenly_spaced
 from gpcorrect.types import BoolArray, FloatArray

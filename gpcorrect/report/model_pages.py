@@ -13,9 +13,8 @@ from gpcorrect.calibration import Evaluation, Experiment, SideBySide, part_error
 from gpcorrect.report import aggregates, trajectories
 from gpcorrect.report.charts import Mark, Role
 from gpcorrect.report.page import Page, Section, TableData, write_page
-from gpcorrect.report.paths import Line, Shown, path_charts
+from gpcorrect.report.paths import METHOD_WORDS, Line, Shown, path_charts, words_of
 from gpcorrect.report.recordings import clocks_section, dropped_section, registration_sections
-from gpcorrect.report.tasks import METHOD_WORDS, words_of
 from gpcorrect.report.trajectories import LEAVES, inside95, leaves, listed, typical_trajectory
 from gpcorrect.types import CalibrationLog
 

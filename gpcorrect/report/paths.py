@@ -1,4 +1,4 @@
-"""Charts of measured trajectories: paths in space and over time, and errors, with gaps where samples are missing."""
+"""Charts of measured trajectories of each task: paths in space and over time, and errors, with gaps."""
 
 from __future__ import annotations
 
@@ -8,11 +8,70 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gpcorrect.calibration import COMPONENTS, Corrector, JointCorrector, Measured, joint_units
+from gpcorrect.calibration import COMPONENTS, CommandCorrector, Corrector, JointCorrector, Measured, joint_units
+from gpcorrect.calibration.joint_view import directed
 from gpcorrect.cleaning import CleaningReport, Reason
 from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series, runs
-from gpcorrect.report.tasks import reference, words_of
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
+
+METHOD_ROLES = (Role.RAW, Role.RIGID, Role.CORRECTED)  # of the methods: before, after the simplest remedy, corrected
+METHOD_WORDS = {
+    "raw": "before",
+    "rigid": "registered",
+    "fixed_offset": "fixed offset",
+    "corrected": "corrected",
+    "estimated": "estimated",
+}
+
+
+@dataclass(frozen=True)
+class Words:
+    """Names of paths."""
+
+    reference: str  # the path that is to be hit
+    reached: str  # where the arm, or its report, was instead
+    reached_method: int  # which of the three methods' errors leads there
+    answer: str  # what the model gives
+    errors: str  # what an error is, in a sentence
+
+
+WORDS: Mapping[str, Words] = {
+    "pose": Words(
+        "commanded",
+        "reached, registered",
+        1,
+        "corrected",
+        "Errors are commands that were given, minus the commands that would have been given for the observed poses.",
+    ),
+    "estimate": Words(
+        "true", "reported", 0, "corrected", "Errors are true joints minus reported, and minus corrected ones."
+    ),
+    "command": Words(
+        "commanded", "desired", 0, "corrected", "Errors are joints that were commanded, minus those the model commands."
+    ),
+    "tool_position": Words(
+        "true", "reported", 0, "estimated", "Errors are the tracker's positions minus reported, and estimated ones."
+    ),
+}
+
+
+def words_of(corrector: Corrector) -> Words:
+    """Return the names for a model's task."""
+    return WORDS[corrector.view.direction if isinstance(corrector, JointCorrector) else corrector.TASK]
+
+
+def _reference(corrector: Corrector, log: CalibrationLog, measured: Measured) -> FloatArray:
+    """Return what was to be hit at the measured samples `(n, d)`: positions or joints; less an error, it is a path."""
+    if isinstance(corrector, JointCorrector):
+        truth = directed(log, corrector.view.input_signal, corrector.view.direction)[1]
+        assert truth is not None
+        return truth[measured.rows]
+    if isinstance(corrector, CommandCorrector):
+        assert log.setpoint_cp is not None
+        return log.setpoint_cp.position[measured.rows]
+    assert log.measured_cp is not None
+    return np.asarray(log.measured_cp.position[measured.rows] + measured.raw)
+
 
 MOST_SAMPLES = 6000  # drawn on a page: of seven joints and two models they take three megabytes; chosen by hand
 MOST_TRAJECTORIES = 300  # in the table and the charts; the page names how many there are; chosen by hand
@@ -88,7 +147,7 @@ def path_charts(shown: Shown, paths: Sequence[Line], errors: Sequence[Line]) -> 
     errors : sequence of Line
         That are drawn as errors.
     """
-    groups, target = shown.groups(), reference(shown.corrector, shown.log, shown.measured)
+    groups, target = shown.groups(), _reference(shown.corrector, shown.log, shown.measured)
     if shown.log.static:  # nothing joins one pose to the next
         paths, errors = ([line._replace(mark=Mark.DOTS) for line in lines] for lines in (paths, errors))
     step = -(-sum(map(len, groups.values())) // MOST_SAMPLES)

@@ -10,8 +10,7 @@ from gpcorrect.calibration import Corrector, Measured, PartErrors
 from gpcorrect.calibration.task import Part
 from gpcorrect.report.charts import Mark, Role
 from gpcorrect.report.page import Section, TableData
-from gpcorrect.report.paths import Line, Shown, path_charts
-from gpcorrect.report.tasks import METHOD_ROLES, METHOD_WORDS, words_of
+from gpcorrect.report.paths import METHOD_ROLES, METHOD_WORDS, Line, Shown, path_charts, words_of
 from gpcorrect.types import IntArray
 
 WIDE_TABLE = 2  # parts up to which the table shows all three methods; chosen by hand

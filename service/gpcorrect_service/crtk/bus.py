@@ -95,7 +95,7 @@ class Bus:
         self.settings = settings = in_namespace(settings)
         self._stack = ExitStack()
         self._session = self._stack.enter_context(open_session(settings))
-        self._publishers: dict[str, list[_Sender | _RosSender]] = {}
+        self._publishers: dict[str, list[Callable[[Message], None]]] = {}
         self._numbers = itertools.count(1)
         self._node: RmwNode | None = None
         if settings.ros_domain is not None:
@@ -153,8 +153,8 @@ class Bus:
         senders = self._publishers.get(name)
         if senders is None:
             senders = self._publishers[name] = self._senders(TOPICS[name])
-        for sender in senders:
-            sender.send(message)
+        for send in senders:
+            send(message)
 
     def subscribe(self, name: str, inbox: Callable[[Any], None], refused: Refused | None = None) -> None:
         """Receive every message of a topic, on zenoh's thread.
@@ -186,10 +186,10 @@ class Bus:
         callback = zenoh.handlers.Callback(_receive, indirect=False)
         self._stack.enter_context(self._session.declare_subscriber(key, callback))
 
-    def _senders(self, what: Topic) -> list[_Sender | _RosSender]:
+    def _senders(self, what: Topic) -> list[Callable[[Message], None]]:
         """Return what sends a topic's messages: on its native key, and on those of ROS."""
         encoding = f"{MSGPACK.media_type};gpcorrect.{what.kind}/1"
-        senders: list[_Sender | _RosSender] = [_Sender(self._publisher(self.key(what.name), what), encoding)]
+        senders: list[Callable[[Message], None]] = [_Sender(self._publisher(self.key(what.name), what), encoding)]
         if self._node is None or not what.ros_type:
             return senders
         key, token = self._declare_ros(what, "MP")
@@ -240,7 +240,7 @@ class _RosSender:
     encode: Callable[[Any], bytes]
     count: int = 0
 
-    def send(self, message: Message) -> None:
+    def __call__(self, message: Message) -> None:
         self.count += 1
         beside = attachment(self.count, round(message.stamp * 1e9), self.gid)
         self.publisher.put(self.encode(message), attachment=beside)
@@ -253,7 +253,7 @@ class _Sender:
     publisher: zenoh.Publisher
     encoding: str
 
-    def send(self, message: Message) -> None:
+    def __call__(self, message: Message) -> None:
         self.publisher.put(MSGPACK.encode(message), encoding=self.encoding)
 
 
