@@ -71,7 +71,7 @@ def fuzz_payloads(count: int, model: Path | None = None) -> dict[str, Any]:
 
 def answerers(lab: Lab) -> list[Handler]:
     active = Active(load_model(lab.model), load_joint_model(lab.joint_model))
-    parser = RequestParser(active, arm="arm1", replica="r", logger=open_logger(sys.stderr), clock=Clock())
+    parser = RequestParser(active, ServerSettings(), open_logger(sys.stderr), Clock())
     handlers = Corrections(parser).handlers()
     return [handlers["correct"], handlers["correct_path"], handlers["correct_joints"]]
 

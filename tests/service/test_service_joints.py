@@ -33,9 +33,8 @@ TIMES = (0.0, 0.1, 0.2)
 def ask(body: CorrectJointsRequest | bytes, active: Active | None = None) -> Response:
     clock = Clock(monotonic=lambda: NOW, wall=lambda: 1e9)
     logger = open_logger(io.StringIO())
-    parser = RequestParser(
-        active or Active(joints=lagging_joints()), arm="arm1", replica="r1", logger=logger, clock=clock
-    )
+    active = active or Active(joints=lagging_joints())
+    parser = RequestParser(active, ServerSettings(replica="r1"), logger, clock)
     payload = body if isinstance(body, bytes) else JSON.encode(body)
     return Corrections(parser).handlers()["correct_joints"](Request(payload, JSON.encoding("correct_joints"), b"", NOW))
 

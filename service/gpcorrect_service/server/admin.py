@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from gpcorrect.calibration import Entry, ModelStore, last_measured, refuse_other_use
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
-from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.ops.metrics import OPENMETRICS, Counters, exposition, metrics_of
 from gpcorrect_service.protocol import messages
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
@@ -25,8 +23,6 @@ class Admin:
     parser : RequestParser
     store : ModelStore or None
         Where models are; without it none can be activated.
-    logger : Logger
-        Where every change is written.
     changed : callable
         Called when another model answers.
     """
@@ -35,15 +31,11 @@ class Admin:
         self,
         parser: RequestParser,
         store: ModelStore | None,
-        logger: Logger,
         changed: Callable[[], None] = lambda: None,
     ) -> None:
-        self._parser = parser
-        self._active = parser.active
-        self._replica = parser.replica
-        self._store = store
-        self._logger = logger
-        self._changed = changed
+        self._parser, self._active, self._logger = parser, parser.active, parser.logger
+        self._replica = parser.settings.replica
+        self._store, self._changed = store, changed
 
     def handlers(self) -> dict[messages.Kind, Handler]:
         """Return which key is answered by what."""
@@ -74,7 +66,7 @@ class Admin:
         before = now.pose if entry.kind == "pose" else now.joints
         try:
             model = load_entry(self._store, entry)
-            check_arm(self._parser.arm, model, now.joints if entry.kind == "pose" else now.pose)
+            check_arm(self._parser.settings.arm, model, now.joints if entry.kind == "pose" else now.pose)
             if before is not None:
                 refuse_other_use(model.id, model.corrector.info(), before.corrector.info())
             self._store.activate(entry, verified=True, back=asked.back)
@@ -112,26 +104,15 @@ class Health:
 
     Parameters
     ----------
-    parser : RequestParser
-    counters : Counters
+    parser, counters
+        Whose requests are answered, and what was.
     queues : mapping of name to WorkerQueue
         Filled by the server before the first query.
-    monotonic : callable
-        Clock, s.
     """
 
-    def __init__(
-        self,
-        parser: RequestParser,
-        counters: Counters,
-        queues: Mapping[str, WorkerQueue[Any]],
-        monotonic: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._parser = parser
-        self._counters = counters
-        self._queues = queues
-        self._monotonic = monotonic
-        self._started = monotonic()
+    def __init__(self, parser: RequestParser, counters: Counters, queues: Mapping[str, WorkerQueue[Any]]) -> None:
+        self._parser, self._counters, self._queues = parser, counters, queues
+        self._started = parser.clock.monotonic()
         self.metrics = metrics_of(self.report, counters)
 
     def handlers(self) -> dict[messages.Kind, Handler]:
@@ -150,13 +131,13 @@ class Health:
             state=active.state if all(queue.alive for queue in queues.values()) else "FAULT",
             model_id=now.pose.id if now.pose else "",
             model_hash=now.pose.hash if now.pose else "",
-            uptime=self._monotonic() - self._started,
+            uptime=self._parser.clock.monotonic() - self._started,
             queued={name: queue.waiting for name, queue in queues.items()},
             counts=self._counters.counts(),
             joint_model_id=now.joints.id if now.joints else "",
             joint_model_hash=now.joints.hash if now.joints else "",
-            arm=self._parser.arm,
-            replica=self._parser.replica,
+            arm=self._parser.settings.arm,
+            replica=self._parser.settings.replica,
         )
 
 

@@ -13,7 +13,6 @@ from gpcorrect.correction import Correction, Reason
 from gpcorrect.types import FloatArray
 from gpcorrect_service.protocol import cdr, limits, messages
 from gpcorrect_service.protocol.answer import JointsAnswer, PathAnswer, PoseAnswer, pack
-from gpcorrect_service.protocol.bounds import CorrectionBound
 from gpcorrect_service.protocol.errors import bad_input
 from gpcorrect_service.server.models import JointModel, Model
 from gpcorrect_service.server.requests import Handler, Parsed, RequestParser, Response, plain_response
@@ -27,23 +26,12 @@ class Corrections:
     Parameters
     ----------
     parser : RequestParser
-        Whose requests are answered.
-    bound : CorrectionBound, optional
-        What no correction may exceed; the model's own bounds hold as well.
-    strict : bool
-        Whether what lies outside the training region is refused.
-    frame : str
-        Name of the frame that ROS poses come in; empty for the model's own.
+        Whose requests are answered, within the bounds of its settings.
     """
 
-    def __init__(
-        self, parser: RequestParser, bound: CorrectionBound | None = None, *, strict: bool = False, frame: str = ""
-    ) -> None:
-        self._parser = parser
-        self._strict = strict
-        self._frame = frame
-        self._active = parser.active
-        self._bound = bound if bound is not None and bound.acts else None
+    def __init__(self, parser: RequestParser) -> None:
+        self._parser, self._active, self._settings = parser, parser.active, parser.settings
+        self._bound = parser.settings.bound if parser.settings.bound.acts else None
 
     def handlers(self) -> dict[messages.Kind, Handler]:
         """Return which key is answered by what."""
@@ -98,7 +86,7 @@ class Corrections:
     ) -> tuple[cdr.StampedPose, PoseAnswer]:
         """Correct a pose of ROS, in whose frame it must be; the command has the same stamp."""
         taken, given = model.frames
-        limits.check_frame(asked.frame_id, self._frame or taken)
+        limits.check_frame(asked.frame_id, self._settings.frame or taken)
         message = self._corrected(model, asked.pose, twist)
         quaternion: Any = message.quaternion or asked.pose[3:]
         return replace(asked, pose=(*message.position, *quaternion), frame_id=given or asked.frame_id), message  # type: ignore[misc]  # a pose's
@@ -142,7 +130,9 @@ class Corrections:
         model = now.pose or now.joints or self._active.pose_model()
         info, rigid = dict(model.corrector.info()), getattr(model.corrector, "rigid", None)
         registration = None if rigid is None else rigid.to_dict()
-        message = messages.ModelAnswer(model.id, model.hash, self._parser.arm, self._parser.replica, info, registration)
+        message = messages.ModelAnswer(
+            model.id, model.hash, self._settings.arm, self._settings.replica, info, registration
+        )
         return plain_response(parsed, "model", message)
 
     def _corrected(self, model: Model, pose: messages.Numbers, twist: messages.Numbers | None) -> PoseAnswer:
@@ -156,7 +146,7 @@ class Corrections:
         return message
 
     def _check(self, answer: Correction) -> None:
-        if self._strict:
+        if self._settings.strict:
             limits.check_inside(answer)
 
     def _bounded(self, model: Model, asked: FloatArray, answer: Correction) -> Correction:

@@ -119,12 +119,10 @@ class Server:
         with ExitStack() as stack:
             stack.enter_context(threadpool_limits(limits=1))
             session = stack.enter_context(open_server(self.settings))
-            s, clock = self.settings, self._clock
-            parser = RequestParser(
-                self.active, arm=s.arm, replica=s.replica, logger=self._logger, clock=clock, bounds=s.bounds
-            )
+            s = self.settings
+            parser = RequestParser(self.active, s, self._logger, self._clock)
             ros_session = None if s.ros_domain is None else stack.enter_context(open_ros(s))
-            health = Health(parser, self._counters, self._queues, clock.monotonic)
+            health = Health(parser, self._counters, self._queues)
             if s.metrics_port is not None:
                 stack.enter_context(metrics_over_http(s.metrics_port, health.metrics))
             stack.callback(self._drain)
@@ -175,8 +173,8 @@ class Server:
         if self._store is not None or self.active.now.joints is not None:
             self._declare_stream(session)
         s = self.settings
-        corrections = Corrections(parser, s.bound, strict=s.strict, frame=s.frame).handlers()
-        admin = Admin(parser, self._store, self._logger, lambda: self._announce(session))
+        corrections = Corrections(parser).handlers()
+        admin = Admin(parser, self._store, lambda: self._announce(session))
         for kind, handler in {**corrections, **health.handlers(), **admin.handlers()}.items():
             self._declare_key(session, kind, handler)
         if ros_session is not None:
