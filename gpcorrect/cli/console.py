@@ -69,7 +69,6 @@ def note(text: str) -> None:
     Parameters
     ----------
     text : str
-        One sentence.
     """
     err.print(styled(("note:", "yellow"), " ", text))
 
@@ -124,7 +123,6 @@ def split_names(text: str) -> tuple[str, ...]:
     Parameters
     ----------
     text : str
-        As it was given.
     """
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
@@ -147,7 +145,6 @@ def progress_bar(*, quiet: bool = False) -> Iterator[ProgressCallback]:
     Parameters
     ----------
     quiet : bool
-        Show nothing.
     """
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=err, disable=quiet or not err.is_terminal, transient=True) as progress:
@@ -212,7 +209,6 @@ def fitted(
     output, page : Path, and Path or None
         Model file, and HTML file where one is asked for.
     quiet : bool
-        Show no progress.
     **how
         Further arguments of :func:`gpcorrect.calibration.run_experiment`.
     """
@@ -251,7 +247,6 @@ def write_evaluation_page(
     ----------
     evaluation : Evaluation
     log : CalibrationLog
-        That was measured.
     model, page : Path, and Path or None
         The model's file, and the HTML file.
     notes : sequence of str

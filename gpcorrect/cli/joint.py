@@ -226,7 +226,6 @@ def show_joint_errors(title: str, errors: dict[str, JointErrors]) -> None:
     Parameters
     ----------
     title : str
-        Of the table.
     errors : dict
         Of each method, a row a joint; empty where nothing was held out.
     """

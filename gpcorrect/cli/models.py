@@ -46,7 +46,6 @@ def show_model(corrector: Corrector, digest: str) -> None:
     Parameters
     ----------
     corrector : Corrector
-        Of any task.
     digest : str
         SHA-256 of its file.
     """

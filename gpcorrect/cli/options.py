@@ -181,7 +181,6 @@ def takes_groups(command: Callable[..., None]) -> Callable[..., None]:
     Parameters
     ----------
     command : callable
-        Function of a command.
     """
     hints = get_type_hints(command, include_extras=True)
     groups: dict[str, Any] = {name: hint for name, hint in hints.items() if is_dataclass(hint)}
@@ -215,7 +214,6 @@ def numbers(text: str, separator: str, count: int, what: str) -> list[float]:
     text, separator : str
         The text, and what stands between two numbers.
     count : int
-        How many there must be.
     what : str
         What they are, for the message.
     """
@@ -234,9 +232,7 @@ def one_of(chosen: str | None, choices: tuple[Any, ...], what: str) -> Any:
     Parameters
     ----------
     chosen : str or None
-        What was given.
     choices : tuple
-        What may be given.
     what : str
         Begins the message, such as "the marker".
     """

@@ -87,7 +87,6 @@ def distribution_chart(errors: Sequence[tuple[str, Mapping[str, FloatArray]]], r
     errors : sequence of (str, mapping)
         Label of a part, and the sizes (n,) of its errors by the name of a line.
     roles : sequence of Role
-        Of the lines.
     """
     panels = []
     for label, sizes in errors:
@@ -125,7 +124,6 @@ def map_chart(shown: Shown, position: FloatArray) -> Chart:
     Parameters
     ----------
     shown : Shown
-        n measured samples.
     position : (n, 3) array
         Where they are, m.
     """

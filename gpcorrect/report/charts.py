@@ -106,7 +106,6 @@ def charts_data(charts: Sequence[Chart]) -> dict[str, Any]:
     Parameters
     ----------
     charts : sequence of Chart
-        In the order of the page.
     """
     store = _Columns()
     return {"charts": [_plain(chart, store) for chart in charts], "columns": store.lists}
@@ -134,7 +133,9 @@ class _Columns:
         if id(array) not in self._known:
             self._known[id(array)] = len(self.lists)
             self._held.append(array)
-            self.lists.append(_rounded(np.asarray(array, dtype=np.float64)))
+            numbers = np.asarray(array, dtype=np.float64)
+            # with the digits that can be seen; None for what is not finite
+            self.lists.append([float(f"{v:.{DIGITS}g}") if math.isfinite(v) else None for v in numbers])
         return self._known[id(array)]
 
 
@@ -157,8 +158,3 @@ def _plain(part: Any, store: _Columns) -> Any:
         else:
             found[entry.name] = value
     return found
-
-
-def _rounded(values: Any) -> list[float | None]:
-    """Return numbers with the digits that can be seen; None for what is not finite."""
-    return [float(f"{v:.{DIGITS}g}") if math.isfinite(v) else None for v in values]

@@ -33,7 +33,6 @@ def write_drift_report(
     words : sequence of str
         What was found, the verdict first.
     path : Path
-        HTML file.
     """
     number = np.arange(1, len(found.scores) + 1)
     ends = np.array([0.5, len(number) + 0.5])

@@ -30,7 +30,6 @@ def write_mcap(evaluation: Evaluation, log: CalibrationLog, folder: Path) -> Non
     ----------
     evaluation : Evaluation
     log : CalibrationLog
-        That was measured.
     folder : Path
         Made; it holds the MCAP file and its description, as `ros2 bag` has them.
 

@@ -29,7 +29,6 @@ def write_fit_report(experiment: Experiment, path: Path) -> None:
     ----------
     experiment : Experiment
     path : Path
-        HTML file.
     """
     fit, evaluation, test = experiment.fit, experiment.evaluation, experiment.test
     sections: list[Section] = []
@@ -67,13 +66,10 @@ def write_evaluation_report(
     ----------
     evaluation : Evaluation
     log : CalibrationLog
-        That was measured.
     path : Path
-        HTML file.
     notes : sequence of str
         What the command noticed.
     name : str
-        Of the model.
     """
     corrector, clean = evaluation.corrector, evaluation.clean
     facts = [
@@ -151,11 +147,9 @@ def write_compare_report(both: SideBySide, names: tuple[str, str], notes: Sequen
     ----------
     both : SideBySide
     names : (str, str)
-        Of the models.
     notes : sequence of str
         What the command noticed.
     path : Path
-        HTML file.
     """
     one, other = both.evaluations
     reasons = [np.asarray(e.cleaning.reason) for e in both.evaluations]

@@ -64,7 +64,6 @@ def write_page(page: Page, path: Path) -> None:
     ----------
     page : Page
     path : Path
-        HTML file.
     """
     charts = [figure for section in page.sections for figure in section.figures]
     data = json.dumps({**json_ready(charts_data(charts)), "chosen": page.chosen, "chooses": page.chooses})

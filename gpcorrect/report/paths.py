@@ -141,7 +141,6 @@ def path_charts(shown: Shown, paths: Sequence[Line], errors: Sequence[Line]) -> 
     Parameters
     ----------
     shown : Shown
-        n measured samples.
     paths : sequence of Line
         Whose errors, taken off the reference, are drawn as paths beside it.
     errors : sequence of Line
@@ -165,11 +164,14 @@ def path_charts(shown: Shown, paths: Sequence[Line], errors: Sequence[Line]) -> 
         f"The same {along}.{gaps}{thin} Drag to zoom, double-click to go back.",
         f"Errors{band}.{gaps}",
     )
-    return [
-        _chart(caption, {key: found[i] for key, found in drawn.items()}, space=i == 0)
-        for i, caption in enumerate(captions)
-        if all(found[i] for found in drawn.values())
-    ]
+    charts = []
+    for i, caption in enumerate(captions):
+        if all(found[i] for found in drawn.values()):
+            choices = {key: found[i] for key, found in drawn.items()}
+            columns = 2 if len(next(iter(choices.values()))) > 3 else 1  # of more panels than fit above each other
+            static = choices.pop("", [])
+            charts.append(Chart(caption, static, choices, columns=columns, space=i == 0, shared=True))
+    return charts
 
 
 class _Chosen(NamedTuple):
@@ -223,12 +225,6 @@ def _errors(axes: Sequence[Axis], along: str, chosen: _Chosen, lines: Sequence[L
             series.append(Series(line.name, line.mark, line.role, chosen.time, error))
         panels.append(Panel(along, f"{name} error [{unit}]", series, spans=chosen.spans, height=160))
     return panels
-
-
-def _chart(caption: str, choices: Mapping[str, list[Panel]], *, space: bool) -> Chart:
-    columns = 2 if len(next(iter(choices.values()))) > 3 else 1  # of more panels than fit above each other
-    static, chosen = choices.get("", ()), {key: panels for key, panels in choices.items() if key}
-    return Chart(caption, static, chosen, columns=columns, space=space, shared=True)
 
 
 def _rejected(cleaning: CleaningReport, here: IntArray, time: FloatArray) -> list[tuple[float, float, str]]:

@@ -63,7 +63,6 @@ def dropped_section(title: str, log: CalibrationLog, report: CleaningReport) -> 
     title : str
     log : CalibrationLog
     report : CleaningReport
-        Of that log.
     """
     reasons: Sequence[str] = [reason for reason, count in report.counts.items() if count]
     words = [f"{int(report.keep.sum())} of {len(log)} samples passed cleaning."]

@@ -27,9 +27,7 @@ def write_calibration_page(report: CalibrationReport, path: Path, sources: Seque
     Parameters
     ----------
     report : CalibrationReport
-        The calibration.
     path : Path
-        HTML file to write.
     sources : sequence of (str, str)
         Files that it was made from, and their digests.
     """
@@ -75,13 +73,10 @@ def write_tracking_page(
     Parameters
     ----------
     result : TrackResult
-        The track and its log.
     cameras : sequence of Camera
         In the order of the recordings.
     target : Target
-        What was tracked.
     path : Path
-        HTML file to write.
     sources : sequence of (str, str)
         Files that it was made from, and their digests.
     """

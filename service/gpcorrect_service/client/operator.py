@@ -26,7 +26,6 @@ class Operator:
     Parameters
     ----------
     settings : ClientSettings
-        Whom to ask.
     patience : float
         Seconds for a server to load and try a model.
     """
@@ -101,7 +100,9 @@ class Operator:
             timeout=self._patience,
         ) as querier:
             self._await_server(querier)
-            living = self._living()
+            # The names of the servers that show that they live.
+            tokens = self._session.liveliness().get(f"{self._settings.arm}/{LIVE_KEYS}", timeout=self._settings.timeout)
+            living = {str(token.ok.key_expr).split("/")[-3] for token in tokens if token.ok is not None}
             for reply in querier.get(
                 payload=question.payload, encoding=question.encoding, attachment=question.attachment
             ):
@@ -128,11 +129,6 @@ class Operator:
                 hint="Is that process stopped, or very busy? End it, or ask again.",
             )
         return answers
-
-    def _living(self) -> set[str]:
-        """Return the names of the servers that show that they live."""
-        replies = self._session.liveliness().get(f"{self._settings.arm}/{LIVE_KEYS}", timeout=self._settings.timeout)
-        return {str(reply.ok.key_expr).split("/")[-3] for reply in replies if reply.ok is not None}
 
     def _await_server(self, querier: zenoh.Querier) -> None:
         until = time.monotonic() + self._settings.connect_timeout

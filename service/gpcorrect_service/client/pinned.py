@@ -55,9 +55,7 @@ class PinnedModels:
         Parameters
         ----------
         kind : str
-            What was asked.
         meta : ReplyMeta
-            What came beside the answer.
         """
         task, hashes = "joints" if kind == "correct_joints" else "pose", self._hashes
         if not self._hold:

@@ -80,7 +80,6 @@ class Question(msgspec.Struct, Generic[R], frozen=True, eq=False):
         Parameters
         ----------
         error : ServiceError
-            Why there is no answer.
         """
         if self.fallback is None or error.status == "BAD_INPUT":
             raise error
@@ -287,9 +286,7 @@ def no_service(what: str = "", settings: ClientSettings | None = None) -> Servic
     Parameters
     ----------
     what : str
-        What came instead.
     settings : ClientSettings, optional
-        Where was asked.
     """
     where = ""
     if settings is not None:

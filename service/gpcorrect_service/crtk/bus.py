@@ -120,7 +120,6 @@ class Bus:
         Parameters
         ----------
         name : str
-            Of the topic.
         """
         return f"{self.settings.namespace}/{self.settings.arm}/{name}"
 
@@ -147,7 +146,6 @@ class Bus:
         Parameters
         ----------
         name : str
-            Of the topic.
         message : Struct
         """
         senders = self._publishers.get(name)
@@ -162,7 +160,6 @@ class Bus:
         Parameters
         ----------
         name : str
-            Of the topic.
         inbox : callable
             Takes a message; must not wait.
         refused : callable, optional
@@ -311,7 +308,6 @@ def check_place(settings: BusSettings) -> None:
     Parameters
     ----------
     settings : BusSettings
-        Of a client.
     """
     require_valid(_config(settings))
 

@@ -111,7 +111,6 @@ class Prefilter:
         Parameters
         ----------
         message : Pose
-            Desired.
 
         Raises
         ------
@@ -140,7 +139,6 @@ class Prefilter:
         Parameters
         ----------
         message : Pose
-            Desired.
         """
         began = self._monotonic()
         with self._lock:

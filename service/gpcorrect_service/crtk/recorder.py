@@ -213,7 +213,6 @@ def require_mcap(folder: Path) -> None:
     Parameters
     ----------
     folder : path
-        To be made.
     """
     require_new(folder)
     require_folder(folder)

@@ -222,7 +222,6 @@ class Robot:
             s.
         poses : (n, 7) array
         frame : str
-            That the poses are in.
         """
         for since in self._paced(times):
             self.servo_cp(poses[max(0, int(np.searchsorted(times, since, side="right")) - 1)], frame)

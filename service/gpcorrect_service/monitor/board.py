@@ -255,6 +255,9 @@ class _ArmView:
         self.replicas = {k: r for k, r in self.replicas.items() if now - r.now < SETTINGS.forgotten}
         report, state = self.latest.get("report"), self.latest.get("operating_state")
         tracked = self.latest.get("tracker_cp")
+        there = [r.answer for r in self.replicas.values() if now - r.now < SETTINGS.gone]
+        # Planners that change between servers of different models make the arm step.
+        models = {(answer.model_hash, answer.joint_model_hash) for answer in there}
         return {
             "name": self.name,
             "silent_seconds": now - self._received if math.isfinite(self._received) else None,
@@ -275,14 +278,9 @@ class _ArmView:
             "last_unreadable": self.last_unreadable,
             "refused": self._refused,
             "last_refusal": self._error,
-            "models_differ": self._models_differ(now),
+            "models_differ": len(models) > 1,
             "replicas": [_shown_replica(r, now) for _, r in sorted(self.replicas.items())],
         }
-
-    def _models_differ(self, now: float) -> bool:
-        """Whether servers that live hold different models: planners that change between them make the arm step."""
-        there = [r.answer for r in self.replicas.values() if now - r.now < SETTINGS.gone]
-        return len({(a.model_hash, a.joint_model_hash) for a in there}) > 1
 
     def _latency_ms(self) -> dict[str, float] | None:
         if not self._latencies:

@@ -92,7 +92,6 @@ class DriftWatch:
         stamp : float
             s.
         outside : bool
-            Whether the tracked pose was outside.
         """
         if self._begin is None or stamp < self._begin:
             self._begin, self._samples = stamp, []

@@ -76,7 +76,6 @@ def examine(settings: ClientSettings) -> Iterator[Finding]:
     Parameters
     ----------
     settings : ClientSettings
-        Whom the client would ask.
 
     Raises
     ------

@@ -51,9 +51,7 @@ class Counters:
         Parameters
         ----------
         kind, status : str
-            Its key, and how it ended.
         seconds : float
-            That it took.
         rows, outside : int
             Poses, and how many of them were out of domain.
         """
@@ -136,7 +134,6 @@ def exposition(registry: CollectorRegistry) -> bytes:
     Parameters
     ----------
     registry : CollectorRegistry
-        From :func:`metrics_of`.
     """
     text: bytes = generate_latest(registry)  # type: ignore[no-untyped-call]
     return text

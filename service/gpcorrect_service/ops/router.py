@@ -183,7 +183,6 @@ def route(
         zenoh's, JSON5, with mode "router".
     stop : threading.Event
     on_ready : callable, optional
-        Called once it routes.
     logger : Logger, optional
         Standard error by default.
 

@@ -169,7 +169,6 @@ def secure_site(folder: Path, site: Site, now: datetime.datetime) -> None:
     Parameters
     ----------
     folder : path
-        Made.
     site : Site
     now : datetime
         From which certificates are valid.

@@ -111,7 +111,6 @@ def ros_pose(pose: tuple[float, ...], sec: int, nanosec: int, frame_id: str) -> 
     pose : 7 float
         x y z in m, then the quaternion w x y z.
     sec, nanosec : int
-        Stamp.
     frame_id : str
     """
     kinds = ros_types().types

@@ -54,7 +54,6 @@ class Codec:
         Parameters
         ----------
         message : type
-            Its class.
         data : bytes
         """
         decode = self._decode.get(message)
@@ -100,7 +99,6 @@ def codec_of(encoding: str, form: Form) -> Codec:
     encoding : str
         As zenoh names it.
     form : str
-        The message that is expected.
     """
     codec, named = KNOWN.get(encoding, (None, None))
     if codec is not None and named == form:

@@ -20,7 +20,6 @@ class ServiceError(GpCorrectError):
     message : str
         The cause, in one sentence.
     hint : str, optional
-        The next step.
     request_id : str, optional
         The request as the server's log names it.
     """

@@ -54,7 +54,6 @@ def attachment(sequence: int, stamp_ns: int, gid: bytes) -> bytes:
     sequence, stamp_ns : int
         Its number, from 1, and its time, ns since 1970.
     gid : 16 bytes
-        Its sender.
     """
     return ATTACHMENT.pack(sequence, stamp_ns, GID_BYTES, gid)
 
@@ -114,7 +113,6 @@ def gid_of(token: str) -> bytes:
     Parameters
     ----------
     token : str
-        Its liveliness key.
     """
     return hashlib.blake2b(token.encode(), digest_size=GID_BYTES).digest()
 

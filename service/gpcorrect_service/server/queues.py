@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 
 class WorkerQueue(Generic[T]):
-    """Items enter from any thread without waiting and are worked on in order.
+    """Items enter from any thread without waiting and are worked on in order; what fails is logged only.
 
     Parameters
     ----------
@@ -37,7 +37,6 @@ class WorkerQueue(Generic[T]):
     workers, capacity : int
         Threads, and items that may wait; threads that offer at the same instant may each pass the bound.
     logger : Logger
-        Where a failing item is written.
     """
 
     def __init__(

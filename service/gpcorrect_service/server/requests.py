@@ -99,7 +99,6 @@ class RequestParser:
         ----------
         parsed : Parsed
         model : Model or JointModel
-            Which one answered.
         """
         now, serving = self.clock.wall(), self.clock.monotonic() - parsed.started
         return ReplyMeta(
@@ -168,7 +167,6 @@ def refusal(request: Request, error: ServiceError, replica: str) -> Response:
     request : Request
     error : ServiceError
     replica : str
-        Who refuses.
     """
     codec = MSGPACK if request.encoding.startswith(MSGPACK.media_type) else JSON
     try:

@@ -36,7 +36,7 @@ from gpcorrect_service.server.models import JointModel, Model, check_arm, load_j
 from gpcorrect_service.server.queues import Dispatcher, Job, WorkerQueue
 from gpcorrect_service.server.requests import CORRECTIONS, Clock, Handler, Request, RequestParser, Response, refusal
 from gpcorrect_service.server.ros_service import RosService, open_ros
-from gpcorrect_service.server.stream import stream_queue
+from gpcorrect_service.server.stream import Estimator, stream_queue
 
 REFUSALS = 4096  # chosen by hand: BUSY answers that may wait to be sent; beyond it queries end without one
 # s, a tenth of Python's own: a thread that loads a model hands the interpreter over when a query waits for it.
@@ -57,7 +57,6 @@ class Server:
         What answers poses; None answers NO_MODEL.
     settings : ServerSettings, optional
     joints : JointModel, optional
-        What answers joints.
     store : ModelStore, optional
         From where models can be activated.
     logger : Logger, optional
@@ -93,14 +92,8 @@ class Server:
         self._counters = Counters()
         self._queues: dict[str, WorkerQueue[Any]] = {}
         self._dispatcher = Dispatcher(self.settings, self._counters, self._logger, self._clock.monotonic)
-        self._refusals = WorkerQueue(
-            "refusals",
-            self._dispatcher.refuse,
-            self._dispatcher.drop,
-            workers=1,
-            capacity=REFUSALS,
-            logger=self._logger,
-        )
+        refuse, drop = self._dispatcher.refuse, self._dispatcher.drop
+        self._refusals = WorkerQueue("refusals", refuse, drop, workers=1, capacity=REFUSALS, logger=self._logger)
         self._throttle = Throttle(self.settings.max_rate)
         self._token: Any = None
         self._queryables = ExitStack()
@@ -226,7 +219,8 @@ class Server:
     def _declare_stream(self, session: zenoh.Session) -> None:
         """Listen to the robot's joints, and publish estimates."""
         s = self.settings
-        queue, receive = stream_queue(session, self.active, s, self._counters, self._logger, self._clock.monotonic)
+        estimator = Estimator(self.active, s, self._counters, self._logger, self._clock.monotonic)
+        queue, receive = stream_queue(session, estimator)
         queue.start()
         self._queues["estimate"] = queue
         callback = zenoh.handlers.Callback(receive, indirect=False)
@@ -252,7 +246,6 @@ def serve(
     stop_event : threading.Event, optional
         Ends the service when set. Without it SIGTERM and SIGINT do, which needs the main thread.
     on_ready : callable, optional
-        Called once queries are answered.
     joint_path : path, optional
         What `gpcorrect joint fit` wrote; without it the active one of the store, where there is one.
     store : path, optional

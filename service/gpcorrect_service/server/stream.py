@@ -52,11 +52,8 @@ class Estimator:
         logger: Logger,
         monotonic: Callable[[], float],
     ) -> None:
-        self._active = active
-        self._settings = settings
-        self._counters = counters
-        self._logger = logger
-        self._monotonic = monotonic
+        self.active, self.settings, self.counters, self.logger = active, settings, counters, logger
+        self.monotonic = monotonic
         self._refused = 0
         self._model: JointModel | None = None
         self._stream: JointStream | None = None
@@ -79,32 +76,32 @@ class Estimator:
         except (ServiceError, DataError) as error:
             self._refuse(error, sample.arrived)
             return None
-        seconds = self._monotonic() - sample.arrived
-        self._counters.add("estimate", message.status, seconds, outside=not message.in_domain)
+        seconds = self.monotonic() - sample.arrived
+        self.counters.add("estimate", message.status, seconds, outside=not message.in_domain)
         return codec.encode(message), codec.encoding("estimate")
 
     def _answer(self, state: JointState, arrived: float) -> EstimateAnswer:
-        model = self._active.joint_model()
+        model = self.active.joint_model()
         q = checked_joints((state.position,), model.corrector.types)[0]
         effort = None if state.effort is None else checked_rows((state.effort,), len(q), "efforts")[0]
         stream = self._stream_for(model, state)
         answer = stream.correct(state.stamp, q, effort)
         self._last = state
-        if self._settings.strict:
+        if self.settings.strict:
             check_inside(answer)
         assert answer.joints is not None
         if self._bound is not None:
             correction, cut = self._bound.step(state.stamp, answer.joints - q)
             answer = replace(answer, joints=q + correction).because(Reason.RATE_LIMITED, cut)
         # What waited outside of this process, in a socket while it was stopped, came fresh by its arrival alone.
-        age = self._clock.delay(state.stamp, arrived) + self._monotonic() - arrived
-        answer = answer.because(Reason.STALE, age > self._settings.stream_max_age)
+        age = self._clock.delay(state.stamp, arrived) + self.monotonic() - arrived
+        answer = answer.because(Reason.STALE, age > self.settings.stream_max_age)
         beside = {"stamp": state.stamp, "session": state.session, "model_hash": model.hash}
-        return pack(EstimateAnswer, answer, replica=self._settings.replica, **beside)
+        return pack(EstimateAnswer, answer, replica=self.settings.replica, **beside)
 
     def _stream_for(self, model: JointModel, state: JointState) -> JointStream:
         """Return the path that this sample goes on with; it begins anew with a model, a session or another clock."""
-        last, rate = self._last, self._settings.stream_rate
+        last, rate = self._last, self.settings.stream_rate
         checked_stamp(state.stamp)
         if self._stream is None or model is not self._model:
             _check_estimates(model)
@@ -124,9 +121,9 @@ class Estimator:
 
     def _refuse(self, error: ServiceError | DataError, arrived: float) -> None:
         status = error.status if isinstance(error, ServiceError) else "BAD_INPUT"
-        self._counters.add("estimate", status, self._monotonic() - arrived)
+        self.counters.add("estimate", status, self.monotonic() - arrived)
         if self._refused % LOG_EVERY == 0:
-            self._logger.warning("sample refused", status=status, cause=error.message, refused=self._refused + 1)
+            self.logger.warning("sample refused", status=status, cause=error.message, refused=self._refused + 1)
         self._refused += 1
 
 
@@ -144,25 +141,18 @@ def _check_estimates(model: JointModel) -> None:
 
 
 def stream_queue(
-    session: zenoh.Session,
-    active: Active,
-    settings: ServerSettings,
-    counters: Counters,
-    logger: Logger,
-    monotonic: Callable[[], float],
+    session: zenoh.Session, estimator: Estimator
 ) -> tuple[WorkerQueue[Request], Callable[[zenoh.Sample], None]]:
     """Return the queue that answers samples and publishes estimates, and the callback that fills it.
 
     Parameters
     ----------
     session : zenoh.Session
-    active, settings, counters, logger, monotonic
-        As for :class:`Estimator`.
+    estimator : Estimator
     """
-    estimator = Estimator(active, settings, counters, logger, monotonic)
     # Not express: a packet for every estimate fills the two packets that zenoh holds, and more would be dropped.
     drop = zenoh.CongestionControl.DROP
-    publisher = session.declare_publisher(f"{settings.arm}/estimate", congestion_control=drop)
+    publisher = session.declare_publisher(f"{estimator.settings.arm}/estimate", congestion_control=drop)
 
     def _publish(sample: Request) -> None:
         answer = estimator.estimate(sample)
@@ -170,15 +160,14 @@ def stream_queue(
             publisher.put(answer[0], encoding=answer[1])
 
     def _receive(sample: zenoh.Sample) -> None:
-        if active.now.joints is not None:
-            queue.offer(Request(sample.payload.to_bytes(), str(sample.encoding), b"", monotonic()))
+        if estimator.active.now.joints is not None:
+            now = estimator.monotonic()
+            queue.offer(Request(sample.payload.to_bytes(), str(sample.encoding), b"", now))
+
+    def _dropped(_: Request) -> None:
+        estimator.counters.add("estimate", "DROPPED")
 
     queue: WorkerQueue[Request] = WorkerQueue(
-        "estimate",
-        _publish,
-        lambda _: counters.add("estimate", "DROPPED"),
-        workers=1,
-        capacity=SAMPLES_WAITING,
-        logger=logger,
+        "estimate", _publish, _dropped, workers=1, capacity=SAMPLES_WAITING, logger=estimator.logger
     )
     return queue, _receive
