@@ -6,7 +6,7 @@ import time
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -81,7 +81,12 @@ def simulate(
     if chosen == "debridement":
         log = debridement_log(seed, reaches=count, faults=not clean, position_only=position_only, model=model)
     elif chosen == "reaches":
-        how = {"sessions": sessions, "payloads": payload or (), "position_only": position_only, "faults": not clean}
+        how: dict[str, Any] = {
+            "sessions": sessions,
+            "payloads": payload or (),
+            "position_only": position_only,
+            "faults": not clean,
+        }
         log = random_reaches_log("raven2_left", count, seed, model=model, **how)
     elif model is None:
         raise DataError("joint motion needs to know the machine.", hint="Give it: --machine model.toml")

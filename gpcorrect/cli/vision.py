@@ -282,7 +282,10 @@ def fit(
     require_model_place(output)
     page = opt.report_page(report)
     learner_named(method)
-    paper = {"layers": (600, 500, 400), "epochs": 60}  # Peng et al. 2020; its batch normalisation is left out
+    paper: dict[str, Any] = {
+        "layers": (600, 500, 400),
+        "epochs": 60,
+    }  # Peng et al. 2020; its batch normalisation is left out
     settings = FitSettings(method=method, extra=split_names(extra or ""), seed=seed, **paper)
     log = read_logs(logs, columns, learned=STATE)
     experiment = fitted(log, settings, output, page, quiet=json, task=PositionEstimator, holdout=holdout)

@@ -174,7 +174,8 @@ def path_charts(shown: Shown, paths: Sequence[Line], errors: Sequence[Line]) -> 
     return charts
 
 
-class _Chosen(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _Chosen:
     """Samples of one trajectory: indices into the measured ones (-1 leaves a gap), times (s), what was rejected."""
 
     index: IntArray

@@ -140,7 +140,7 @@ def _marker_chart(cameras: Sequence[CameraReport]) -> Chart:
         for label, mark, role, rows in groups:
             if rows.any():
                 text = [name for name, here in zip(names, rows, strict=True) if here]
-                series.append(Series(label, mark, role, *left[rows].T, text=text))
+                series.append(Series(label, mark, role, left[rows, 0], left[rows, 1], text=text))
         whole: dict[str, Any] = {"x_range": (-reach, reach), "y_range": (-reach, reach), "equal": True, "height": 260}
         panels.append(Panel("u [px]", "v [px]", series, title=report.camera.name, **whole))
     caption = "Where each marker is seen, less where it should be. Crosses contradict the others and were left out."
