@@ -39,9 +39,8 @@ from gpcorrect_service.protocol.messages import (
     Kind,
 )
 from gpcorrect_service.protocol.sessions import open_client
-from gpcorrect_service.server.active import Active
 from gpcorrect_service.server.corrections import Corrections
-from gpcorrect_service.server.models import load_joint_model, load_model
+from gpcorrect_service.server.models import Active, load_joint_model, load_model
 from gpcorrect_service.server.requests import Clock, Handler, Request, RequestParser
 
 OVER_ZENOH = 0.02  # share of the payloads that a real server gets

@@ -18,7 +18,7 @@ from gpcorrect_service.protocol.clocks import StreamClock
 from gpcorrect_service.protocol.codec import MSGPACK
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import JointState
-from gpcorrect_service.server.active import Active
+from gpcorrect_service.server.models import Active
 from gpcorrect_service.server.requests import Request
 from gpcorrect_service.server.stream import Estimator
 

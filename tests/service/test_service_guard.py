@@ -17,9 +17,8 @@ from gpcorrect_service import ServerSettings, ServiceError
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.protocol.bounds import CorrectionBound, RateBound, Throttle
-from gpcorrect_service.server.active import FAULTS_IN_A_ROW, Active
 from gpcorrect_service.server.admin import Health
-from gpcorrect_service.server.models import Model
+from gpcorrect_service.server.models import FAULTS_IN_A_ROW, Active, Model
 from gpcorrect_service.server.queues import WorkerQueue
 from gpcorrect_service.server.requests import Clock, RequestParser
 

@@ -28,9 +28,8 @@ from gpcorrect_service.protocol.messages import (
     ReplyMeta,
     RequestMeta,
 )
-from gpcorrect_service.server.active import FAULTS_IN_A_ROW, Active
 from gpcorrect_service.server.corrections import Corrections
-from gpcorrect_service.server.models import Model
+from gpcorrect_service.server.models import FAULTS_IN_A_ROW, Active, Model
 from gpcorrect_service.server.requests import Clock, Request, RequestParser, Response
 
 NOW = 100.0

@@ -20,8 +20,8 @@ from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.protocol.answer import EstimateAnswer, JointsAnswer
 from gpcorrect_service.protocol.codec import CODECS, JSON, MSGPACK, Codec, codec_of
 from gpcorrect_service.protocol.messages import CorrectJointsRequest, ErrorAnswer, JointState
-from gpcorrect_service.server.active import Active
 from gpcorrect_service.server.corrections import Corrections
+from gpcorrect_service.server.models import Active
 from gpcorrect_service.server.requests import Clock, Request, RequestParser, Response
 from gpcorrect_service.server.stream import Estimator
 

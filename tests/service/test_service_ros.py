@@ -26,10 +26,9 @@ from gpcorrect_service.protocol.cdr import CDR_ENCODING, CORRECT, StampedPose, r
 from gpcorrect_service.protocol.codec import JSON
 from gpcorrect_service.protocol.messages import CorrectPathRequest, ErrorAnswer, RequestMeta
 from gpcorrect_service.protocol.rmw import attachment, rmw_key
-from gpcorrect_service.server.active import Active
 from gpcorrect_service.server.admin import Health
 from gpcorrect_service.server.corrections import Corrections
-from gpcorrect_service.server.models import Model
+from gpcorrect_service.server.models import Active, Model
 from gpcorrect_service.server.requests import Clock, Request, RequestParser, Response
 
 NOW = 100.0

@@ -20,8 +20,8 @@ from gpcorrect_service import ServerSettings
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.protocol.codec import JSON
 from gpcorrect_service.protocol.messages import ActivateRequest
-from gpcorrect_service.server.active import Active
 from gpcorrect_service.server.admin import Admin
+from gpcorrect_service.server.models import Active
 from gpcorrect_service.server.requests import Clock, Request, RequestParser
 
 

@@ -6,7 +6,7 @@ import itertools
 import os
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, Generic, TypeVar, cast
+from typing import Generic, TypeVar, cast
 
 import msgspec
 import numpy as np
@@ -18,7 +18,7 @@ from gpcorrect.types import FloatArray
 from gpcorrect_service.client.pinned import PinnedModels
 from gpcorrect_service.client.replies import Reply, identity_joints, identity_poses
 from gpcorrect_service.protocol import messages
-from gpcorrect_service.protocol.answer import Answer, JointsAnswer, PathAnswer, PoseAnswer, nullable, unpack
+from gpcorrect_service.protocol.answer import JointsAnswer, PathAnswer, PoseAnswer, Rows, Single, nullable, unpack
 from gpcorrect_service.protocol.codec import CODECS, error_codec
 from gpcorrect_service.protocol.errors import FailureStatus, ServiceError, bad_input
 from gpcorrect_service.protocol.limits import LIMITS, checked_pose
@@ -209,7 +209,7 @@ class RequestBuilder:
         self,
         kind: messages.Kind,
         body: msgspec.Struct,
-        form: type[Answer[Any, Any, Any, Any, Any]],
+        form: type[Single | Rows],
         identity: Callable[[ServiceError], Reply],
     ) -> Question[Reply]:
         def _read(reply: zenoh.Reply) -> Reply:

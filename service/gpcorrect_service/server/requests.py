@@ -15,8 +15,7 @@ from gpcorrect_service.protocol.codec import JSON, MSGPACK, Codec, codec_of
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.protocol.messages import SCHEMA_VERSION, ErrorAnswer, Kind, ReplyMeta, RequestMeta
 from gpcorrect_service.protocol.settings import ServerSettings
-from gpcorrect_service.server.active import Active
-from gpcorrect_service.server.models import JointModel, Model
+from gpcorrect_service.server.models import Active, JointModel, Model
 
 CORRECTIONS: frozenset[Kind] = frozenset({"correct", "correct_path", "correct_joints"})
 

@@ -29,10 +29,9 @@ from gpcorrect_service.protocol.messages import Kind
 from gpcorrect_service.protocol.process import wait_for
 from gpcorrect_service.protocol.sessions import live_key, open_server
 from gpcorrect_service.protocol.settings import ServerSettings
-from gpcorrect_service.server.active import Active
 from gpcorrect_service.server.admin import Admin, Health, load_entry
 from gpcorrect_service.server.corrections import Corrections
-from gpcorrect_service.server.models import JointModel, Model, check_arm, load_joint_model, load_model
+from gpcorrect_service.server.models import Active, JointModel, Model, check_arm, load_joint_model, load_model
 from gpcorrect_service.server.queues import Dispatcher, Job, WorkerQueue
 from gpcorrect_service.server.requests import CORRECTIONS, Clock, Handler, Request, RequestParser, Response, refusal
 from gpcorrect_service.server.ros_service import RosService, open_ros

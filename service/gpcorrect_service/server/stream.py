@@ -21,8 +21,7 @@ from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.protocol.limits import check_inside, checked_joints, checked_rows, checked_stamp
 from gpcorrect_service.protocol.messages import JointState
 from gpcorrect_service.protocol.settings import ServerSettings
-from gpcorrect_service.server.active import Active
-from gpcorrect_service.server.models import JointModel
+from gpcorrect_service.server.models import Active, JointModel
 from gpcorrect_service.server.queues import WorkerQueue
 from gpcorrect_service.server.requests import Request
 
