@@ -87,16 +87,9 @@ class Question(msgspec.Struct, Generic[R], frozen=True, eq=False):
 
 
 class RequestBuilder:
-    """Writes questions in one encoding.
+    """Writes questions in one encoding, "msgpack" or "json"; answers are wanted for half of the settings' timeouts.
 
-    Parameters
-    ----------
-    settings : ClientSettings
-        For timeouts: an answer is wanted for half of them, the other half is the retry's.
-    encoding, on_failure : str
-        "msgpack" or "json"; "raise" or "identity".
-    pinned : PinnedModels, optional
-        The models that answers must come from.
+    The other half is the retry's.
     """
 
     def __init__(

@@ -30,36 +30,20 @@ DEFAULT_ROBOT = "tcp/127.0.0.1:7448"  # on this machine only
 
 @dataclass(frozen=True)
 class BusSettings:
-    """Where an arm's topics are.
+    """Where an arm's topics are."""
 
-    Parameters
-    ----------
-    endpoint : str
-        Address to listen on, or to connect to.
-    arm, namespace : str
-        Second and first part of every native key.
-    role : "hub" or "client"
-        A hub listens and passes messages between its clients, as a router does; a client connects to it.
-    ros_domain : int or None
-        ROS_DOMAIN_ID to speak in as well, on rmw_zenoh's keys; None for native keys alone.
-    ros_distro : str
-        ROS distribution of the nodes there.
-    allow_remote : bool
-        Whether a hub may listen on an address that other machines reach.
-    patience : float
-        Seconds in which a client waits for its hub to appear.
-    config_file : Path or None
-        A zenoh JSON5 configuration that replaces `endpoint`, of a client; its `namespace`, where given, wins.
-    """
-
-    endpoint: str = DEFAULT_ROBOT
+    endpoint: str = DEFAULT_ROBOT  # address to listen on, or to connect to
+    # second and first part of every native key
     arm: str = "arm1"
     namespace: str = DEFAULT_NAMESPACE
+    # a hub listens and passes messages between its clients, as a router does; a client connects to it
     role: Literal["hub", "client"] = "client"
+    # ROS_DOMAIN_ID to speak in as well, on rmw_zenoh's keys; None for native keys alone
     ros_domain: int | None = None
-    ros_distro: RosDistro = "jazzy"
-    allow_remote: bool = False
-    patience: float = 5.0
+    ros_distro: RosDistro = "jazzy"  # ROS distribution of the nodes there
+    allow_remote: bool = False  # whether a hub may listen on an address that other machines reach
+    patience: float = 5.0  # seconds in which a client waits for its hub to appear
+    # a zenoh JSON5 configuration that replaces `endpoint`, of a client; its `namespace`, where given, wins
     config_file: Path | None = None
 
     def __post_init__(self) -> None:
@@ -75,20 +59,12 @@ Refused = Callable[[ServiceError], None]
 
 
 class Bus:
-    """Publishes and subscribes an arm's topics; a context manager.
-
-    Parameters
-    ----------
-    settings : BusSettings
-    node : str
-        Name in the ROS graph.
+    """Publishes and subscribes an arm's topics, as a `node` of that name in the ROS graph; a context manager.
 
     Raises
     ------
-    EndpointError
-        A hub cannot listen there, or nobody answers a client.
-    DataError
-        The configuration file cannot be read, or is not a client's.
+    EndpointError, DataError
+        A hub cannot listen there, or nobody answers a client; the configuration is none, or is not a client's.
     """
 
     def __init__(self, settings: BusSettings, node: str = "gpcorrect") -> None:

@@ -57,15 +57,7 @@ class PrefilterSettings:
 
 
 class Prefilter:
-    """Corrects one arm's stream of desired poses.
-
-    Parameters
-    ----------
-    model : Model
-    settings : PrefilterSettings
-    monotonic : callable
-        Clock for ages and serving times, s.
-    """
+    """Corrects one arm's stream of desired poses; `monotonic` is the clock for ages and serving times, s."""
 
     def __init__(
         self,

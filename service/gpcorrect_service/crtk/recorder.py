@@ -132,15 +132,7 @@ class Recording:
 
 
 class Recorder:
-    """Listens to one arm from now on.
-
-    Parameters
-    ----------
-    bus : Bus
-    topics : tuple of str
-    journal : Journal, optional
-        That every message is written into as it comes.
-    """
+    """Listens to topics of one arm from now on, and writes every message into a journal, if given, as it comes."""
 
     def __init__(self, bus: Bus, topics: tuple[str, ...] = RECORDED, journal: Journal | None = None) -> None:
         self._arm, self._journal = bus.settings.arm, journal

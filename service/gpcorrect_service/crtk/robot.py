@@ -50,10 +50,8 @@ class Robot:
 
     Raises
     ------
-    EndpointError
-        Nobody listens there.
-    RobotError
-        No arm of that name publishes its state.
+    EndpointError, RobotError
+        Nobody listens there; no arm of that name publishes its state.
     """
 
     def __init__(self, settings: BusSettings, patience: float = PATIENCE) -> None:

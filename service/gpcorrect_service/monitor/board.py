@@ -92,13 +92,7 @@ class _Replica(NamedTuple):
 
 
 class Board:
-    """Gathers; safe to write to from zenoh's threads and to read from the page's.
-
-    Parameters
-    ----------
-    namespace : str
-        First part of the keys that are watched.
-    """
+    """Gathers, of one namespace; safe to write to from zenoh's threads and to read from the page's."""
 
     def __init__(self, namespace: str) -> None:
         self.namespace = namespace

@@ -17,18 +17,10 @@ BURST_SECONDS = 0.1  # chosen by hand: of the rate that may come at once, for cl
 
 @dataclass(frozen=True)
 class CorrectionBound:
-    """The largest learned correction that may leave a server: command against the registration's reference pose.
+    """The largest learned correction that may leave a server: command against the registration's reference pose."""
 
-    Parameters
-    ----------
-    position : float
-        m; infinite for none.
-    rotation : float
-        rad; infinite for none.
-    """
-
-    position: float = np.inf
-    rotation: float = np.inf
+    position: float = np.inf  # m; infinite for none
+    rotation: float = np.inf  # rad; infinite for none
 
     def __post_init__(self) -> None:
         if not (self.position > 0 and self.rotation > 0):
@@ -66,13 +58,7 @@ def _shortened(vectors: FloatArray, bound: float) -> tuple[FloatArray, BoolArray
 
 
 class RateBound:
-    """Bounds how fast a streamed correction changes, component by component; one object a stream.
-
-    Parameters
-    ----------
-    limit : (k,) array
-        Largest change a second.
-    """
+    """Bounds how fast a streamed correction changes, by a limit (k,) a second, of each component; one a stream."""
 
     def __init__(self, limit: FloatArray) -> None:
         self._limit = np.array(limit, dtype=np.float64)
@@ -106,13 +92,7 @@ class RateBound:
 
 
 class Throttle:
-    """A token bucket: lets `rate` queries a second pass, a tenth of it at once; from any thread.
-
-    Parameters
-    ----------
-    rate : float
-        Queries a second; infinite for no limit.
-    """
+    """A token bucket: lets `rate` queries a second pass (infinite for all), a tenth of it at once; from any thread."""
 
     def __init__(self, rate: float) -> None:
         self._rate = rate

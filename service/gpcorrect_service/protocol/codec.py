@@ -16,17 +16,7 @@ S = TypeVar("S", bound=msgspec.Struct)
 
 
 class Codec:
-    """One of the two ways to write messages.
-
-    Parameters
-    ----------
-    name : str
-        "json" or "msgpack".
-    encode : callable
-        From a message to bytes.
-    decoder : type
-        msgspec's decoder class.
-    """
+    """One of the two ways to write messages: its name, what encodes a message, and msgspec's decoder class."""
 
     def __init__(self, name: str, encode: Callable[[Any], bytes], decoder: Callable[[type], Any]) -> None:
         self.name = name

@@ -16,15 +16,9 @@ from gpcorrect_service.server.requests import Handler, Parsed, RequestParser, Re
 
 
 class Admin:
-    """Answers the operator; queries under way end with the model they began with.
+    """Answers the operator, from a store of models if there is one; calls `changed` when another model answers.
 
-    Parameters
-    ----------
-    parser : RequestParser
-    store : ModelStore or None
-        Where models are; without it none can be activated.
-    changed : callable
-        Called when another model answers.
+    Queries under way end with the model they began with.
     """
 
     def __init__(
@@ -100,15 +94,7 @@ class Admin:
 
 
 class Health:
-    """Answers `health` and `metrics`; touches neither the models nor the queues it reports on.
-
-    Parameters
-    ----------
-    parser, counters
-        Whose requests are answered, and what was.
-    queues : mapping of name to WorkerQueue
-        Filled by the server before the first query.
-    """
+    """Answers `health` and `metrics`; touches neither the models nor the queues it reports on, which a server fills."""
 
     def __init__(self, parser: RequestParser, counters: Counters, queues: Mapping[str, WorkerQueue[Any]]) -> None:
         self._parser, self._counters, self._queues = parser, counters, queues

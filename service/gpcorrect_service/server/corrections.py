@@ -21,13 +21,7 @@ BESIDE_CDR = ("std", "interval95", "in_domain", "status", "reason", "flags")
 
 
 class Corrections:
-    """Answers requests about poses, paths, joints and their models.
-
-    Parameters
-    ----------
-    parser : RequestParser
-        Whose requests are answered, within the bounds of its settings.
-    """
+    """Answers requests about poses, paths, joints and their models, within the bounds of the parser's settings."""
 
     def __init__(self, parser: RequestParser) -> None:
         self._parser, self._active, self._settings = parser, parser.active, parser.settings

@@ -27,10 +27,7 @@ CHECK_TOLERANCE = 1e-7  # m and rad: as when a model file is read
 class Check:
     """A model's answers to its own check queries, as they were when it was loaded.
 
-    Parameters
-    ----------
-    corrector
-        With a method `check_answers`, as every fitted model has; without one nothing is known.
+    Every fitted model has a method `check_answers`; of one without nothing is known.
     """
 
     def __init__(self, corrector: object) -> None:
@@ -185,13 +182,7 @@ class Snapshot:
 
 
 class Active:
-    """Holds the snapshot, and swaps it whole; safe to use from several threads.
-
-    Parameters
-    ----------
-    pose : Model or None
-    joints : JointModel or None
-    """
+    """Holds the snapshot, and swaps it whole; safe to use from several threads."""
 
     def __init__(self, pose: Model | None = None, joints: JointModel | None = None) -> None:
         self._now = Snapshot(pose, joints)

@@ -136,17 +136,7 @@ class Job(msgspec.Struct, frozen=True, eq=False):
 
 
 class Dispatcher:
-    """Answers jobs; used by worker threads only, for replying may wait for the network.
-
-    Parameters
-    ----------
-    settings : ServerSettings
-        Replica name, and the queue's bound that a refusal quotes.
-    counters, logger
-        Where answers are counted, and replies that cannot be sent are written.
-    monotonic : callable
-        Clock, s.
-    """
+    """Answers and counts jobs; used by worker threads only, for replying may wait for the network."""
 
     def __init__(
         self, settings: ServerSettings, counters: Counters, logger: Logger, monotonic: Callable[[], float]

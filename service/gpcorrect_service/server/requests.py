@@ -65,15 +65,7 @@ Work = Callable[[Parsed], Response]
 class RequestParser:
     """Reads requests and turns what goes wrong into refusals; safe to use from several threads.
 
-    Parameters
-    ----------
-    active : Active
-        The models, and whether they may answer.
-    settings : ServerSettings
-        Names and bounds that the answers carry.
-    logger : Logger
-        Where failures of the model are written.
-    clock : Clock
+    Answers carry the names and bounds of the settings; failures of the model are logged.
     """
 
     def __init__(self, active: Active, settings: ServerSettings, logger: Logger, clock: Clock) -> None:

@@ -48,16 +48,7 @@ def open_ros(settings: ServerSettings) -> zenoh.Session:
 
 
 class RosService:
-    """Answers the service `<arm>/correct` of type gpcorrect_msgs/srv/Correct.
-
-    Parameters
-    ----------
-    settings : ServerSettings
-        Arm, domain and distribution.
-    correct : Handler
-        What answers the native key `correct`.
-    clock : Clock
-    """
+    """Answers the service `<arm>/correct`, of type gpcorrect_msgs/srv/Correct, by what answers the native key."""
 
     def __init__(self, settings: ServerSettings, correct: Handler, clock: Clock) -> None:
         assert settings.ros_domain is not None

@@ -33,14 +33,7 @@ LOG_EVERY = 1000  # refused samples between two lines about them in the log
 class Estimator:
     """Answers the samples of one arm's stream, one after the other, in one thread.
 
-    Parameters
-    ----------
-    active, settings, counters
-        The models; age after which an estimate is STALE, and the largest change of a correction; where samples count.
-    logger : Logger
-        Where refused samples are written, the first and every thousandth.
-    monotonic : callable
-        Clock, s.
+    Of refused samples the first and every thousandth are logged.
     """
 
     def __init__(
