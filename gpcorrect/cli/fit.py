@@ -8,20 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 import typer
 
 from gpcorrect.atomic import require_new
+from gpcorrect.cli import console
 from gpcorrect.cli import options as opt
-from gpcorrect.cli.console import (
-    dropped_words,
-    err,
-    fitted,
-    note,
-    out,
-    plain_table,
-    print_json,
-    show_errors,
-    split_names,
-    styled,
-    write_evaluation_page,
-)
 from gpcorrect.cli.reading import Reading
 from gpcorrect.errors import DataError
 
@@ -82,7 +70,7 @@ def fit(
     by = HoldOut(opt.one_of(hold_out_by, tuple(HoldOut), "what is held out"))
     settings = FitSettings(
         method=method,
-        features=split_names(features),
+        features=console.split_names(features),
         clean=clean,
         cleaning=CleaningSettings(keep=_segments(keep), drop=_segments(drop)),
         marker=opt.one_of(marker, get_args(MarkerOption), "the marker"),
@@ -90,10 +78,10 @@ def fit(
         seed=seed,
     )
     log = reading.log(logs)
-    experiment = fitted(log, settings, output, page, quiet=json, holdout=holdout, by=by, shuffle=shuffle)
+    experiment = console.fitted(log, settings, output, page, quiet=json, holdout=holdout, by=by, shuffle=shuffle)
     result = experiment.to_dict()
     if json:
-        print_json(result)
+        console.print_json(result)
     else:
         _show(experiment, result, output, page)
 
@@ -127,24 +115,26 @@ def evaluate(
     log, clocks = corrector.on_one_clock(reading.log(logs), reading.clock_left)
     measured = evaluate_model(corrector, log)
     result = {"n_test": len(measured.clean.rows), "dropped": dict(measured.cleaning.counts), **measured.to_dict()}
-    write_evaluation_page(measured, log, model, clocks.notes, page)
+    console.write_evaluation_page(measured, log, model, clocks.notes, page)
     if mcap is not None:
         from gpcorrect.report.mcap_file import write_mcap  # the report's libraries are an extra
 
         write_mcap(measured, log, mcap)
     if json:
-        print_json(result)
+        console.print_json(result)
         return
     for remark in clocks.notes:
-        note(remark)
+        console.note(remark)
     _caution(measured.cautions)
-    show_errors(f"{result['n_test']} samples that pass cleaning", result["errors"])
-    show_errors(f"all {len(measured.dirty.rows)} samples as they came", result["errors_dirty"])
-    out.print(f"95 % intervals cover {100 * result['coverage95']:.1f} %; {100 * result['in_domain']:.1f} % in domain")
+    console.show_errors(f"{result['n_test']} samples that pass cleaning", result["errors"])
+    console.show_errors(f"all {len(measured.dirty.rows)} samples as they came", result["errors_dirty"])
+    console.out.print(
+        f"95 % intervals cover {100 * result['coverage95']:.1f} %; {100 * result['in_domain']:.1f} % in domain"
+    )
     if page is not None:
-        out.print(f"report: {page}")
+        console.out.print(f"report: {page}")
     if mcap is not None:
-        out.print(f"poses: {mcap}")
+        console.out.print(f"poses: {mcap}")
 
 
 def _segments(texts: list[str] | None) -> tuple[Segment, ...]:
@@ -164,20 +154,20 @@ def _segments(texts: list[str] | None) -> tuple[Segment, ...]:
 
 def _caution(sentences: tuple[str, ...]) -> None:
     for sentence in sentences:
-        err.print(styled(("caution:", "yellow"), " ", sentence))
+        console.err.print(console.styled(("caution:", "yellow"), " ", sentence))
 
 
 def _show(experiment: Experiment, result: dict[str, Any], output: Path, page: Path | None) -> None:
     for remark in experiment.fit.remarks:
-        note(remark)
+        console.note(remark)
     _caution(experiment.evaluation.cautions if experiment.evaluation else ())
     if result["errors"]:
-        show_errors(f"Held-out error, {result['n_test']} samples that pass cleaning", result["errors"])
-        show_errors("All held-out samples as they came", result["errors_dirty"])
-        out.print(f"95 % intervals cover {100 * result['coverage95']:.1f} % of the held-out errors")
-    dropped = dropped_words(experiment)
-    out.print(f"trained on {result['n_train']} samples in {result['seconds']:.1f} s; dropped: {dropped}")
-    out.print(f"model: {output}" + (f"   report: {page}" if page else ""))
+        console.show_errors(f"Held-out error, {result['n_test']} samples that pass cleaning", result["errors"])
+        console.show_errors("All held-out samples as they came", result["errors_dirty"])
+        console.out.print(f"95 % intervals cover {100 * result['coverage95']:.1f} % of the held-out errors")
+    dropped = console.dropped_words(experiment)
+    console.out.print(f"trained on {result['n_train']} samples in {result['seconds']:.1f} s; dropped: {dropped}")
+    console.out.print(f"model: {output}" + (f"   report: {page}" if page else ""))
 
 
 @opt.takes_groups
@@ -204,41 +194,41 @@ def compare(
     both = measure_both(first, second, log)
     figures = both.to_dict(names)
     for sentence in clocks.notes:
-        note(sentence)
+        console.note(sentence)
     for model in figures["models"]:
         for caution in model["cautions"]:
-            note(f"{model['name']}: {caution}")
+            console.note(f"{model['name']}: {caution}")
     if page is not None:
         from gpcorrect.report import write_compare_report  # the report's libraries are an extra
 
         write_compare_report(both, names, clocks.notes, page)
     if json:
-        print_json(figures)
+        console.print_json(figures)
         return
     _show_both(figures, [f"{p.name} [{p.unit}]" for p in both.parts])
     for difference in both.differences():
-        out.print(difference.sentence(names))
+        console.out.print(difference.sentence(names))
     if page is not None:
-        out.print(f"report: {page}")
+        console.out.print(f"report: {page}")
 
 
 def _show_both(figures: dict[str, Any], parts: list[str]) -> None:
     title = f"Errors on the {figures['samples']} samples that pass the cleaning of both"
-    table = plain_table("model", "part", "", "mean", "SD", "rmse", "p95", "max", "", title=title, left=3)
+    table = console.plain_table("model", "part", "", "mean", "SD", "rmse", "p95", "max", "", title=title, left=3)
     for model in figures["models"]:
         for row in model["errors"]:
             leaves = [f"{row[leaf]:.3f}" for leaf in ("mean", "sd", "rmse", "p95", "max")]
             table.add_row(model["name"], row["part"], row["method"], *leaves, row["unit"])
-    out.print(table)
+    console.out.print(table)
     names = [model["name"] for model in figures["models"]]
     columns = [f"{part} {name}" for part in parts for name in names]
     columns += [f"in domain {name}" for name in names]
-    table = plain_table("trajectory", "samples", *columns, title="Mean errors")
+    table = console.plain_table("trajectory", "samples", *columns, title="Mean errors")
     for row in figures["trajectories"]:
         means = [f"{mean:.3f}" for pair in row["mean"].values() for mean in pair]
         inside = [f"{100 * near:.1f} %" for near in row["in_domain"]]
         table.add_row(str(row["trajectory"]), str(row["samples"]), *means, *inside)
-    out.print(table)
+    console.out.print(table)
     for model in figures["models"]:
         covered, near = 100 * model["coverage95"], 100 * model["in_domain"]
-        out.print(f"{model['name']}: 95 % intervals cover {covered:.1f} %; {near:.1f} % in domain")
+        console.out.print(f"{model['name']}: 95 % intervals cover {covered:.1f} %; {near:.1f} % in domain")

@@ -8,19 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
+from gpcorrect.cli import console
 from gpcorrect.cli import options as opt
-from gpcorrect.cli.console import (
-    dropped_words,
-    fitted,
-    note,
-    out,
-    plain_table,
-    print_json,
-    progress_bar,
-    split_names,
-    styled,
-    write_evaluation_page,
-)
 from gpcorrect.cli.reading import Reading
 from gpcorrect.errors import DataError
 
@@ -80,7 +69,7 @@ def fit(
     page = opt.report_page(report)
     learner_named(method)
     by = HoldOut(opt.one_of(hold_out_by, tuple(HoldOut), "what is held out"))
-    widths = split_names(layers)
+    widths = console.split_names(layers)
     if not widths or not all(width.isdigit() and int(width) > 0 for width in widths):
         raise DataError(f"layers are widths above 0, got {layers!r}.", hint="For example 100,100 or 600,500,400")
     settings = replace(
@@ -91,18 +80,20 @@ def fit(
         layers=tuple(map(int, widths)),
     )
     log = reading.joint_log(logs)
-    experiment = fitted(log, settings, output, page, quiet=json, task=JointCorrector, holdout=holdout, by=by)
+    experiment = console.fitted(log, settings, output, page, quiet=json, task=JointCorrector, holdout=holdout, by=by)
     result = experiment.to_dict()
     for remark in experiment.fit.remarks:
-        note(remark)
+        console.note(remark)
     if json:
-        print_json(result)
+        console.print_json(result)
         return
     for caution in result.get("cautions", ()):
-        note(caution)
+        console.note(caution)
     show_joint_errors(f"Held-out errors, {experiment.n_test} samples that pass cleaning", result["errors"])
-    dropped = dropped_words(experiment)
-    out.print(f"trained on {result['n_train']} samples in {experiment.seconds:.1f} s; dropped: {dropped} -> {output}")
+    dropped = console.dropped_words(experiment)
+    console.out.print(
+        f"trained on {result['n_train']} samples in {experiment.seconds:.1f} s; dropped: {dropped} -> {output}"
+    )
 
 
 @joint_app.command()
@@ -124,16 +115,16 @@ def evaluate(model: Model, logs: opt.Logs, reading: Reading, report: opt.Report 
         **evaluation.to_dict(),
         "zeros": corrector.zeros(log, evaluation.clean),
     }
-    write_evaluation_page(evaluation, log, model, clocks.notes, page)
+    console.write_evaluation_page(evaluation, log, model, clocks.notes, page)
     for sentence in (*clocks.notes, *evaluation.cautions):
-        note(sentence)
+        console.note(sentence)
     if json:
-        print_json(result)
+        console.print_json(result)
     else:
         show_joint_errors(f"Errors on {result['n_test']} samples", result["errors"])
     for row in result["zeros"]:
         if row["moved"]:
-            note(
+            console.note(
                 f"session {row['session']}: the zero of joint {row['joint']} is off by "
                 f"{row['shift']:+.3f} {row['unit']}, as after a homing; set it anew: gpcorrect joint rezero"
             )
@@ -160,7 +151,7 @@ def compare(
     log = reading.joint_log(logs)
     rows: list[dict[str, Any]] = []
     settings = _settings(features, input_signal, direction, reading.clock_left, seed)
-    with progress_bar(quiet=json) as progress:
+    with console.progress_bar(quiet=json) as progress:
         for number, method in enumerate(LEARNERS):
             progress.step("methods", number / len(LEARNERS))
             chosen = replace(settings, method=method)
@@ -172,7 +163,7 @@ def compare(
                 rows.append({"method": "raw", "seconds": 0.0, "errors": errors["raw"]})
             rows.append({"method": method, "seconds": experiment.seconds, "errors": errors["corrected"]})
     if json:
-        print_json({"n_train": experiment.fit.n_train, "n_test": experiment.n_test, "methods": rows})
+        console.print_json({"n_train": experiment.fit.n_train, "n_test": experiment.n_test, "methods": rows})
     else:
         _show_methods(rows, experiment.n_test)
 
@@ -197,12 +188,12 @@ def rezero(model: Model, logs: opt.Logs, output: opt.ModelOutput, reading: Readi
     save(fresh, output)
     rows = [{"joint": j + 1, "unit": names[j], "shift": float(shift[j]), "moved": moved[j]} for j in range(len(names))]
     if json:
-        print_json({"zeros": rows})
+        console.print_json({"zeros": rows})
         return
     for row in rows:
-        note = "moved" if row["moved"] else "within the model's own uncertainty"
-        out.print(f"joint {row['joint']}: zero {row['shift']:+.4f} {row['unit']}, {note}")
-    out.print(f"model: {output}")
+        found = "moved" if row["moved"] else "within the model's own uncertainty"
+        console.out.print(f"joint {row['joint']}: zero {row['shift']:+.4f} {row['unit']}, {found}")
+    console.out.print(f"model: {output}")
 
 
 def _settings(
@@ -212,7 +203,7 @@ def _settings(
     from gpcorrect.calibration.settings import Direction
 
     return FitSettings(
-        features=split_names(features or ""),
+        features=console.split_names(features or ""),
         input_signal=opt.one_of(input_signal, (None, *get_args(InputSignal)), "the input"),
         direction=opt.one_of(direction, get_args(Direction), "the direction"),
         time_offset=time_offset,
@@ -230,22 +221,22 @@ def show_joint_errors(title: str, errors: dict[str, JointErrors]) -> None:
         Of each method, a row a joint; empty where nothing was held out.
     """
     if not errors:
-        note("nothing was held out, so nothing was measured")
+        console.note("nothing was held out, so nothing was measured")
         return
-    table = plain_table("joint", "unit", "", "rmse", "mean", "SD", "p95", "max", title=title, left=0)
+    table = console.plain_table("joint", "unit", "", "rmse", "mean", "SD", "p95", "max", title=title, left=0)
     for name, rows in errors.items():
         for row in rows:
             leaves = [f"{row[k]:.4f}" for k in ("rmse", "mean", "sd", "p95", "max")]
             table.add_row(str(row["joint"]), str(row["unit"]), name, *leaves)
-    out.print(table)
+    console.out.print(table)
 
 
 def _show_methods(rows: list[dict[str, Any]], n_test: int) -> None:
     joints = [f"J{leaf['joint']} [{leaf['unit']}]" for leaf in rows[0]["errors"]]
-    table = plain_table("method", *joints, "seconds", title=f"Held-out RMSE, {n_test} samples")
+    table = console.plain_table("method", *joints, "seconds", title=f"Held-out RMSE, {n_test} samples")
     best = [min(row["errors"][j]["rmse"] for row in rows) for j in range(len(joints))]
     for row in rows:
         found = zip([leaf["rmse"] for leaf in row["errors"]], best, strict=True)
-        cells = [styled((f"{rmse:.4f}", "bold" if rmse == least else "")) for rmse, least in found]
+        cells = [console.styled((f"{rmse:.4f}", "bold" if rmse == least else "")) for rmse, least in found]
         table.add_row(row["method"], *cells, f"{row['seconds']:.1f}")
-    out.print(table)
+    console.out.print(table)

@@ -12,19 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gpcorrect.atomic import require_folder, require_new, require_own, write_file
+from gpcorrect.cli import console
 from gpcorrect.cli import options as opt
-from gpcorrect.cli.console import (
-    digests,
-    fitted,
-    note,
-    out,
-    plain_table,
-    print_json,
-    print_result,
-    progress_bar,
-    split_names,
-    write_evaluation_page,
-)
 from gpcorrect.cli.reading import read_logs
 from gpcorrect.errors import DataError
 
@@ -71,7 +60,9 @@ def board(
     require_own(output, b"%PDF", "PDF")
     write_board(output, columns, rows, 1e-3 * square, paper)
     facts = {"output": str(output), "columns": columns, "rows": rows, "square_mm": square, "paper": paper}
-    print_result(facts, f"board: {output} ({paper}; print at 100 % and measure the line of 100 mm)", as_json=json)
+    console.print_result(
+        facts, f"board: {output} ({paper}; print at 100 % and measure the line of 100 mm)", as_json=json
+    )
 
 
 @vision_app.command()
@@ -95,7 +86,7 @@ def rig(
     require_new(output)
     write_file(output, rig_text(folders, Chessboard(columns, rows, 1e-3 * square), output.parent))
     words = f"rig: {output}   next: gpcorrect vision calibrate {output}"
-    print_result({"output": str(output), "cameras": [folder.name for folder in folders]}, words, as_json=json)
+    console.print_result({"output": str(output), "cameras": [folder.name for folder in folders]}, words, as_json=json)
 
 
 @vision_app.command()
@@ -127,7 +118,7 @@ def record(
 
         frames = record_cameras(cameras, output, seconds, fps, on_pictures=show)
     words = f"{frames} frames of {len(cameras)} cameras   next: gpcorrect vision track {output}"
-    print_result({"output": str(output), "cameras": cameras, "frames": frames}, words, as_json=json)
+    console.print_result({"output": str(output), "cameras": cameras, "frames": frames}, words, as_json=json)
 
 
 @vision_app.command()
@@ -150,19 +141,19 @@ def calibrate(
 
     require_own(output, rb'\s*{\s*"format"', "cameras file")
     page = opt.report_page(report)
-    with progress_bar(quiet=json) as progress:
+    with console.progress_bar(quiet=json) as progress:
         result = calibrate_rig(read_rig(rig), progress)
     write_cameras([camera.camera for camera in result.cameras], output)
     if page is not None:
         from gpcorrect.report import write_calibration_page  # the report's libraries are an extra
 
-        write_calibration_page(result, page, digests(rig))
+        write_calibration_page(result, page, console.digests(rig))
     figures = result.to_dict()
     if json:
-        print_json(figures)
+        console.print_json(figures)
     else:
         _show_cameras(figures["cameras"])
-        out.print(f"calibration: {output}" + (f"   page: {page}" if page else ""))
+        console.out.print(f"calibration: {output}" + (f"   page: {page}" if page else ""))
 
 
 @vision_app.command()
@@ -226,7 +217,7 @@ def track(
     sources = open_sources(videos, [camera.name for camera in known])
     settings = TrackSettings(fps=fps, first_look=first_look, workers=workers)
     with ExitStack() as stack:
-        progress = stack.enter_context(progress_bar(quiet=json))
+        progress = stack.enter_context(console.progress_bar(quiet=json))
         video = None
         if annotated is not None:
             rate = fps or next((source.fps for source in sources if source.fps), 30.0)
@@ -244,13 +235,13 @@ def track(
     if page is not None:
         from gpcorrect.report import write_tracking_page
 
-        write_tracking_page(result, known, followed, page, digests(cameras, *videos))
+        write_tracking_page(result, known, followed, page, console.digests(cameras, *videos))
     figures = result.to_dict()
     if json:
-        print_json(figures)
+        console.print_json(figures)
         return
     _show_track(figures)
-    out.print(
+    console.out.print(
         " ".join(f"{name}: {path}" for name, path in (("log", output), ("video", annotated), ("page", page)) if path)
     )
 
@@ -286,17 +277,17 @@ def fit(
         "layers": (600, 500, 400),
         "epochs": 60,
     }  # Peng et al. 2020; its batch normalisation is left out
-    settings = FitSettings(method=method, extra=split_names(extra or ""), seed=seed, **paper)
+    settings = FitSettings(method=method, extra=console.split_names(extra or ""), seed=seed, **paper)
     log = read_logs(logs, columns, learned=STATE)
-    experiment = fitted(log, settings, output, page, quiet=json, task=PositionEstimator, holdout=holdout)
+    experiment = console.fitted(log, settings, output, page, quiet=json, task=PositionEstimator, holdout=holdout)
     for remark in experiment.fit.remarks:
-        note(remark)
+        console.note(remark)
     figures = {**experiment.to_dict(), "method": method, **position_reductions(experiment.evaluation)}
     if json:
-        print_json(figures)
+        console.print_json(figures)
         return
     _show_estimator(figures)
-    out.print(f"trained on {experiment.fit.n_train} samples in {experiment.seconds:.1f} s -> {output}")
+    console.out.print(f"trained on {experiment.fit.n_train} samples in {experiment.seconds:.1f} s -> {output}")
 
 
 @vision_app.command()
@@ -316,27 +307,27 @@ def evaluate(
     page = opt.report_page(report)
     log = read_logs(logs, columns, learned=STATE)
     evaluation = evaluate_model(load(model, PositionEstimator), log)
-    write_evaluation_page(evaluation, log, model, (), page)
+    console.write_evaluation_page(evaluation, log, model, (), page)
     for caution in evaluation.cautions:
-        note(caution)
+        console.note(caution)
     figures = {"n_test": len(evaluation.clean.rows), **evaluation.to_dict(), **position_reductions(evaluation)}
     if json:
-        print_json(figures)
+        console.print_json(figures)
     else:
         _show_estimator(figures)
 
 
 def _show_estimator(figures: dict[str, Any]) -> None:
     if "raw" not in figures:
-        note("nothing was held out, so nothing was measured")
+        console.note("nothing was held out, so nothing was measured")
         return
-    table = plain_table("position error [mm]", "RMS", "SD", "RMS x y z")
+    table = console.plain_table("position error [mm]", "RMS", "SD", "RMS x y z")
     for key, name in (("raw", "reported"), ("rigid", "after rigid motion"), ("estimated", "estimated")):
         row = figures[key]
         axes = " ".join(f"{value:.3f}" for value in row["rms_axes_mm"])
         table.add_row(name, f"{row['rms_mm']:.3f}", f"{row['sd_mm']:.3f}", axes)
-    out.print(table)
-    out.print(f"RMS less by {figures['rms_reduction']:.1f} %, SD by {figures['sd_reduction']:.1f} %")
+    console.out.print(table)
+    console.out.print(f"RMS less by {figures['rms_reduction']:.1f} %, SD by {figures['sd_reduction']:.1f} %")
 
 
 def _target(path: Path | None, ball: str | None) -> Target:
@@ -361,7 +352,9 @@ def _live(place: LivePlace, stack: ExitStack) -> LiveView | None:
 
 
 def _show_cameras(cameras: list[dict[str, Any]]) -> None:
-    table = plain_table("camera", "boards", "corners [px]", "markers", "markers [px]", "focal [px]", "position ± [mm]")
+    table = console.plain_table(
+        "camera", "boards", "corners [px]", "markers", "markers [px]", "focal [px]", "position ± [mm]"
+    )
     for row in cameras:
         left_out = f" (without {', '.join(row['marker_outliers'])})" if row["marker_outliers"] else ""
         table.add_row(
@@ -373,12 +366,12 @@ def _show_cameras(cameras: list[dict[str, Any]]) -> None:
             f"{row['focal_px']:.1f}",
             _number(row["position_std_mm"]),
         )
-    out.print(table)
+    console.out.print(table)
     for row in cameras:
         if row["without_board"]:
-            note(f"{row['name']}: no chessboard in {', '.join(row['without_board'])}")
+            console.note(f"{row['name']}: no chessboard in {', '.join(row['without_board'])}")
         if row["position_std_mm"] is None:
-            note(f"{row['name']}: placed by its board alone, roughly: no markers were given")
+            console.note(f"{row['name']}: placed by its board alone, roughly: no markers were given")
 
 
 def _number(value: float | None) -> str:
@@ -387,7 +380,7 @@ def _number(value: float | None) -> str:
 
 def _show_track(figures: dict[str, Any]) -> None:
     parts = ", ".join(f"{100 * figures[f'{name}_share']:.1f} % {name}" for name in ("measured", "coasting", "lost"))
-    out.print(f"{figures['frames']} frames: {parts}; reprojection {_number(figures['reprojection_px'])} px")
+    console.out.print(f"{figures['frames']} frames: {parts}; reprojection {_number(figures['reprojection_px'])} px")
     for remark in figures["remarks"]:
-        note(remark)
-    out.print(f"{figures['seconds']:.1f} s, {figures['frames_a_second']:.1f} frames a second")
+        console.note(remark)
+    console.out.print(f"{figures['seconds']:.1f} s, {figures['frames_a_second']:.1f} frames a second")

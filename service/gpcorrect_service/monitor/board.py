@@ -207,13 +207,7 @@ class _ArmView:
                 self._reported(message, now)
             case messages.Text():
                 self._refused, self._error = self._refused + 1, message.string
-            case (
-                messages.Pose()
-                | messages.JointState()
-                | messages.OperatingState()
-                | messages.Heartbeat()
-                | messages.View()
-            ):
+            case _:
                 self.latest[name] = message
         if name == "tracker_cp":
             self._compare(message)
