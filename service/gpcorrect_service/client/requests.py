@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 from gpcorrect_service.client.pinned import PinnedModels
-from gpcorrect_service.client.replies import Reply, identity_joints, identity_poses
+from gpcorrect_service.client.replies import Reply, uncorrected
 from gpcorrect_service.protocol import messages
 from gpcorrect_service.protocol.answer import JointsAnswer, PathAnswer, PoseAnswer, Rows, Single, nullable, unpack
 from gpcorrect_service.protocol.codec import CODECS, error_codec
@@ -156,7 +156,9 @@ class RequestBuilder:
             None if efforts is None else nullable(_array(efforts, "efforts", 2)),
             None if sessions is None else tuple(int(one) for one in sessions),
         )
-        return self._correction("correct_joints", body, JointsAnswer, lambda error: identity_joints(joints, error))
+        return self._correction(
+            "correct_joints", body, JointsAnswer, lambda error: uncorrected(joints, error, joints=True)
+        )
 
     def metrics(self) -> Question[str]:
         """Ask for the server's numbers."""
@@ -181,7 +183,7 @@ class RequestBuilder:
         commands = self.pinned.registered(poses)
         if commands is None:
             raise error
-        return identity_poses(commands, error)
+        return uncorrected(commands, error)
 
     def plain(
         self, kind: messages.Kind, form: type[S], body: msgspec.Struct | None = None, deadline: float | None = None
