@@ -22,10 +22,7 @@ class Admin:
     """
 
     def __init__(
-        self,
-        parser: RequestParser,
-        store: ModelStore | None,
-        changed: Callable[[], None] = lambda: None,
+        self, parser: RequestParser, store: ModelStore | None, changed: Callable[[], None] = lambda: None
     ) -> None:
         self._parser, self._active, self._logger = parser, parser.active, parser.logger
         self._replica = parser.settings.replica
