@@ -228,14 +228,15 @@ def fitted(
     return experiment
 
 
-def dropped_words(experiment: Experiment) -> str:
+def dropped_words(counts: Mapping[str, int]) -> str:
     """Return how many samples cleaning rejected, and why.
 
     Parameters
     ----------
-    experiment : Experiment
+    counts : mapping
+        By reason.
     """
-    return ", ".join(f"{n} {why}" for why, n in experiment.to_dict()["dropped"].items() if n) or "none"
+    return ", ".join(f"{count} {reason}" for reason, count in counts.items() if count) or "none"
 
 
 def write_evaluation_page(

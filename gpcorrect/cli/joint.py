@@ -90,7 +90,7 @@ def fit(
     for caution in result.get("cautions", ()):
         console.note(caution)
     show_joint_errors(f"Held-out errors, {experiment.n_test} samples that pass cleaning", result["errors"])
-    dropped = console.dropped_words(experiment)
+    dropped = console.dropped_words(result["dropped"])
     console.out.print(
         f"trained on {result['n_train']} samples in {experiment.seconds:.1f} s; dropped: {dropped} -> {output}"
     )

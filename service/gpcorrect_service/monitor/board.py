@@ -194,13 +194,7 @@ class _ArmView:
         self._error = ""
 
     def received(self, name: str, message: Any, now: float) -> None:
-        """Take note of a message.
-
-        Parameters
-        ----------
-        name, message, now
-            As for :meth:`Board.received`.
-        """
+        """Take note of a message, as :meth:`Board.received` does."""
         self._received = self._at[name] = now
         match message:
             case messages.Report():
