@@ -132,8 +132,10 @@ class Querier:
         return no_service(settings=self._settings)
 
 
-ReplyOf, TextOf = TypeVar("ReplyOf"), TypeVar("TextOf")
-ModelOf, HealthOf = TypeVar("ModelOf"), TypeVar("HealthOf")
+ReplyOf = TypeVar("ReplyOf")
+TextOf = TypeVar("TextOf")
+ModelOf = TypeVar("ModelOf")
+HealthOf = TypeVar("HealthOf")
 
 
 class ClientBase(Generic[ReplyOf, TextOf, ModelOf, HealthOf]):
@@ -211,7 +213,8 @@ class ClientBase(Generic[ReplyOf, TextOf, ModelOf, HealthOf]):
         ServiceError
             With the status of the failure; except for BAD_INPUT only when `on_failure` is "raise".
         """
-        return self._ask(lambda: self._build.correct(pose, twist))
+        answer: ReplyOf = self._ask(lambda: self._build.correct(pose, twist))
+        return answer
 
     def correct_path(self, poses: ArrayLike, times: ArrayLike) -> ReplyOf:
         """Return what to command so that the robot follows a path, velocities along it; raises as :meth:`correct`.
@@ -223,7 +226,8 @@ class ClientBase(Generic[ReplyOf, TextOf, ModelOf, HealthOf]):
         times : (n,) array
             Seconds, strictly increasing.
         """
-        return self._ask(lambda: self._build.correct_path(poses, times))
+        answer: ReplyOf = self._ask(lambda: self._build.correct_path(poses, times))
+        return answer
 
     def correct_joints(
         self, q: ArrayLike, times: ArrayLike, efforts: ArrayLike | None = None, sessions: Sequence[int] | None = None
@@ -239,19 +243,23 @@ class ClientBase(Generic[ReplyOf, TextOf, ModelOf, HealthOf]):
         sessions : n int, optional
             Where the number changes, the arm was homed or moved by hand.
         """
-        return self._ask(lambda: self._build.correct_joints(q, times, efforts, sessions))
+        answer: ReplyOf = self._ask(lambda: self._build.correct_joints(q, times, efforts, sessions))
+        return answer
 
     def metrics(self) -> TextOf:
         """Return the server's numbers as OpenMetrics text; raises whatever `on_failure` says, as the next two do."""
-        return self._ask(self._build.metrics)
+        answer: TextOf = self._ask(self._build.metrics)
+        return answer
 
     def model(self) -> ModelOf:
         """Return which model is active and what it says of itself."""
-        return self._ask(lambda: self._build.plain("model", ModelAnswer))
+        answer: ModelOf = self._ask(lambda: self._build.plain("model", ModelAnswer))
+        return answer
 
     def health(self) -> HealthOf:
         """Return the server's state, queues and counts."""
-        return self._ask(lambda: self._build.plain("health", HealthAnswer))
+        answer: HealthOf = self._ask(lambda: self._build.plain("health", HealthAnswer))
+        return answer
 
     def _ask(self, ask: Callable[[], Question[Any]]) -> Any:
         """Make a question, and return its answer or what waits for it."""

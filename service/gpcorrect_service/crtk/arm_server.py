@@ -126,7 +126,8 @@ class ArmServer:
         return se3.from_parts(numbers[:3], numbers[3:])
 
     def _stamp(self) -> float:
-        return self._epoch + self._arm.time
+        stamp: float = self._epoch + self._arm.time
+        return stamp
 
     def _publish(self, tick: int) -> None:
         bus, arm, settings, stamp = self._bus, self._arm, self._settings, self._stamp()
