@@ -55,7 +55,7 @@ def show_model(corrector: Corrector, digest: str) -> None:
         table.add_row(name, value)
     out.print(table)
     if not corrector.history:
-        note("the file is of before models had a history: nothing is known of date, command and held-out errors")
+        note("the file is of before models kept their history: nothing is known of date, command and held-out errors")
     for step in corrector.history:
         _show_step(step)
 
