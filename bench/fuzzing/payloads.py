@@ -39,9 +39,8 @@ from gpcorrect_service.protocol.messages import (
     Kind,
 )
 from gpcorrect_service.protocol.sessions import open_client
-from gpcorrect_service.server.active import Active
 from gpcorrect_service.server.corrections import Corrections
-from gpcorrect_service.server.models import load_joint_model, load_model
+from gpcorrect_service.server.models import Active, load_joint_model, load_model
 from gpcorrect_service.server.requests import Clock, Handler, Request, RequestParser
 
 OVER_ZENOH = 0.02  # share of the payloads that a real server gets
@@ -71,7 +70,7 @@ def fuzz_payloads(count: int, model: Path | None = None) -> dict[str, Any]:
 
 def answerers(lab: Lab) -> list[Handler]:
     active = Active(load_model(lab.model), load_joint_model(lab.joint_model))
-    parser = RequestParser(active, arm="arm1", replica="r", logger=open_logger(sys.stderr), clock=Clock())
+    parser = RequestParser(active, ServerSettings(), open_logger(sys.stderr), Clock())
     handlers = Corrections(parser).handlers()
     return [handlers["correct"], handlers["correct_path"], handlers["correct_joints"]]
 

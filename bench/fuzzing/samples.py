@@ -17,9 +17,9 @@ from gpcorrect_service import ServerSettings
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.protocol.codec import CODECS, MSGPACK
-from gpcorrect_service.server.active import Active
-from gpcorrect_service.server.models import JointModel, load_joint_model
-from gpcorrect_service.server.stream import Estimator, StreamSample
+from gpcorrect_service.server.models import Active, JointModel, load_joint_model
+from gpcorrect_service.server.requests import Request
+from gpcorrect_service.server.stream import Estimator
 
 STEP = 0.01  # s between samples
 FOREIGN, GOOD = 500, 20  # samples in turn
@@ -58,7 +58,7 @@ class _Arm:
     def ask(self, payload: bytes, encoding: str) -> str:
         """Return the status of an estimate, or of its refusal."""
         before = self._counters.counts().get("estimate", {})
-        self._estimator.estimate(StreamSample(payload, encoding, self._now))
+        self._estimator.estimate(Request(payload, encoding, b"", self._now))
         after = self._counters.counts()["estimate"]
         return next(status for status, number in after.items() if number > before.get(status, 0))
 
@@ -67,7 +67,7 @@ class _Arm:
         fresh = self._fresh(Counters())
         self._session += 1
         for _ in range(GOOD):
-            sample = StreamSample(MSGPACK.encode(self.sample()), MSGPACK.encoding("joint_state"), self._now)
+            sample = Request(MSGPACK.encode(self.sample()), MSGPACK.encoding("joint_state"), b"", self._now)
             one, other = self._estimator.estimate(sample), fresh.estimate(sample)
         return one is not None and one == other
 

@@ -111,6 +111,7 @@ COMMANDS = {
     ),
 }
 
+# What the help of the program ends with.
 EXAMPLES = """A first try: `gpcorrect simulate debridement --reaches 40 --output log.csv`, then
 `gpcorrect fit log.csv --output model.gpc`, then `gpcorrect serve model.gpc`, and in another terminal
 `gpcorrect query model`. Each command says more: `gpcorrect fit --help`."""

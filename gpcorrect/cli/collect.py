@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gpcorrect.atomic import make_folder, require_new
-from gpcorrect.cli.console import err, note, out, print_json, progress_bar, split_names
-from gpcorrect.cli.options import ArmName, Json, KeyRoot, OldArm, OldConnect, numbers
+from gpcorrect.cli import options as opt
+from gpcorrect.cli.console import err, note, out, print_json, print_result, progress_bar, split_names
 from gpcorrect.cli.processes import end_as_interrupted, free_endpoint, running
 from gpcorrect.cli.reading import chain_of
 from gpcorrect.errors import DataError, LogError
@@ -25,16 +25,12 @@ if TYPE_CHECKING:
 
 collect_app = typer.Typer(no_args_is_help=True, help="Calibrations from end to end: drive, record, fit, measure.")
 
-Limits = Annotated[str, typer.Option(help="LOW:HIGH of joints 1, 2 (deg) and 3 (mm).")]
-Speed = Annotated[str, typer.Option(help="Speed limits of joints 1, 2 (deg/s) and 3 (mm/s).")]
 Sparsity = Annotated[int, typer.Option(help="n: stripes lie 1/n of the block's side apart.", min=1)]
 
-BLOCK, FASTEST = "20:60,55:110,330:420", "5,5,20"  # inside the limits of the left RAVEN-II; an arm that is quasi-static
 UNITS = (math.radians(1.0), math.radians(1.0), 1e-3)  # rad, rad, m
 ROUNDING = 1e-9  # rad and m: of limits written in degrees and millimetres
 RATE_HZ = 30.0  # of driven paths, as in Peng et al. 2024
 PATIENCE = 120.0  # s for the simulated arm to come up
-MACHINE = "raven2_calibration"  # packaged machine of the simulated arm: with outside encoders
 
 
 def zigzag_command(
@@ -43,17 +39,17 @@ def zigzag_command(
         str, typer.Option(help="Joints along which it runs: J1, J2, J3, J1-J2, J2-J3, J1-J3 or J1-J2-J3.")
     ] = "J1",
     sparsity: Sparsity = 4,
-    limits: Limits = BLOCK,
+    limits: opt.Limits = opt.BLOCK,
     machine: Annotated[
         str, typer.Option(help="Whose limits must hold: packaged machine, robot or model file; or none.")
     ] = "raven2_left",
-    speed: Speed = FASTEST,
+    speed: opt.Speed = opt.FASTEST,
     rate: Annotated[float, typer.Option(help="Samples a second.")] = RATE_HZ,
     as_published: Annotated[
         bool, typer.Option("--as-published", help="J1-J2-J3 as the study's published files drive it, not its Eq. (3).")
     ] = False,
-    old_arm: OldArm = None,
-    json: Json = False,
+    old_arm: opt.OldArm = None,
+    json: opt.Json = False,
 ) -> None:
     """Write a zig-zag calibration trajectory for the first three joints, within their speed limits.
 
@@ -88,10 +84,8 @@ def zigzag_command(
         "seconds": path.duration,
         "output": str(output),
     }
-    if json:
-        print_json(facts)
-    else:
-        out.print(f"{title}, {len(corners)} corners, {len(path.time)} samples -> {output}")
+    words = f"{title}, {len(corners)} corners, {len(path.time)} samples -> {output}"
+    print_result(facts, words, as_json=json)
 
 
 @collect_app.command(name="zigzag")
@@ -99,19 +93,19 @@ def collect_zigzag(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for logs and model.")],
     direction: Annotated[str, typer.Option(help="Zig-zags to drive, with commas: J1, J2, J3, J1-J2, ...")] = "J1,J2,J3",
     sparsity: Sparsity = 3,
-    limits: Limits = BLOCK,
-    speed: Speed = FASTEST,
+    limits: opt.Limits = opt.BLOCK,
+    speed: opt.Speed = opt.FASTEST,
     test: Annotated[float, typer.Option(help="Seconds of random motion to measure on.", min=5)] = 120.0,
     method: Annotated[str, typer.Option(help="How to calibrate; see gpcorrect joint fit.")] = "gp",
     endpoint: Annotated[
         str | None, typer.Option(help="Address of a robot that runs; a simulated one is started without it.")
     ] = None,
-    arm: ArmName = "arm1",
-    namespace: KeyRoot = "gpcorrect",
+    arm: opt.ArmName = "arm1",
+    namespace: opt.KeyRoot = "gpcorrect",
     time_scale: Annotated[float, typer.Option(help="How many times faster the simulated arm lives.")] = 20.0,
     seed: Annotated[int, typer.Option(help="Seed of test motion, noise and fit.", min=0)] = 0,
-    old_connect: OldConnect = None,
-    json: Json = False,
+    old_connect: opt.OldConnect = None,
+    json: opt.Json = False,
 ) -> None:
     """Drive zig-zags and a random test run, record them, learn the joints' errors, and measure on the test run.
 
@@ -149,7 +143,7 @@ def collect_zigzag(
     with ExitStack() as stack:
         place = endpoint or free_endpoint()
         if endpoint is None:
-            words = ["--machine", MACHINE, "--arm", arm, "--namespace", namespace, "--endpoint", place]
+            words = ["--machine", "raven2_calibration", "--arm", arm, "--namespace", namespace, "--endpoint", place]
             more = ["--rate", f"{RATE_HZ:g}", "--time-scale", f"{time_scale:g}", "--seed", str(seed)]
             stack.enter_context(running("sim", "serve", *words, *more))
         at = BusSettings(place, arm, namespace)
@@ -227,24 +221,19 @@ def _require_within(block: FloatArray, name: str) -> None:
 
 
 def joint_limits(text: str) -> FloatArray:
-    """Return (3, 2) limits, rad and m, of a text of three pairs LOW:HIGH in deg, deg and mm.
+    """Return (3, 2) limits, rad and m, of a text of three pairs LOW:HIGH in deg, deg and mm; DataError for another.
 
     Parameters
     ----------
     text : str
         Such as 20:60,55:110,330:420.
-
-    Raises
-    ------
-    DataError
-        It is no such text.
     """
     import numpy as np
 
     pairs = text.split(",")
     if len(pairs) != len(UNITS):
         raise DataError(f"limits are three pairs LOW:HIGH, got {text!r}.", hint="For example 20:60,55:110,330:420")
-    limits: FloatArray = np.array(UNITS)[:, None] * np.array([numbers(pair, ":", 2, "limits") for pair in pairs])
+    limits: FloatArray = np.array(UNITS)[:, None] * np.array([opt.numbers(pair, ":", 2, "limits") for pair in pairs])
     return limits
 
 
@@ -258,5 +247,5 @@ def speed_limits(text: str) -> FloatArray:
     """
     import numpy as np
 
-    limits: FloatArray = np.array(UNITS) * np.array(numbers(text, ",", len(UNITS), "speed limits"))
+    limits: FloatArray = np.array(UNITS) * np.array(opt.numbers(text, ",", len(UNITS), "speed limits"))
     return limits

@@ -21,13 +21,9 @@ from gpcorrect.plain import json_ready
 from gpcorrect.types import Progress as ProgressCallback
 
 if TYPE_CHECKING:
-    from gpcorrect.calibration import Evaluation, Experiment
+    from gpcorrect.calibration import Evaluation, Experiment, FitSettings
     from gpcorrect.cleaning import CleaningReport
     from gpcorrect.types import CalibrationLog
-
-
-WIDEST_TABLE = 10_000
-"""Characters: more than any table has."""
 
 
 class _Plain(Console):
@@ -48,7 +44,7 @@ class _Remarks(_Plain):
             super().print(*objects, **options)
 
 
-out = _Plain(width=WIDEST_TABLE)  # the terminal wraps; no number is cut off
+out = _Plain(width=10_000)  # wider than any table: the terminal wraps, and no number is cut off
 err = _Remarks(stderr=True)
 
 BAD_INPUT = 2  # exit status, as of a wrong option
@@ -60,7 +56,6 @@ def bad_input(error: GpCorrectError) -> int:
     Parameters
     ----------
     error : GpCorrectError
-        Its message and hint are shown.
     """
     err.print(styled(("error:", "bold red"), " ", error.message))
     if error.hint:
@@ -74,7 +69,6 @@ def note(text: str) -> None:
     Parameters
     ----------
     text : str
-        One sentence.
     """
     err.print(styled(("note:", "yellow"), " ", text))
 
@@ -110,19 +104,15 @@ def print_json(value: Any) -> None:
 
 
 def print_result(facts: Mapping[str, Any], words: str, *, as_json: bool) -> None:
-    """Print what a command did: for people in words, for programs as JSON.
+    """Print what a command did: for people in a line, for programs as JSON.
 
     Parameters
     ----------
-    facts : mapping
-        As :func:`print_json` takes it.
-    words : str
-        One line.
-    as_json : bool
-        Whether `--json` was given.
+    facts, words, as_json
+        As for :func:`print_json`; the line; whether `--json` was given.
     """
     if as_json:
-        print_json(dict(facts))
+        print_json(facts)
     else:
         out.print(words)
 
@@ -133,7 +123,6 @@ def split_names(text: str) -> tuple[str, ...]:
     Parameters
     ----------
     text : str
-        As it was given.
     """
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
@@ -156,7 +145,6 @@ def progress_bar(*, quiet: bool = False) -> Iterator[ProgressCallback]:
     Parameters
     ----------
     quiet : bool
-        Show nothing.
     """
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=err, disable=quiet or not err.is_terminal, transient=True) as progress:
@@ -168,10 +156,8 @@ def plain_table(*columns: str, title: str | None = None, left: int = 1) -> Table
 
     Parameters
     ----------
-    *columns : str
-        Titles.
-    title : str, optional
-        Of the table.
+    *columns, title : str
+        Titles, of the columns and of the table.
     left : int
         How many columns, the first ones, are flush left; the others are flush right.
     """
@@ -187,7 +173,6 @@ def show_errors(title: str, errors: Mapping[str, Any]) -> None:
     Parameters
     ----------
     title : str
-        Of the table.
     errors : mapping
         Of each method: `position_mm` and, where known, `rotation_deg`, each with a `norm` of mean, sd, p95 and max.
     """
@@ -212,41 +197,64 @@ def digests(*paths: Path) -> list[tuple[str, str]]:
     return [("file", f"{path}, SHA-256 {recording_digest(path)}") for path in paths]
 
 
-def write_fit_page(experiment: Experiment, page: Path) -> None:
-    """Write the page of an experiment of any task, and cleaning.csv.
+def fitted(
+    log: CalibrationLog, settings: FitSettings, output: Path, page: Path | None, *, quiet: bool, **how: Any
+) -> Experiment:
+    """Fit a model and measure it; write its file, its page and cleaning.csv.
 
     Parameters
     ----------
-    experiment : Experiment
-    page : Path
-        HTML file.
+    log : CalibrationLog
+    settings : FitSettings
+    output, page : Path, and Path or None
+        Model file, and HTML file where one is asked for.
+    quiet : bool
+    **how
+        Further arguments of :func:`gpcorrect.calibration.run_experiment`.
     """
-    from gpcorrect.report import write_fit_report  # the report's libraries are an extra
+    from gpcorrect.calibration import run_experiment, save
 
-    write_fit_report(experiment, page)
-    reports = {"train": experiment.fit.cleaning}
-    if experiment.evaluation is not None:
-        reports["held out"] = experiment.evaluation.cleaning
-    _write_dropped(reports, page)
+    with progress_bar(quiet=quiet) as progress:
+        experiment = run_experiment(log, settings, progress=progress, **how)
+    save(experiment.corrector, output)
+    if page is not None:
+        from gpcorrect.report import write_fit_report  # the report's libraries are an extra
+
+        write_fit_report(experiment, page)
+        reports = {"train": experiment.fit.cleaning}
+        if experiment.evaluation is not None:
+            reports["held out"] = experiment.evaluation.cleaning
+        _write_dropped(reports, page)
+    return experiment
+
+
+def dropped_words(counts: Mapping[str, int]) -> str:
+    """Return how many samples cleaning rejected, and why.
+
+    Parameters
+    ----------
+    counts : mapping
+        By reason.
+    """
+    return ", ".join(f"{count} {reason}" for reason, count in counts.items() if count) or "none"
 
 
 def write_evaluation_page(
-    evaluation: Evaluation, log: CalibrationLog, model: Path, notes: Sequence[str], page: Path
+    evaluation: Evaluation, log: CalibrationLog, model: Path, notes: Sequence[str], page: Path | None
 ) -> None:
-    """Write the page of a model measured on recordings, and cleaning.csv.
+    """Write the page of a model measured on recordings, and cleaning.csv, where it is asked for.
 
     Parameters
     ----------
     evaluation : Evaluation
     log : CalibrationLog
-        That was measured.
-    model : Path
-        Its file.
+    model, page : Path, and Path or None
+        The model's file, and the HTML file.
     notes : sequence of str
         What the command noticed.
-    page : Path
-        HTML file.
     """
+    if page is None:
+        return
     from gpcorrect.report import write_evaluation_report
 
     write_evaluation_report(evaluation, log, page, notes, model.name)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,8 +13,8 @@ from gpcorrect.errors import DataError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from gpcorrect.types import FloatArray
-    from gpcorrect_service import CorrectionClient
+    from gpcorrect.correction import Correction
+    from gpcorrect_service import CorrectionClient, Reply
 
 query_app = typer.Typer(help="Ask a running service.", no_args_is_help=True)
 
@@ -30,25 +30,6 @@ Twist = Annotated[
     typer.Option(help="Desired velocity: vx vy vz in m/s, then wx wy wz in rad/s."),
 ]
 Timeout = Annotated[float, typer.Option(help="Seconds to wait for an answer, the retry included.")]
-
-
-class _Answer(Protocol):
-    """What a correction and a service's reply have in common."""
-
-    @property
-    def position(self) -> FloatArray | None: ...
-    @property
-    def quaternion(self) -> FloatArray | None: ...
-    @property
-    def std(self) -> FloatArray: ...
-    @property
-    def interval95(self) -> FloatArray: ...
-    @property
-    def in_domain(self) -> Any: ...
-    @property
-    def status(self) -> Any: ...
-    @property
-    def reason(self) -> Any: ...
 
 
 def correct(
@@ -165,21 +146,13 @@ def _desired(pose: tuple[float, ...] | None, position: tuple[float, ...] | None)
     return pose or position or ()
 
 
-def _answer_dict(answer: _Answer) -> dict[str, Any]:
+def _answer_dict(answer: Correction | Reply) -> dict[str, Any]:
     """Return the JSON of one correction: m, rad, wxyz."""
-    position, quaternion = (None if part is None else part.tolist() for part in (answer.position, answer.quaternion))
-    return {
-        "position": position,
-        "quaternion": quaternion,
-        "std": answer.std.tolist(),
-        "interval95": answer.interval95.tolist(),
-        "in_domain": bool(answer.in_domain),
-        "status": answer.status,
-        "reason": answer.reason,
-    }
+    names = ("position", "quaternion", "std", "interval95", "in_domain", "status", "reason")
+    return {name: getattr(answer, name) for name in names}
 
 
-def _show_answer(answer: _Answer, name: str = "command") -> None:
+def _show_answer(answer: Correction | Reply, name: str = "command") -> None:
     """Print one correction, or the pose that is reached, for people: mm and degrees for what is uncertain."""
     import numpy as np
 

@@ -8,33 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 import typer
 
 from gpcorrect.atomic import require_new
-from gpcorrect.cli.console import (
-    err,
-    note,
-    out,
-    plain_table,
-    print_json,
-    progress_bar,
-    show_errors,
-    split_names,
-    styled,
-    write_evaluation_page,
-    write_fit_page,
-)
-from gpcorrect.cli.options import (
-    Clean,
-    Holdout,
-    HoldOutBy,
-    Json,
-    Logs,
-    ModelFile,
-    ModelOutput,
-    Report,
-    Seed,
-    one_of,
-    report_page,
-    takes_groups,
-)
+from gpcorrect.cli import console
+from gpcorrect.cli import options as opt
 from gpcorrect.cli.reading import Reading
 from gpcorrect.errors import DataError
 
@@ -43,10 +18,10 @@ if TYPE_CHECKING:
     from gpcorrect.cleaning import Segment
 
 
-@takes_groups
+@opt.takes_groups
 def fit(
-    logs: Logs,
-    output: ModelOutput,
+    logs: opt.Logs,
+    output: opt.ModelOutput,
     reading: Reading,
     features: Annotated[
         str,
@@ -56,20 +31,20 @@ def fit(
         ),
     ] = "",
     method: Annotated[str, typer.Option(help="How to learn what the registration leaves, as in joint fit.")] = "gp",
-    clean: Clean = True,
+    clean: opt.Clean = True,
     keep: Annotated[list[str] | None, typer.Option(help="Never reject TRAJECTORY:START:STOP (s). Repeatable.")] = None,
     drop: Annotated[list[str] | None, typer.Option(help="Always reject TRAJECTORY:START:STOP (s). Repeatable.")] = None,
     marker: Annotated[
         str, typer.Option(help="Marker is not the tool tip: none, solve, or auto (by held-out error).")
     ] = "auto",
-    holdout: Holdout = 0.2,
-    hold_out_by: HoldOutBy = "auto",
+    holdout: opt.Holdout = 0.2,
+    hold_out_by: opt.HoldOutBy = "auto",
     shuffle: Annotated[
         bool, typer.Option("--shuffle", help="Hold out random trajectories, not the last ones.")
     ] = False,
-    seed: Seed = 0,
-    report: Report = None,
-    json: Json = False,
+    seed: opt.Seed = 0,
+    report: opt.Report = None,
+    json: opt.Json = False,
 ) -> None:
     """Learn what to command from recordings, and measure it on trajectories that were held out.
 
@@ -85,47 +60,43 @@ def fit(
 
     gpcorrect fit joints.csv --machine ur5e.urdf --output model.gpc
     """
-    from gpcorrect.calibration import FitSettings, HoldOut, learner_named, require_model_place, run_experiment, save
+    from gpcorrect.calibration import FitSettings, HoldOut, learner_named, require_model_place
     from gpcorrect.cleaning import CleaningSettings
     from gpcorrect.rigid import MarkerOption
 
     require_model_place(output)
-    page = None if report is None else report_page(report)
+    page = opt.report_page(report)
     learner_named(method)
-    by = HoldOut(one_of(hold_out_by, tuple(HoldOut), "what is held out"))
+    by = HoldOut(opt.one_of(hold_out_by, tuple(HoldOut), "what is held out"))
     settings = FitSettings(
         method=method,
-        features=split_names(features),
+        features=console.split_names(features),
         clean=clean,
         cleaning=CleaningSettings(keep=_segments(keep), drop=_segments(drop)),
-        marker=one_of(marker, get_args(MarkerOption), "the marker"),
+        marker=opt.one_of(marker, get_args(MarkerOption), "the marker"),
         time_offset=reading.clock_left,
         seed=seed,
     )
     log = reading.log(logs)
-    with progress_bar(quiet=json) as progress:
-        experiment = run_experiment(log, settings, holdout=holdout, by=by, shuffle=shuffle, progress=progress)
-    save(experiment.corrector, output)
+    experiment = console.fitted(log, settings, output, page, quiet=json, holdout=holdout, by=by, shuffle=shuffle)
     result = experiment.to_dict()
-    if page is not None:
-        write_fit_page(experiment, page)
     if json:
-        print_json(result)
+        console.print_json(result)
     else:
         _show(experiment, result, output, page)
 
 
-@takes_groups
+@opt.takes_groups
 def evaluate(
-    model: ModelFile,
-    logs: Logs,
+    model: opt.ModelFile,
+    logs: opt.Logs,
     reading: Reading,
-    report: Report = None,
+    report: opt.Report = None,
     mcap: Annotated[
         Path | None,
         typer.Option(help="Folder to write: the measured poses as a ROS 2 recording (MCAP), for Foxglove and RViz."),
     ] = None,
-    json: Json = False,
+    json: opt.Json = False,
 ) -> None:
     """Measure a model on recordings it has not seen: errors before, after the rigid part, and corrected.
 
@@ -137,32 +108,33 @@ def evaluate(
     """
     from gpcorrect.calibration import evaluate_model, load
 
-    page = None if report is None else report_page(report)
+    page = opt.report_page(report)
     if mcap is not None:
         require_new(mcap)
     corrector = load(model)
     log, clocks = corrector.on_one_clock(reading.log(logs), reading.clock_left)
     measured = evaluate_model(corrector, log)
     result = {"n_test": len(measured.clean.rows), "dropped": dict(measured.cleaning.counts), **measured.to_dict()}
-    if page is not None:
-        write_evaluation_page(measured, log, model, clocks.notes, page)
+    console.write_evaluation_page(measured, log, model, clocks.notes, page)
     if mcap is not None:
         from gpcorrect.report.mcap_file import write_mcap  # the report's libraries are an extra
 
         write_mcap(measured, log, mcap)
     if json:
-        print_json(result)
+        console.print_json(result)
         return
     for remark in clocks.notes:
-        note(remark)
+        console.note(remark)
     _caution(measured.cautions)
-    show_errors(f"{result['n_test']} samples that pass cleaning", result["errors"])
-    show_errors(f"all {len(measured.dirty.rows)} samples as they came", result["errors_dirty"])
-    out.print(f"95 % intervals cover {100 * result['coverage95']:.1f} %; {100 * result['in_domain']:.1f} % in domain")
+    console.show_errors(f"{result['n_test']} samples that pass cleaning", result["errors"])
+    console.show_errors(f"all {len(measured.dirty.rows)} samples as they came", result["errors_dirty"])
+    console.out.print(
+        f"95 % intervals cover {100 * result['coverage95']:.1f} %; {100 * result['in_domain']:.1f} % in domain"
+    )
     if page is not None:
-        out.print(f"report: {page}")
+        console.out.print(f"report: {page}")
     if mcap is not None:
-        out.print(f"poses: {mcap}")
+        console.out.print(f"poses: {mcap}")
 
 
 def _segments(texts: list[str] | None) -> tuple[Segment, ...]:
@@ -182,34 +154,38 @@ def _segments(texts: list[str] | None) -> tuple[Segment, ...]:
 
 def _caution(sentences: tuple[str, ...]) -> None:
     for sentence in sentences:
-        err.print(styled(("caution:", "yellow"), " ", sentence))
+        console.err.print(console.styled(("caution:", "yellow"), " ", sentence))
 
 
 def _show(experiment: Experiment, result: dict[str, Any], output: Path, page: Path | None) -> None:
     for remark in experiment.fit.remarks:
-        note(remark)
+        console.note(remark)
     _caution(experiment.evaluation.cautions if experiment.evaluation else ())
     if result["errors"]:
-        show_errors(f"Held-out error, {result['n_test']} samples that pass cleaning", result["errors"])
-        show_errors("All held-out samples as they came", result["errors_dirty"])
-        out.print(f"95 % intervals cover {100 * result['coverage95']:.1f} % of the held-out errors")
-    dropped = ", ".join(f"{n} {why}" for why, n in result["dropped"].items() if n) or "none"
-    out.print(f"trained on {result['n_train']} samples in {result['seconds']:.1f} s; dropped: {dropped}")
-    out.print(f"model: {output}" + (f"   report: {page}" if page else ""))
+        console.show_errors(f"Held-out error, {result['n_test']} samples that pass cleaning", result["errors"])
+        console.show_errors("All held-out samples as they came", result["errors_dirty"])
+        console.out.print(f"95 % intervals cover {100 * result['coverage95']:.1f} % of the held-out errors")
+    dropped = console.dropped_words(result["dropped"])
+    console.out.print(f"trained on {result['n_train']} samples in {result['seconds']:.1f} s; dropped: {dropped}")
+    console.out.print(f"model: {output}" + (f"   report: {page}" if page else ""))
 
 
-Model = Annotated[Path, typer.Argument(help="Model file that a fit wrote.")]
-
-
-@takes_groups
-def compare(one: Model, other: Model, logs: Logs, reading: Reading, report: Report = None, json: Json = False) -> None:
+@opt.takes_groups
+def compare(
+    one: opt.AnyModel,
+    other: opt.AnyModel,
+    logs: opt.Logs,
+    reading: Reading,
+    report: opt.Report = None,
+    json: opt.Json = False,
+) -> None:
     """Measure two models of one task on the same samples of recordings: errors, intervals, domain, side by side.
 
     Example: gpcorrect compare monday.gpc tuesday.gpc wednesday.csv --report compare.html
     """
     from gpcorrect.calibration import load_any, measure_both, refuse_unlike
 
-    page = None if report is None else report_page(report)
+    page = opt.report_page(report)
     first, second = load_any(one), load_any(other)
     names = (one.stem, other.stem) if one.stem != other.stem else (str(one), str(other))
     refuse_unlike(first, second, names)
@@ -218,43 +194,41 @@ def compare(one: Model, other: Model, logs: Logs, reading: Reading, report: Repo
     both = measure_both(first, second, log)
     figures = both.to_dict(names)
     for sentence in clocks.notes:
-        note(sentence)
+        console.note(sentence)
     for model in figures["models"]:
         for caution in model["cautions"]:
-            note(f"{model['name']}: {caution}")
+            console.note(f"{model['name']}: {caution}")
     if page is not None:
         from gpcorrect.report import write_compare_report  # the report's libraries are an extra
 
         write_compare_report(both, names, clocks.notes, page)
     if json:
-        print_json(figures)
+        console.print_json(figures)
         return
     _show_both(figures, [f"{p.name} [{p.unit}]" for p in both.parts])
     for difference in both.differences():
-        out.print(difference.sentence(names))
+        console.out.print(difference.sentence(names))
     if page is not None:
-        out.print(f"report: {page}")
+        console.out.print(f"report: {page}")
 
 
 def _show_both(figures: dict[str, Any], parts: list[str]) -> None:
     title = f"Errors on the {figures['samples']} samples that pass the cleaning of both"
-    table = plain_table("model", "part", "", "mean", "SD", "rmse", "p95", "max", "", title=title, left=3)
+    table = console.plain_table("model", "part", "", "mean", "SD", "rmse", "p95", "max", "", title=title, left=3)
     for model in figures["models"]:
         for row in model["errors"]:
             leaves = [f"{row[leaf]:.3f}" for leaf in ("mean", "sd", "rmse", "p95", "max")]
             table.add_row(model["name"], row["part"], row["method"], *leaves, row["unit"])
-    out.print(table)
+    console.out.print(table)
     names = [model["name"] for model in figures["models"]]
     columns = [f"{part} {name}" for part in parts for name in names]
-    table = plain_table(
-        "trajectory", "samples", *columns, *(f"in domain {name}" for name in names), title="Mean errors"
-    )
+    columns += [f"in domain {name}" for name in names]
+    table = console.plain_table("trajectory", "samples", *columns, title="Mean errors")
     for row in figures["trajectories"]:
         means = [f"{mean:.3f}" for pair in row["mean"].values() for mean in pair]
-        table.add_row(
-            str(row["trajectory"]), str(row["samples"]), *means, *(f"{100 * near:.1f} %" for near in row["in_domain"])
-        )
-    out.print(table)
+        inside = [f"{100 * near:.1f} %" for near in row["in_domain"]]
+        table.add_row(str(row["trajectory"]), str(row["samples"]), *means, *inside)
+    console.out.print(table)
     for model in figures["models"]:
         covered, near = 100 * model["coverage95"], 100 * model["in_domain"]
-        out.print(f"{model['name']}: 95 % intervals cover {covered:.1f} %; {near:.1f} % in domain")
+        console.out.print(f"{model['name']}: 95 % intervals cover {covered:.1f} %; {near:.1f} % in domain")

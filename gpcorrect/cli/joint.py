@@ -8,30 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
-from gpcorrect.cli.console import (
-    note,
-    out,
-    plain_table,
-    print_json,
-    progress_bar,
-    split_names,
-    styled,
-    write_evaluation_page,
-    write_fit_page,
-)
-from gpcorrect.cli.options import (
-    Clean,
-    Holdout,
-    HoldOutBy,
-    Json,
-    Logs,
-    ModelOutput,
-    Report,
-    Seed,
-    one_of,
-    report_page,
-    takes_groups,
-)
+from gpcorrect.cli import console
+from gpcorrect.cli import options as opt
 from gpcorrect.cli.reading import Reading
 from gpcorrect.errors import DataError
 
@@ -55,23 +33,23 @@ Model = Annotated[Path, typer.Argument(help="Model file that `gpcorrect joint fi
 
 
 @joint_app.command()
-@takes_groups
+@opt.takes_groups
 def fit(
-    logs: Logs,
-    output: ModelOutput,
+    logs: opt.Logs,
+    output: opt.ModelOutput,
     reading: Reading,
     method: Method = "gp",
     features: Features = None,
     input_signal: Input = None,
     direction: Way = "estimate",
-    holdout: Holdout = 0.2,
-    hold_out_by: HoldOutBy = "auto",
-    clean: Clean = True,
+    holdout: opt.Holdout = 0.2,
+    hold_out_by: opt.HoldOutBy = "auto",
+    clean: opt.Clean = True,
     end_to_end: Annotated[bool, typer.Option("--end-to-end", help="Learn the true positions, not the error.")] = False,
     layers: Annotated[str, typer.Option(help="Widths of the network, as 600,500,400.")] = "100,100",
-    seed: Seed = 0,
-    report: Report = None,
-    json: Json = False,
+    seed: opt.Seed = 0,
+    report: opt.Report = None,
+    json: opt.Json = False,
 ) -> None:
     """Learn joint errors from recordings with outside encoders, and measure on trajectories that were held out.
 
@@ -85,13 +63,13 @@ def fit(
 
     gpcorrect joint fit ur5e.bag --machine ur5e.xml --output joints.gpc
     """
-    from gpcorrect.calibration import HoldOut, JointCorrector, learner_named, require_model_place, run_experiment, save
+    from gpcorrect.calibration import HoldOut, JointCorrector, learner_named, require_model_place
 
     require_model_place(output)
-    page = None if report is None else report_page(report)
+    page = opt.report_page(report)
     learner_named(method)
-    by = HoldOut(one_of(hold_out_by, tuple(HoldOut), "what is held out"))
-    widths = split_names(layers)
+    by = HoldOut(opt.one_of(hold_out_by, tuple(HoldOut), "what is held out"))
+    widths = console.split_names(layers)
     if not widths or not all(width.isdigit() and int(width) > 0 for width in widths):
         raise DataError(f"layers are widths above 0, got {layers!r}.", hint="For example 100,100 or 600,500,400")
     settings = replace(
@@ -102,34 +80,32 @@ def fit(
         layers=tuple(map(int, widths)),
     )
     log = reading.joint_log(logs)
-    with progress_bar(quiet=json) as progress:
-        experiment = run_experiment(log, settings, task=JointCorrector, holdout=holdout, by=by, progress=progress)
-    save(experiment.corrector, output)
+    experiment = console.fitted(log, settings, output, page, quiet=json, task=JointCorrector, holdout=holdout, by=by)
     result = experiment.to_dict()
-    if page is not None:
-        write_fit_page(experiment, page)
     for remark in experiment.fit.remarks:
-        note(remark)
+        console.note(remark)
     if json:
-        print_json(result)
+        console.print_json(result)
         return
     for caution in result.get("cautions", ()):
-        note(caution)
+        console.note(caution)
     show_joint_errors(f"Held-out errors, {experiment.n_test} samples that pass cleaning", result["errors"])
-    dropped = ", ".join(f"{n} {why}" for why, n in result["dropped"].items() if n) or "none"
-    out.print(f"trained on {result['n_train']} samples in {experiment.seconds:.1f} s; dropped: {dropped} -> {output}")
+    dropped = console.dropped_words(result["dropped"])
+    console.out.print(
+        f"trained on {result['n_train']} samples in {experiment.seconds:.1f} s; dropped: {dropped} -> {output}"
+    )
 
 
 @joint_app.command()
-@takes_groups
-def evaluate(model: Model, logs: Logs, reading: Reading, report: Report = None, json: Json = False) -> None:
+@opt.takes_groups
+def evaluate(model: Model, logs: opt.Logs, reading: Reading, report: opt.Report = None, json: opt.Json = False) -> None:
     """Measure a joint model on recordings it has not seen.
 
     Example: gpcorrect joint evaluate joints.gpc tuesday.csv
     """
     from gpcorrect.calibration import JointCorrector, evaluate_model, load
 
-    page = None if report is None else report_page(report)
+    page = opt.report_page(report)
     corrector = load(model, JointCorrector)
     log, clocks = corrector.on_one_clock(reading.joint_log(logs), reading.clock_left)
     evaluation = evaluate_model(corrector, log)
@@ -139,33 +115,32 @@ def evaluate(model: Model, logs: Logs, reading: Reading, report: Report = None, 
         **evaluation.to_dict(),
         "zeros": corrector.zeros(log, evaluation.clean),
     }
-    if page is not None:
-        write_evaluation_page(evaluation, log, model, clocks.notes, page)
+    console.write_evaluation_page(evaluation, log, model, clocks.notes, page)
     for sentence in (*clocks.notes, *evaluation.cautions):
-        note(sentence)
+        console.note(sentence)
     if json:
-        print_json(result)
+        console.print_json(result)
     else:
         show_joint_errors(f"Errors on {result['n_test']} samples", result["errors"])
     for row in result["zeros"]:
         if row["moved"]:
-            note(
+            console.note(
                 f"session {row['session']}: the zero of joint {row['joint']} is off by "
                 f"{row['shift']:+.3f} {row['unit']}, as after a homing; set it anew: gpcorrect joint rezero"
             )
 
 
 @joint_app.command()
-@takes_groups
+@opt.takes_groups
 def compare(
-    logs: Logs,
+    logs: opt.Logs,
     reading: Reading,
     features: Features = None,
     input_signal: Input = None,
     direction: Way = "estimate",
-    holdout: Holdout = 0.2,
-    seed: Seed = 0,
-    json: Json = False,
+    holdout: opt.Holdout = 0.2,
+    seed: opt.Seed = 0,
+    json: opt.Json = False,
 ) -> None:
     """Fit every method on the same trajectories and print their held-out RMSE, a row a method.
 
@@ -176,7 +151,7 @@ def compare(
     log = reading.joint_log(logs)
     rows: list[dict[str, Any]] = []
     settings = _settings(features, input_signal, direction, reading.clock_left, seed)
-    with progress_bar(quiet=json) as progress:
+    with console.progress_bar(quiet=json) as progress:
         for number, method in enumerate(LEARNERS):
             progress.step("methods", number / len(LEARNERS))
             chosen = replace(settings, method=method)
@@ -188,14 +163,14 @@ def compare(
                 rows.append({"method": "raw", "seconds": 0.0, "errors": errors["raw"]})
             rows.append({"method": method, "seconds": experiment.seconds, "errors": errors["corrected"]})
     if json:
-        print_json({"n_train": experiment.fit.n_train, "n_test": experiment.n_test, "methods": rows})
+        console.print_json({"n_train": experiment.fit.n_train, "n_test": experiment.n_test, "methods": rows})
     else:
         _show_methods(rows, experiment.n_test)
 
 
 @joint_app.command()
-@takes_groups
-def rezero(model: Model, logs: Logs, output: ModelOutput, reading: Reading, json: Json = False) -> None:
+@opt.takes_groups
+def rezero(model: Model, logs: opt.Logs, output: opt.ModelOutput, reading: Reading, json: opt.Json = False) -> None:
     """Set the zeros of a model anew from a short run, as after a homing: a minute instead of a calibration.
 
     Example: gpcorrect joint rezero joints.gpc minute.csv --output joints-today.gpc
@@ -213,12 +188,12 @@ def rezero(model: Model, logs: Logs, output: ModelOutput, reading: Reading, json
     save(fresh, output)
     rows = [{"joint": j + 1, "unit": names[j], "shift": float(shift[j]), "moved": moved[j]} for j in range(len(names))]
     if json:
-        print_json({"zeros": rows})
+        console.print_json({"zeros": rows})
         return
     for row in rows:
-        note = "moved" if row["moved"] else "within the model's own uncertainty"
-        out.print(f"joint {row['joint']}: zero {row['shift']:+.4f} {row['unit']}, {note}")
-    out.print(f"model: {output}")
+        found = "moved" if row["moved"] else "within the model's own uncertainty"
+        console.out.print(f"joint {row['joint']}: zero {row['shift']:+.4f} {row['unit']}, {found}")
+    console.out.print(f"model: {output}")
 
 
 def _settings(
@@ -228,9 +203,9 @@ def _settings(
     from gpcorrect.calibration.settings import Direction
 
     return FitSettings(
-        features=split_names(features or ""),
-        input_signal=one_of(input_signal, (None, *get_args(InputSignal)), "the input"),
-        direction=one_of(direction, get_args(Direction), "the direction"),
+        features=console.split_names(features or ""),
+        input_signal=opt.one_of(input_signal, (None, *get_args(InputSignal)), "the input"),
+        direction=opt.one_of(direction, get_args(Direction), "the direction"),
         time_offset=time_offset,
         seed=seed,
     )
@@ -242,27 +217,26 @@ def show_joint_errors(title: str, errors: dict[str, JointErrors]) -> None:
     Parameters
     ----------
     title : str
-        Of the table.
     errors : dict
         Of each method, a row a joint; empty where nothing was held out.
     """
     if not errors:
-        note("nothing was held out, so nothing was measured")
+        console.note("nothing was held out, so nothing was measured")
         return
-    table = plain_table("joint", "unit", "", "rmse", "mean", "SD", "p95", "max", title=title, left=0)
+    table = console.plain_table("joint", "unit", "", "rmse", "mean", "SD", "p95", "max", title=title, left=0)
     for name, rows in errors.items():
         for row in rows:
             leaves = [f"{row[k]:.4f}" for k in ("rmse", "mean", "sd", "p95", "max")]
             table.add_row(str(row["joint"]), str(row["unit"]), name, *leaves)
-    out.print(table)
+    console.out.print(table)
 
 
 def _show_methods(rows: list[dict[str, Any]], n_test: int) -> None:
     joints = [f"J{leaf['joint']} [{leaf['unit']}]" for leaf in rows[0]["errors"]]
-    table = plain_table("method", *joints, "seconds", title=f"Held-out RMSE, {n_test} samples")
+    table = console.plain_table("method", *joints, "seconds", title=f"Held-out RMSE, {n_test} samples")
     best = [min(row["errors"][j]["rmse"] for row in rows) for j in range(len(joints))]
     for row in rows:
         found = zip([leaf["rmse"] for leaf in row["errors"]], best, strict=True)
-        cells = [styled((f"{rmse:.4f}", "bold" if rmse == least else "")) for rmse, least in found]
+        cells = [console.styled((f"{rmse:.4f}", "bold" if rmse == least else "")) for rmse, least in found]
         table.add_row(row["method"], *cells, f"{row['seconds']:.1f}")
-    out.print(table)
+    console.out.print(table)

@@ -10,19 +10,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gpcorrect.cli.console import note, out, plain_table, print_json, print_result
-from gpcorrect.cli.options import SERVICE, ArmName, Config, Json, KeyRoot, ServicePlace, one_of, takes_groups
+from gpcorrect.cli.options import SERVICE, AnyModel, ArmName, Config, Json, KeyRoot, ServicePlace, one_of, takes_groups
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from gpcorrect.calibration import Corrector, HeldOut, ModelStore, Step
+    from gpcorrect.calibration import Corrector, ModelStore, Step
     from gpcorrect_service.client.operator import Operator
     from gpcorrect_service.protocol.messages import ModelListAnswer
 
 
-DIGITS = 12
-"""Hexadecimal digits of a digest that are shown to people, as in `gpcorrect models list`; JSON holds all."""
+DIGITS = 12  # of a digest that are shown to people, as in `gpcorrect models list`, chosen by hand; JSON holds all
 
 
 def info(model: Annotated[Path, typer.Argument(help="Model file that any fit wrote.")], json: Json = False) -> None:
@@ -47,7 +46,6 @@ def show_model(corrector: Corrector, digest: str) -> None:
     Parameters
     ----------
     corrector : Corrector
-        Of any task.
     digest : str
         SHA-256 of its file.
     """
@@ -62,14 +60,8 @@ def show_model(corrector: Corrector, digest: str) -> None:
         _show_step(step)
 
 
-def rmse_words(parts: Iterable[tuple[str, float]]) -> str:
-    """Return errors in a few words, units once where neighbours share them: `0.41 mm 0.22 deg`.
-
-    Parameters
-    ----------
-    parts : iterable of (str, float)
-        Unit and RMSE of each part.
-    """
+def _rmse_words(parts: Iterable[tuple[str, float]]) -> str:
+    """Return errors in a few words, units once where neighbours share them: `0.41 mm 0.22 deg`."""
     words: list[str] = []
     for unit, rmse in parts:
         if words and words[-1] == unit:
@@ -78,14 +70,8 @@ def rmse_words(parts: Iterable[tuple[str, float]]) -> str:
     return " ".join(words) or "-"
 
 
-def versions_words(step: Step) -> str:
-    """Return the versions of a step in a line.
-
-    Parameters
-    ----------
-    step : Step
-        Of a model's making.
-    """
+def _versions_words(step: Step) -> str:
+    """Return the versions of a step in a line."""
     return ", ".join(f"{name} {number}" for name, number in step.versions.items())
 
 
@@ -109,14 +95,11 @@ def _show_step(step: Step) -> None:
     out.print(f"\n{step.what} of {step.date}")
     out.print(f"  $ {step.command}")
     out.print(f"  data {step.source} {step.sha256[:DIGITS]}")
-    out.print(f"  with {versions_words(step)}")
-    if step.held_out is None:
+    out.print(f"  with {_versions_words(step)}")
+    measured = step.held_out
+    if measured is None:
         out.print("  nothing was held out")
-    else:
-        _show_held_out(step.held_out)
-
-
-def _show_held_out(measured: HeldOut) -> None:
+        return
     table = plain_table("", "", "mean", "SD", "rmse", "p95", "max", "", left=2)
     for row in measured.errors:
         leaves = (f"{value:.4f}" for value in (row.mean, row.sd, row.rmse, row.p95, row.max))
@@ -172,7 +155,7 @@ def list_models(place: Place, json: Json = False) -> None:
 
 @models_app.command()
 def add(
-    model: Annotated[Path, typer.Argument(help="Model file that a fit wrote.")],
+    model: AnyModel,
     store: Annotated[Path, typer.Option(help="Folder of the models; made where it is not there.")],
     name: Annotated[str, typer.Option(help="What to call it; the file's name by default.")] = "",
     json: Json = False,
@@ -182,7 +165,7 @@ def add(
     Example: gpcorrect models add model.gpc --store models/
     """
     entry = _folder(store).add(model, now=time.time(), name=name)
-    print_result(asdict(entry), f"added {entry.id} {entry.hash[:12]} ({entry.kind})", as_json=json)
+    print_result(asdict(entry), f"added {entry.id} {entry.hash[:DIGITS]} ({entry.kind})", as_json=json)
 
 
 @models_app.command()
@@ -196,7 +179,7 @@ def activate(model: Name, place: Place, json: Json = False) -> None:
         folder = _folder(place.store)
         entry = folder.find(model)
         folder.activate(entry)
-        print_result(asdict(entry), f"active {entry.kind}: {entry.id} {entry.hash[:12]}", as_json=json)
+        print_result(asdict(entry), f"active {entry.kind}: {entry.id} {entry.hash[:DIGITS]}", as_json=json)
         return
     with _operator(place) as operator:
         _show_activated(operator, model, as_json=json)
@@ -212,7 +195,7 @@ def rollback(place: Place, kind: Kind = "pose", json: Json = False) -> None:
     one_of(kind, ("pose", "joints"), "a kind")
     if place.store is not None:
         entry = _folder(place.store).rollback(kind)
-        print_result(asdict(entry), f"active {kind}: {entry.id} {entry.hash[:12]}", as_json=json)
+        print_result(asdict(entry), f"active {kind}: {entry.id} {entry.hash[:DIGITS]}", as_json=json)
         return
     with _operator(place) as operator:
         _show_activated(operator, _previous(operator.models()[0], kind), back=True, as_json=json)
@@ -242,11 +225,10 @@ def diff(
         print_json(found)
         return
     table = plain_table("", one, other, left=3)
-    for name, said in zip(
-        _described(models[0]), zip(*(_described(m).values() for m in models), strict=True), strict=True
-    ):
-        if len(set(said)) > 1:
-            table.add_row(name, *said)
+    first, second = map(_described, models)
+    for name, words in first.items():
+        if words != second[name]:
+            table.add_row(name, words, second[name])
     out.print(table if table.row_count else "both say the same of themselves")
     if "commands" in found:
         apart = found["commands"]
@@ -272,9 +254,8 @@ def state(
         print_json([{"replica": a.replica, "state": a.state, "stays": a.stays} for a in answers])
         return
     for answer in answers:
-        until = (
-            "" if answer.stays or state == "ENABLED" else " until it is started again: it has no store to remember it"
-        )
+        forgets = state == "PAUSED" and not answer.stays
+        until = " until it is started again: it has no store to remember it" if forgets else ""
         out.print(f"{answer.replica}: {answer.state}{until}")
 
 
@@ -295,7 +276,8 @@ def _show_activated(operator: Operator, model: str, *, back: bool = False, as_js
         print_json(msgspec.to_builtins(answers))
         return
     for answer in answers:
-        out.print(f"{answer.replica}: {answer.kind} {answer.id} {answer.hash[:12]}, before {answer.before[:12] or '-'}")
+        before = answer.before[:DIGITS] or "-"
+        out.print(f"{answer.replica}: {answer.kind} {answer.id} {answer.hash[:DIGITS]}, before {before}")
 
 
 def _previous(answer: ModelListAnswer, kind: str) -> str:
@@ -321,13 +303,13 @@ def _described(model: Corrector) -> dict[str, str]:
     dropped = sum(fit.get("dropped", {}).values())
     return {
         "made": f"{step.what} {step.date}" if step else "-",
-        "with": versions_words(step) if step else "-",
-        "data": f"{data.get('source')} {data.get('sha256', '')[:12]}",
+        "with": _versions_words(step) if step else "-",
+        "data": f"{data.get('source')} {data.get('sha256', '')[:DIGITS]}",
         "updates": str(len(summary.get("updates", ()))),
         "learned": f"{fit.get('n_train')} samples, {fit.get('n_trajectories')} trajectories, {dropped} dropped",
         "method": f"{summary.get('method')} on {', '.join(summary.get('features', ()))}",
         "seed": str(fit.get("seed")),
-        "held-out RMSE": rmse_words((row.unit, row.rmse) for row in measured.corrected) if measured else "-",
+        "held-out RMSE": _rmse_words((row.unit, row.rmse) for row in measured.corrected) if measured else "-",
         "measured on": f"{measured.samples} samples, {measured.trajectories} trajectories" if measured else "-",
         "95 % cover": f"{100 * measured.coverage95:.1f} %" if measured else "-",
     }
@@ -340,18 +322,10 @@ def _stored_rows(folder: ModelStore) -> list[dict[str, Any]]:
     for entry in folder.models():
         active, history = folder.active(entry.kind), folder.made(entry)
         measured = last_measured(history)
-        parts = measured.corrected if measured else ()
-        rows.append(
-            {
-                "id": entry.id,
-                "hash": entry.hash,
-                "kind": entry.kind,
-                "added": entry.added,
-                "active": active is not None and active.hash == entry.hash,
-                "made": history[-1].date if history else "",
-                "held_out": [{"part": row.part, "unit": row.unit, "rmse": row.rmse} for row in parts],
-            }
-        )
+        parts = [{"part": r.part, "unit": r.unit, "rmse": r.rmse} for r in (measured.corrected if measured else ())]
+        row = {"id": entry.id, "hash": entry.hash, "kind": entry.kind, "added": entry.added}
+        row |= {"active": active is not None and active.hash == entry.hash}
+        rows.append(row | {"made": history[-1].date if history else "", "held_out": parts})
     return rows
 
 
@@ -366,7 +340,7 @@ def _show(rows: list[dict[str, Any]]) -> None:
     for row in rows:
         when = time.strftime("%Y-%m-%d %H:%M", time.localtime(row["added"]))
         mark = "active" if row["active"] else ""
-        errors = rmse_words((part["unit"], part["rmse"]) for part in row["held_out"])
+        errors = _rmse_words((part["unit"], part["rmse"]) for part in row["held_out"])
         made = row["made"][:16].replace("T", " ") or "-"
-        table.add_row(mark, row["id"], row["hash"][:12], row["kind"], made, errors, when, row.get("replica", ""))
+        table.add_row(mark, row["id"], row["hash"][:DIGITS], row["kind"], made, errors, when, row.get("replica", ""))
     out.print(table if rows else "no models yet; add one: gpcorrect models add MODEL --store FOLDER")

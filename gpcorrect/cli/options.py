@@ -7,12 +7,16 @@ import inspect
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
 
 from gpcorrect.atomic import make_folder, require_own
 from gpcorrect.errors import DataError
+
+if TYPE_CHECKING:
+    from gpcorrect_service.crtk import BusSettings
+    from gpcorrect_service.protocol.settings import RosDistro
 
 
 def renamed(old: str, new: str, why: str) -> Any:
@@ -96,6 +100,7 @@ HoldOutBy = Annotated[
 Holdout = Annotated[float, typer.Option(help="Fraction of whole trajectories to measure on; 0 for none.")]
 Seed = Annotated[int, typer.Option(help="Seed of everything random.", min=0)]
 ModelFile = Annotated[Path, typer.Argument(help="Model file that `gpcorrect fit` wrote.")]
+AnyModel = Annotated[Path, typer.Argument(help="Model file that a fit wrote.")]
 ModelOutput = Annotated[Path, typer.Option("--output", "-o", help="Model file to write.")]
 LogOutput = Annotated[Path, typer.Option("--output", "-o", help="Log to write: CSV or Parquet by its ending.")]
 
@@ -107,13 +112,26 @@ AlwaysJson = Annotated[
 Jobs = Annotated[int, typer.Option(help="Processes of this machine to spread the work over; -1 for one a core.")]
 Scheduler = Annotated[str | None, typer.Option(help="Dask scheduler to spread the work over, such as tcp://head:8786.")]
 
+# Motion of the first three joints.
+Limits = Annotated[str, typer.Option(help="LOW:HIGH of joints 1, 2 (deg) and 3 (mm).")]
+Speed = Annotated[str, typer.Option(help="Speed limits of joints 1, 2 (deg/s) and 3 (mm/s).")]
+BLOCK, FASTEST = "20:60,55:110,330:420", "5,5,20"  # inside the limits of the left RAVEN-II; an arm that is quasi-static
+
 # Robots and services on the network.
 ROBOT, SERVICE = "tcp/127.0.0.1:7448", "tcp/127.0.0.1:7449"  # 7447 is zenoh's own, and that of ROS 2's router
 Endpoint = Annotated[str, typer.Option(help="Address of the robot or service.")]
 ArmName = Annotated[str, typer.Option(help="CRTK name of the arm: the second part of every key.")]
 KeyRoot = Annotated[str, typer.Option(help="First part of every key.")]
 Config = Annotated[Path | None, typer.Option(help="zenoh configuration (JSON5) instead of --endpoint.")]
+Listen = Annotated[str, typer.Option(help="Address to listen on.")]
 Remote = Annotated[bool, typer.Option("--allow-remote", help="Listen on an address that other machines can reach.")]
+RosDomain = Annotated[int | None, typer.Option(help="Speak on rmw_zenoh's keys too, in this ROS_DOMAIN_ID.")]
+RosName = Annotated[
+    str | None,
+    typer.Option(
+        "--ros-distro", help="ROS distribution of the nodes there: humble, jazzy or rolling; jazzy without it."
+    ),
+]
 
 
 @dataclass(frozen=True)
@@ -125,6 +143,13 @@ class RobotPlace:
     namespace: KeyRoot = "gpcorrect"
     config: Config = None
 
+    @property
+    def bus(self) -> BusSettings:
+        """The same as settings of a client."""
+        from gpcorrect_service.crtk import BusSettings  # zenoh is an extra; other commands work without it
+
+        return BusSettings(self.endpoint, self.arm, self.namespace, config_file=self.config)
+
 
 @dataclass(frozen=True)
 class ServicePlace(RobotPlace):
@@ -133,14 +158,16 @@ class ServicePlace(RobotPlace):
     endpoint: Endpoint = SERVICE
 
 
-def report_page(report: Path) -> Path:
-    """Return the file of a report, after a look whether it can be written.
+def report_page(report: Path | None) -> Path | None:
+    """Return the file of a report, after a look whether it can be written; None where none is asked for.
 
     Parameters
     ----------
-    report : Path
+    report : Path or None
         An .html file, or the folder for report.html.
     """
+    if report is None:
+        return None
     if report.suffix.lower() in (".html", ".htm"):
         require_own(report, rb"(?i)\s*<!doctype html", "page")
         return report
@@ -149,30 +176,25 @@ def report_page(report: Path) -> Path:
 
 
 def takes_groups(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command options in the place of each parameter that is a dataclass of options, as :class:`Reading` is.
+    """Give a command an option for every field of each parameter that is a dataclass of options, as `Reading` is.
 
     Parameters
     ----------
     command : callable
-        Function of a command.
-
-    Returns
-    -------
-    callable
-        The same command; its signature has an option for every field.
     """
     hints = get_type_hints(command, include_extras=True)
     groups: dict[str, Any] = {name: hint for name, hint in hints.items() if is_dataclass(hint)}
     keywords = []
     for name, parameter in inspect.signature(command).parameters.items():
         if name in groups:
-            options = get_type_hints(groups[name], include_extras=True)
-            keywords += [
-                parameter.replace(name=f.name, default=f.default, annotation=options[f.name])
-                for f in fields(groups[name])
-            ]
+            types = get_type_hints(groups[name], include_extras=True)
+            options = [(f.name, f.default, types[f.name]) for f in fields(groups[name])]
         else:
-            keywords.append(parameter.replace(annotation=hints[name]))
+            options = [(name, parameter.default, hints[name])]
+        keywords += [
+            inspect.Parameter(n, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+            for n, default, annotation in options
+        ]
 
     @functools.wraps(command)
     def wrapped(**values: Any) -> None:
@@ -180,27 +202,20 @@ def takes_groups(command: Callable[..., None]) -> Callable[..., None]:
         command(**made, **values)
 
     wrapped.__annotations__ = {p.name: p.annotation for p in keywords} | {"return": None}
-    keywords = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in keywords]
     wrapped.__signature__ = inspect.Signature(keywords)  # type: ignore[attr-defined]  # what inspect looks for
     return wrapped
 
 
 def numbers(text: str, separator: str, count: int, what: str) -> list[float]:
-    """Return the numbers of a text.
+    """Return the numbers of a text; DataError where there are more or fewer, or they are none.
 
     Parameters
     ----------
     text, separator : str
         The text, and what stands between two numbers.
     count : int
-        How many there must be.
     what : str
         What they are, for the message.
-
-    Raises
-    ------
-    DataError
-        There are more or fewer, or they are no numbers.
     """
     try:
         found = [float(part) for part in text.split(separator)]
@@ -212,24 +227,34 @@ def numbers(text: str, separator: str, count: int, what: str) -> list[float]:
 
 
 def one_of(chosen: str | None, choices: tuple[Any, ...], what: str) -> Any:
-    """Return the choice that was given by its name.
+    """Return the choice that was given by its name; DataError where there is none of this name.
 
     Parameters
     ----------
     chosen : str or None
-        What was given.
     choices : tuple
-        What may be given.
     what : str
         Begins the message, such as "the marker".
-
-    Raises
-    ------
-    DataError
-        It is none of the choices.
     """
     for choice in choices:
         if chosen == choice:
             return choice
     names = [str(choice) for choice in choices if choice is not None]
     raise DataError(f"{what} is {', '.join(names[:-1])} or {names[-1]}; got {chosen!r}.")
+
+
+def ros_distro_of(chosen: str | None, domain: int | None) -> RosDistro:
+    """Return the ROS distribution that was named, or the usual one; DataError where there is no domain for it.
+
+    Parameters
+    ----------
+    chosen : str or None
+    domain : int or None
+        ROS_DOMAIN_ID, where one was given.
+    """
+    from gpcorrect_service.protocol.settings import RosDistro
+
+    if chosen is not None and domain is None:
+        raise DataError("--ros-distro says how to speak with ROS, and nothing says where.", hint="Add --ros-domain 0")
+    distro: RosDistro = one_of(chosen or "jazzy", get_args(RosDistro), "the ROS distribution")
+    return distro

@@ -35,12 +35,7 @@ def running(*words: str) -> Iterator[None]:
     Parameters
     ----------
     *words : str
-        Command and options.
-
-    Raises
-    ------
-    GpCorrectError
-        It ends at once, as where its address is taken.
+        Command and options; GpCorrectError where it ends at once, as where its address is taken.
     """
     command = [sys.executable, "-m", "gpcorrect", *words]
     nowhere = subprocess.DEVNULL
@@ -72,9 +67,7 @@ def end_as_interrupted() -> None:
 def stop_signal() -> threading.Event:
     """Return an event that Ctrl-C, SIGTERM and a terminal that is closed set; a second one ends the process.
 
-    Needs the main thread.
-
-    To be called before a command reads its libraries and files, so that Ctrl-C meanwhile is an end like any other.
+    To be called in the main thread, before a command reads its libraries and files: Ctrl-C meanwhile is an end too.
     """
     stop = threading.Event()
 

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from gpcorrect.arms import Chain
     from gpcorrect.sim import Model
 
-NOTHING_ADDED = "--machine changes nothing: the recording holds all that its kinematics could add"
-
 
 @dataclass(frozen=True)
 class Reading:
@@ -55,7 +53,10 @@ class Reading:
             return log
         whole = completed(log, chain_of(self.machine))
         added = [name for name in whole.signals if name not in log.signals]
-        note(f"{' and '.join(added)} computed by the kinematics of {self.machine}" if added else NOTHING_ADDED)
+        if added:
+            note(f"{' and '.join(added)} computed by the kinematics of {self.machine}")
+        else:
+            note("--machine changes nothing: the recording holds all that its kinematics could add")
         return whole
 
     @property
@@ -76,30 +77,21 @@ def read_logs(
     time_offset: str = "auto",
     learned: Collection[str] = ("setpoint_cp", "tracker_cp"),
 ) -> CalibrationLog:
-    """Read the recordings and join them into one log; put the tracker of another recording beside the only one.
+    """Read the recordings and join them into one log, a session each; put another one's tracker beside the only one.
 
     Parameters
     ----------
-    paths : list of Path
-        Recordings.
-    columns : Path, optional
-        Mapping file.
+    paths, columns : list of Path, and Path or None
+        Recordings, and their mapping file.
     as_is, drop_disordered : bool
         Take what looks misread (None where the command has no such option); leave out samples whose time does not
         increase.
     tracker_topic, arm : str, optional
         Which tracker and arm of a recording.
-    tracker_log : Path, optional
-        The tracker's own recording.
-    time_offset : str
-        "auto", "none", or the seconds that its clock runs ahead.
+    tracker_log, time_offset : Path or None, and str
+        The tracker's own recording; "auto", "none", or the seconds that its clock runs ahead.
     learned : collection of str
         Signals that the command learns from or measures.
-
-    Returns
-    -------
-    CalibrationLog
-        All of them, one session a recording.
 
     Raises
     ------
@@ -152,17 +144,12 @@ def seconds_ahead(time_offset: str) -> float | None:
 
 
 def model_named(machine: str) -> Model:
-    """Return the packaged machine of a name, or that of a file.
+    """Return the packaged machine of a name, or that of a file; DataError where there is neither.
 
     Parameters
     ----------
     machine : str
         As `--machine` takes it.
-
-    Raises
-    ------
-    DataError
-        There is neither.
     """
     from gpcorrect.sim import preset, preset_names, read_model
 
@@ -175,17 +162,12 @@ def model_named(machine: str) -> Model:
 
 
 def chain_of(machine: str) -> Chain:
-    """Return the kinematics of a machine, from the joints that a recording has of it.
+    """Return the kinematics of a machine, from the joints that a recording has of it; DataError where it has none.
 
     Parameters
     ----------
     machine : str
         As `--machine` takes it.
-
-    Raises
-    ------
-    DataError
-        There is no such machine, or it has none.
     """
     from gpcorrect.sim import machine_of
 

@@ -10,9 +10,9 @@ import numpy as np
 import typer
 
 from gpcorrect.atomic import require_new
-from gpcorrect.cli.collect import BLOCK, FASTEST, RATE_HZ, Limits, Speed, joint_limits, speed_limits
+from gpcorrect.cli import options as opt
+from gpcorrect.cli.collect import RATE_HZ, joint_limits, speed_limits
 from gpcorrect.cli.console import err, note, out, print_json, print_result, split_names
-from gpcorrect.cli.options import AlwaysJson, Columns, Json, LogOutput, RobotPlace, numbers, takes_groups
 from gpcorrect.cli.processes import stop_signal
 from gpcorrect.errors import DataError
 
@@ -29,35 +29,27 @@ DEGREE = np.deg2rad(1.0)
 
 
 @robot_app.command()
-@takes_groups
-def state(place: RobotPlace, json: AlwaysJson = True) -> None:
+@opt.takes_groups
+def state(place: opt.RobotPlace, json: opt.AlwaysJson = True) -> None:
     """Print the robot's operating state, joints and tool pose (JSON).
 
     Example: gpcorrect robot state --arm PSM1
     """
     with _robot(place) as robot:
-        pose = robot.setpoint_pose
-        print_json(
-            {
-                "state": robot.state.state,
-                "is_homed": robot.state.is_homed,
-                "is_busy": robot.state.is_busy,
-                "stamp": robot.time,
-                "setpoint_jp": robot.setpoint,
-                "measured_jp": robot.measured,
-                "setpoint_cp": pose,
-            }
-        )
+        now = robot.state
+        facts = {"state": now.state, "is_homed": now.is_homed, "is_busy": now.is_busy, "stamp": robot.time}
+        joints = {"setpoint_jp": robot.setpoint, "measured_jp": robot.measured}
+        print_json({**facts, **joints, "setpoint_cp": robot.setpoint_pose})
 
 
 @robot_app.command()
-@takes_groups
+@opt.takes_groups
 def operate(
     command: Annotated[
         str, typer.Argument(help="enable, disable, pause, resume, home, unhome; ready: enable and home.")
     ],
-    place: RobotPlace,
-    json: Json = False,
+    place: opt.RobotPlace,
+    json: opt.Json = False,
 ) -> None:
     """Change the robot's operating state.
 
@@ -74,13 +66,13 @@ def operate(
 
 
 @robot_app.command()
-@takes_groups
+@opt.takes_groups
 def goto(
     joints: Annotated[str, typer.Argument(help="Joint positions: degrees, and mm for sliding joints, with commas.")],
     sliding: Sliding = "3",
     *,
-    place: RobotPlace,
-    json: Json = False,
+    place: opt.RobotPlace,
+    json: opt.Json = False,
 ) -> None:
     """Go to a joint position, within the speed limits, and wait until the robot is there.
 
@@ -88,22 +80,22 @@ def goto(
     """
     with _robot(place) as robot:
         scale = _units(sliding, len(robot.setpoint))
-        robot.move_jp(scale * np.array(numbers(joints, ",", len(scale), "joints")))
+        robot.move_jp(scale * np.array(opt.numbers(joints, ",", len(scale), "joints")))
         there = robot.measured
     words = f"there: {np.round(there / scale, 3).tolist()} (deg, mm)"
     print_result({"measured_jp": there}, words, as_json=json)
 
 
 @robot_app.command()
-@takes_groups
+@opt.takes_groups
 def random(
-    limits: Limits = BLOCK,
-    speed: Speed = FASTEST,
+    limits: opt.Limits = opt.BLOCK,
+    speed: opt.Speed = opt.FASTEST,
     seconds: Annotated[float, typer.Option(help="How long.", min=1)] = 60.0,
     seed: Annotated[int, typer.Option(help="Seed of the motion.", min=0)] = 0,
     *,
-    place: RobotPlace,
-    json: Json = False,
+    place: opt.RobotPlace,
+    json: opt.Json = False,
 ) -> None:
     """Move the first three joints in random sinusoids; the others stay.
 
@@ -118,11 +110,11 @@ def random(
 
 
 @robot_app.command()
-@takes_groups
+@opt.takes_groups
 def follow(
     trajectory: Annotated[Path, typer.Argument(help="Joint paths to drive, as `gpcorrect zigzag` writes them.")],
-    place: RobotPlace,
-    json: Json = False,
+    place: opt.RobotPlace,
+    json: opt.Json = False,
 ) -> None:
     """Drive recorded or planned joint paths, a trajectory after the other, and tell recorders which is which.
 
@@ -145,7 +137,7 @@ def follow(
 
 
 @robot_app.command()
-@takes_groups
+@opt.takes_groups
 def draw(
     model: Annotated[Path | None, typer.Option(help="Draw in the middle of what this model knows.")] = None,
     centre: Annotated[
@@ -157,8 +149,8 @@ def draw(
     rounds: Annotated[float, typer.Option(help="How many circles.", min=0.1)] = 3.0,
     frame: Annotated[str, typer.Option(help="Name of the frame that the poses are in.")] = "tracker",
     *,
-    place: RobotPlace,
-    json: Json = False,
+    place: opt.RobotPlace,
+    json: opt.Json = False,
 ) -> None:
     """Send desired poses on servo_cp, as a planner does: go to a circle and draw it.
 
@@ -177,14 +169,14 @@ def draw(
 
 
 @robot_app.command()
-@takes_groups
+@opt.takes_groups
 def record(
-    output: LogOutput,
+    output: opt.LogOutput,
     mcap: Mcap = None,
     seconds: Annotated[float | None, typer.Option(help="How long; until Ctrl-C without it.")] = None,
     *,
-    place: RobotPlace,
-    json: Json = False,
+    place: opt.RobotPlace,
+    json: opt.Json = False,
 ) -> None:
     """Record what the robot publishes: joints, poses, tracker, outside encoders; a recording is never overwritten.
 
@@ -213,9 +205,9 @@ def record(
 @robot_app.command()
 def recover(
     journal: Annotated[Path, typer.Argument(help="RECORDING.unfinished, beside the recording to come.")],
-    output: LogOutput,
+    output: opt.LogOutput,
     mcap: Mcap = None,
-    json: Json = False,
+    json: opt.Json = False,
 ) -> None:
     """Read what `robot record` or `collect` had heard when it was killed; the file is left as it is.
 
@@ -249,13 +241,13 @@ def _write(recording: Recording, output: Path, mcap: Path | None, *, as_json: bo
 @robot_app.command()
 def extract(
     recording: Annotated[Path, typer.Argument(help="A recording: CSV, Parquet, bag, MCAP, C3D.")],
-    output: LogOutput,
+    output: opt.LogOutput,
     signals: Annotated[str | None, typer.Option(help="Signals to keep, with commas; all without it.")] = None,
     begin: Annotated[float, typer.Option(help="First second to keep.")] = 0.0,
     end: Annotated[float | None, typer.Option(help="Last second to keep.")] = None,
     every: Annotated[int, typer.Option(help="Keep every n-th sample.", min=1)] = 1,
-    columns: Columns = None,
-    json: Json = False,
+    columns: opt.Columns = None,
+    json: opt.Json = False,
 ) -> None:
     """Take signals and times out of a recording.
 
@@ -277,11 +269,10 @@ def extract(
     print_result(facts, words, as_json=json)
 
 
-def _robot(place: RobotPlace) -> Robot:
-    from gpcorrect_service.crtk import BusSettings  # zenoh is an extra; other commands work without it
-    from gpcorrect_service.crtk.robot import Robot
+def _robot(place: opt.RobotPlace) -> Robot:
+    from gpcorrect_service.crtk.robot import Robot  # zenoh is an extra; other commands work without it
 
-    return Robot(BusSettings(place.endpoint, place.arm, place.namespace, config_file=place.config))
+    return Robot(place.bus)
 
 
 def _centre(model: Path | None, centre: tuple[float, ...] | None) -> FloatArray:
@@ -289,12 +280,12 @@ def _centre(model: Path | None, centre: tuple[float, ...] | None) -> FloatArray:
     from gpcorrect import se3
     from gpcorrect.calibration import load
 
-    if (model is None) == (centre is None):
-        raise DataError("say where to draw.", hint="Either --model MODEL, or --centre X Y Z QW QX QY QZ.")
-    if centre is not None:
+    if centre is not None and model is None:
         numbers7 = np.array(centre)
         return se3.from_parts(numbers7[:3], numbers7[3:] / np.linalg.norm(numbers7[3:]))
-    queries = load(model).check_queries if model is not None else np.empty((0, 13))
+    if model is None or centre is not None:
+        raise DataError("say where to draw.", hint="Either --model MODEL, or --centre X Y Z QW QX QY QZ.")
+    queries = load(model).check_queries
     middle = np.median(queries[:, :3], axis=0)
     nearest = queries[np.argmin(np.linalg.norm(queries[:, :3] - middle, axis=1))]
     return se3.from_parts(nearest[:3], nearest[3:7])

@@ -30,11 +30,7 @@ def init(
     Example: gpcorrect secure init site/ --host router.lab; then: gpcorrect router site/router.json5, gpcorrect serve
     MODEL --config site/server.json5 --allow-remote, gpcorrect query correct --config site/planner.json5 ...
     """
-    from gpcorrect_service.ops.secure import (
-        USERS,  # zenoh is an extra
-        Site,
-        secure_site,
-    )
+    from gpcorrect_service.ops.secure import USERS, Site, secure_site  # zenoh is an extra
 
     secure_site(folder, Site(host, port, namespace, days), datetime.datetime.now(datetime.UTC))
     names = ["router.json5", *(f"{user}.json5" for user in USERS), "passwords.txt"]

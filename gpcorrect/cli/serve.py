@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gpcorrect.cli import options as opt
 from gpcorrect.cli.console import err
-from gpcorrect.cli.options import ROBOT, SERVICE, ArmName, Config, Endpoint, KeyRoot, ModelFile, OldConnect, Remote
 from gpcorrect.cli.processes import stop_signal
-from gpcorrect.cli.sim import RosDomain, RosName, ros_distro_of
 from gpcorrect.errors import DataError, MissingExtraError
 
 if TYPE_CHECKING:
@@ -29,9 +28,9 @@ def serve(
     ] = None,
     joints: Annotated[Path | None, typer.Option(help="Model file that `gpcorrect joint fit` wrote.")] = None,
     store: Annotated[Path | None, typer.Option(help="Folder of models to activate from while serving.")] = None,
-    endpoint: Annotated[str, typer.Option(help="Address to listen on.")] = SERVICE,
-    arm: ArmName = "arm1",
-    namespace: KeyRoot = "gpcorrect",
+    endpoint: opt.Listen = opt.SERVICE,
+    arm: opt.ArmName = "arm1",
+    namespace: opt.KeyRoot = "gpcorrect",
     queue: Annotated[int, typer.Option(help="Requests that may wait; the next one is answered BUSY.")] = 64,
     max_rate: Annotated[float, typer.Option(help="Corrections a second; more are answered BUSY.")] = math.inf,
     max_mm: Annotated[float, typer.Option(help="Largest learned correction of position, mm.")] = math.inf,
@@ -45,10 +44,10 @@ def serve(
         int | None,
         typer.Option(help="Port of this machine (127.0.0.1) for Prometheus to read /metrics.", min=1, max=65535),
     ] = None,
-    ros_domain: RosDomain = None,
-    ros_distro: RosName = None,
-    allow_remote: Remote = False,
-    config: Config = None,
+    ros_domain: opt.RosDomain = None,
+    ros_distro: opt.RosName = None,
+    allow_remote: opt.Remote = False,
+    config: opt.Config = None,
 ) -> None:
     """Serve models until stopped with Ctrl-C or SIGTERM: keys correct, correct_path, correct_joints, estimate, health.
 
@@ -59,7 +58,7 @@ def serve(
     from gpcorrect_service.protocol.bounds import CorrectionBound
     from gpcorrect_service.server.service import serve as serve_model
 
-    distro = ros_distro_of(ros_distro, ros_domain)
+    distro = opt.ros_distro_of(ros_distro, ros_domain)
     settings = ServerSettings(
         endpoint=endpoint,
         arm=arm,
@@ -85,10 +84,10 @@ def serve(
 
 
 def prefilter(
-    model: ModelFile,
-    endpoint: Endpoint = ROBOT,
-    arm: ArmName = "arm1",
-    namespace: KeyRoot = "gpcorrect",
+    model: opt.ModelFile,
+    endpoint: opt.Endpoint = opt.ROBOT,
+    arm: opt.ArmName = "arm1",
+    namespace: opt.KeyRoot = "gpcorrect",
     linear: Annotated[float, typer.Option(help="Fastest change of the correction, mm/s.")] = 50.0,
     angular: Annotated[float, typer.Option(help="Fastest change of the correction, deg/s.")] = 60.0,
     strict: Annotated[bool, typer.Option("--strict", help="Refuse poses out of the model's domain.")] = False,
@@ -97,9 +96,9 @@ def prefilter(
         float, typer.Option(help="How many times faster than a real arm a simulated one lives.", min=0.01)
     ] = 1.0,
     frame: FrameName = "",
-    ros_domain: RosDomain = None,
-    ros_distro: RosName = None,
-    config: Config = None,
+    ros_domain: opt.RosDomain = None,
+    ros_distro: opt.RosName = None,
+    config: opt.Config = None,
 ) -> None:
     """Correct a stream of desired poses before the robot sees them, until Ctrl-C or SIGTERM.
 
@@ -118,7 +117,7 @@ def prefilter(
     from gpcorrect_service.ops.logger import open_logger
     from gpcorrect_service.server.models import check_arm, load_model
 
-    distro = ros_distro_of(ros_distro, ros_domain)
+    distro = opt.ros_distro_of(ros_distro, ros_domain)
     settings = PrefilterSettings(
         linear / 1e3,
         math.radians(angular),
@@ -142,14 +141,14 @@ def monitor(
         list[str] | None,
         typer.Option(help="Address of a robot or a service, repeatable; both on this machine without it."),
     ] = None,
-    namespace: KeyRoot = "gpcorrect",
+    namespace: opt.KeyRoot = "gpcorrect",
     host: Annotated[str, typer.Option(help="Address to serve the page on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(help="Port to serve the page on.", min=1, max=65535)] = 8080,
     allow_remote: Annotated[
         bool, typer.Option("--allow-remote", help="Serve on an address that other machines can reach.")
     ] = False,
-    config: Annotated[Path | None, typer.Option(help="zenoh configuration (JSON5) instead of --endpoint.")] = None,
-    old_connect: OldConnect = None,
+    config: opt.Config = None,
+    old_connect: opt.OldConnect = None,
 ) -> None:
     """Serve a page that shows every arm of a namespace: poses, correction, interval, domain, latency, drift, servers.
 
@@ -175,7 +174,7 @@ def monitor(
     from gpcorrect_service.monitor import Board, Watcher  # zenoh is an extra; other commands work without it
     from gpcorrect_service.monitor.app import application
 
-    places = [BusSettings(one, namespace=namespace) for one in endpoint or [ROBOT, SERVICE]]
+    places = [BusSettings(one, namespace=namespace) for one in endpoint or [opt.ROBOT, opt.SERVICE]]
     if config is not None:
         places = [in_namespace(BusSettings(namespace=namespace, config_file=config))]
     board = Board(places[0].namespace)

@@ -6,69 +6,33 @@ import time
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from gpcorrect.atomic import require_new
+from gpcorrect.cli import options as opt
 from gpcorrect.cli.console import err, print_result
-from gpcorrect.cli.options import ROBOT, ArmName, Config, Json, KeyRoot, LogOutput, Machine, OldArm, Remote, one_of
 from gpcorrect.cli.processes import stop_signal
 from gpcorrect.cli.reading import model_named
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
     from gpcorrect.sim import Effect, Model
-    from gpcorrect_service.protocol.settings import RosDistro
 
 sim_app = typer.Typer(no_args_is_help=True, help="Simulated arms that run live.")
 
-RosDomain = Annotated[int | None, typer.Option(help="Speak on rmw_zenoh's keys too, in this ROS_DOMAIN_ID.")]
-
-RosName = Annotated[
-    str | None,
-    typer.Option(
-        "--ros-distro", help="ROS distribution of the nodes there: humble, jazzy or rolling; jazzy without it."
-    ),
-]
-
-
-def ros_distro_of(chosen: str | None, domain: int | None) -> RosDistro:
-    """Return the ROS distribution that was named, or the usual one.
-
-    Parameters
-    ----------
-    chosen : str or None
-        As it was given.
-    domain : int or None
-        ROS_DOMAIN_ID, where one was given.
-
-    Raises
-    ------
-    DataError
-        There is none of this name, or no domain to speak it in.
-    """
-    from gpcorrect_service.protocol.settings import RosDistro
-
-    if chosen is not None and domain is None:
-        raise DataError("--ros-distro says how to speak with ROS, and nothing says where.", hint="Add --ros-domain 0")
-    distro: RosDistro = one_of(chosen or "jazzy", get_args(RosDistro), "the ROS distribution")
-    return distro
-
 
 COUNTS = {"debridement": 303, "reaches": 40, "joints": 24}  # motions of a task; the paper had 303 reaches
-DEFAULT_MACHINE = "raven2_debridement"  # that lives, where none is named
-DEFAULT_ARM = "raven2_left"  # that reaches, where no machine is named
-LARGEST_RATE = 1000.0  # Hz
-LONGEST_BLOCK = 20  # servo steps
+LARGEST_RATE = 1000.0  # Hz; chosen by hand: what a servo loop runs at
 
 
 def simulate(
     task: Annotated[
         str | None, typer.Argument(help="debridement (default), reaches, or joints (default with --model).")
     ] = None,
-    output: LogOutput = Path("log.csv"),
-    machine: Machine = None,
+    output: opt.LogOutput = Path("log.csv"),
+    machine: opt.Machine = None,
     reaches: Annotated[int | None, typer.Option("--reaches", "--trajectories", help="How many motions.")] = None,
     seconds: Annotated[float, typer.Option(help="Length of each motion, for joints.")] = 20.0,
     sessions: Annotated[int, typer.Option(help="Sessions, with a homing before each, for reaches and joints.")] = 1,
@@ -85,8 +49,8 @@ def simulate(
     clean: Annotated[bool, typer.Option("--clean", help="A tracker without occlusions and outliers.")] = False,
     position_only: Annotated[bool, typer.Option("--position-only", help="A tracker that sees positions only.")] = False,
     seed: Annotated[int, typer.Option(help="Seed of motion, noise and faults.", min=0)] = 0,
-    old_arm: OldArm = None,
-    json: Json = False,
+    old_arm: opt.OldArm = None,
+    json: opt.Json = False,
 ) -> None:
     """Simulate a recording: what was commanded, reported, and seen by an outside tracker, faults included.
 
@@ -117,16 +81,13 @@ def simulate(
     if chosen == "debridement":
         log = debridement_log(seed, reaches=count, faults=not clean, position_only=position_only, model=model)
     elif chosen == "reaches":
-        log = random_reaches_log(
-            DEFAULT_ARM,
-            count,
-            seed,
-            sessions=sessions,
-            payloads=payload or (),
-            position_only=position_only,
-            faults=not clean,
-            model=model,
-        )
+        how: dict[str, Any] = {
+            "sessions": sessions,
+            "payloads": payload or (),
+            "position_only": position_only,
+            "faults": not clean,
+        }
+        log = random_reaches_log("raven2_left", count, seed, model=model, **how)
     elif model is None:
         raise DataError("joint motion needs to know the machine.", hint="Give it: --machine model.toml")
     else:
@@ -167,21 +128,21 @@ def _effect(text: str) -> Effect:
 
 @sim_app.command()
 def serve(
-    machine: Machine = None,
-    arm: ArmName = "arm1",
-    endpoint: Annotated[str, typer.Option(help="Address to listen on.")] = ROBOT,
-    namespace: KeyRoot = "gpcorrect",
+    machine: opt.Machine = None,
+    arm: opt.ArmName = "arm1",
+    endpoint: opt.Listen = opt.ROBOT,
+    namespace: opt.KeyRoot = "gpcorrect",
     rate: Annotated[float, typer.Option(help="State messages a second, up to 1000.")] = 100.0,
     time_scale: Annotated[float, typer.Option(help="How many times faster than a real arm it lives.")] = 1.0,
     corrected: Annotated[
         bool, typer.Option("--corrected", help="Take poses from the pre-filter only: gpcorrect prefilter.")
     ] = False,
     ready: Annotated[bool, typer.Option("--ready", help="Start ENABLED and homed.")] = False,
-    ros_domain: RosDomain = None,
-    ros_distro: RosName = None,
-    allow_remote: Remote = False,
+    ros_domain: opt.RosDomain = None,
+    ros_distro: opt.RosName = None,
+    allow_remote: opt.Remote = False,
     seed: Annotated[int, typer.Option(help="Seed of the sensors' noise.", min=0)] = 0,
-    config: Config = None,
+    config: opt.Config = None,
 ) -> None:
     """Run an arm that speaks CRTK over zenoh until Ctrl-C or SIGTERM.
 
@@ -203,14 +164,13 @@ def serve(
     from gpcorrect.sim.live_robot import LiveRobot
     from gpcorrect_service.crtk import ArmServer, ArmServerSettings, Bus, BusSettings  # zenoh is an extra
 
-    distro = ros_distro_of(ros_distro, ros_domain)
+    distro = opt.ros_distro_of(ros_distro, ros_domain)
     if not 1.0 <= rate <= LARGEST_RATE or not time_scale > 0:
         raise DataError(f"the rate goes from 1 to {LARGEST_RATE:.0f} Hz and time forward, got {rate}, {time_scale}.")
-    known = model_named(machine or DEFAULT_MACHINE)
+    known = model_named(machine or "raven2_debridement")
     real = machine_of(known)
-    robot = LiveRobot(
-        real, np.random.default_rng(seed), block=max(1, min(LONGEST_BLOCK, round(real.drive.rate_hz / rate)))
-    )
+    block = max(1, min(20, round(real.drive.rate_hz / rate)))  # servo steps taken at once; chosen by hand
+    robot = LiveRobot(real, np.random.default_rng(seed), block=block)
     robot.advance(0.01)  # compiles what is compiled at first use
     if ready:
         robot.operate("enable")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from gpcorrect.calibration import Ageing, Detection, Proposal, Update
     from gpcorrect.types import IntArray
 
-NOT_WRITTEN = 1  # exit status
+NOT_WRITTEN = 1  # exit status, as of a check that fails
 UNSEEN = 0.2  # fraction of prior variance that points cannot see, from which a new fit is advised; chosen by hand
 POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
@@ -130,7 +130,7 @@ def drift(
 
     from gpcorrect.calibration import JointCorrector, detect, estimate_ageing, load_any
 
-    page = None if report is None else report_page(report)
+    page = report_page(report)
     if age is not None and len(age) != len(logs):
         raise DataError(f"give one --age a log: {len(logs)} logs, {len(age)} ages.", hint="In the order of the logs.")
     corrector = load_any(model)
@@ -175,15 +175,9 @@ def _drift_dict(found: Detection, ageing: Ageing, unit: str, where: IntArray, lo
         "alarm": found.alarm is not None,
         "alarm_log": None if found.alarm is None else str(logs[int(where[found.alarm])]),
         "alarm_trajectory": found.alarm,
-        "evidence": found.evidence.tolist(),
-        "threshold": found.threshold,
-        "scores": found.scores.tolist(),
-        "ageing": ageing.ageing,
+        **{name: getattr(found, name) for name in ("evidence", "threshold", "scores")},
         "unit": unit,
-        "slope": ageing.slope,
-        "slope95": list(ageing.slope95),
-        "remaining": ageing.remaining,
-        "remaining95": None if ageing.remaining95 is None else list(ageing.remaining95),
+        **{name: getattr(ageing, name) for name in ("ageing", "slope", "slope95", "remaining", "remaining95")},
     }
 
 

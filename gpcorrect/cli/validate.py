@@ -9,18 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from gpcorrect.cli import options as opt
 from gpcorrect.cli.console import out, plain_table, print_json, styled
-from gpcorrect.cli.options import (
-    Arm,
-    Columns,
-    Json,
-    MachineName,
-    OldNamespace,
-    Tracker,
-    TrackerLog,
-    one_of,
-    takes_groups,
-)
 from gpcorrect.cli.reading import Reading, arm_chosen, chain_of, seconds_ahead
 
 if TYPE_CHECKING:
@@ -32,11 +22,11 @@ STYLE = {"error": "bold red", "warning": "yellow", "info": "dim"}
 
 def validate(
     log: Annotated[Path, typer.Argument(help="Recording to look at.")],
-    columns: Columns = None,
-    arm: Arm = None,
-    tracker_topic: Tracker = None,
-    machine: MachineName = None,
-    tracker_log: TrackerLog = None,
+    columns: opt.Columns = None,
+    arm: opt.Arm = None,
+    tracker_topic: opt.Tracker = None,
+    machine: opt.MachineName = None,
+    tracker_log: opt.TrackerLog = None,
     time_offset: Annotated[
         str, typer.Option(help="Clock of --tracker-log: auto (matched by the motion), none, or seconds it runs ahead.")
     ] = "auto",
@@ -46,8 +36,8 @@ def validate(
             "--for", help="Judge by one purpose: fit, joint, tracker (a file for --tracker-log), discrepancy."
         ),
     ] = None,
-    old_namespace: OldNamespace = None,
-    json: Json = False,
+    old_namespace: opt.OldNamespace = None,
+    json: opt.Json = False,
 ) -> None:
     """Look at a recording before fitting: rates, gaps, stamps, frozen signals, units, limits, swapped arms.
 
@@ -74,7 +64,7 @@ def validate(
     if purpose is None:
         report, uses = with_uses(validate_log(recording), recording)
     else:
-        one_of(purpose, tuple(PURPOSES), "--for")
+        opt.one_of(purpose, tuple(PURPOSES), "--for")
         report = for_purpose(validate_log(recording), recording, purpose)
         uses = (Use(purpose),) if report.ok else ()
     if json:
@@ -88,7 +78,7 @@ def validate(
 def topics(
     log: Annotated[Path, typer.Argument(help="Recording to look into.")],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Write the proposed mapping file here.")] = None,
-    json: Json = False,
+    json: opt.Json = False,
 ) -> None:
     """List what is in a recording, topics, bodies, markers or columns, and propose a mapping file.
 
@@ -114,12 +104,12 @@ def topics(
     typer.echo(found.mapping, nl=False)
 
 
-@takes_groups
+@opt.takes_groups
 def convert(
     log: Annotated[Path, typer.Argument(help="Recording to read.")],
     output: Annotated[Path, typer.Argument(help="Native log to write: CSV or Parquet by its ending.")],
     reading: Reading,
-    json: Json = False,
+    json: opt.Json = False,
 ) -> None:
     """Write a recording of any known format as a native log: SI units, one clock, a column a number.
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,30 +12,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gpcorrect.atomic import require_folder, require_new, require_own, write_file
-from gpcorrect.cli.console import (
-    digests,
-    note,
-    out,
-    plain_table,
-    print_json,
-    print_result,
-    progress_bar,
-    split_names,
-    write_evaluation_page,
-    write_fit_page,
-)
-from gpcorrect.cli.options import Columns, Json, Logs, OldPage, Report, RobotPlace, report_page, takes_groups
+from gpcorrect.cli import console
+from gpcorrect.cli import options as opt
 from gpcorrect.cli.reading import read_logs
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:  # OpenCV is an extra, and scikit-learn is slow: they are imported when a command needs them
-    from gpcorrect.vision import AnnotatedVideo, Camera, Frame, LiveView, Source, Target
+    from gpcorrect.vision import Frame, LiveView, Target
     from gpcorrect.vision.opencv import Image
 
-PAPER_LAYERS, PAPER_EPOCHS = (600, 500, 400), 60  # network of Peng et al. 2020, whose batch normalisation is left out
-
 STATE = ("measured_cp", "tracker_cp", "measured_jp")  # what an estimator learns from
-
 vision_app = typer.Typer(
     no_args_is_help=True,
     help="Ground truth from ordinary cameras and coloured balls, and a position estimator from it.",
@@ -48,7 +34,7 @@ Square = Annotated[float, typer.Option(help="Side of a square, mm, as measured o
 
 
 @dataclass(frozen=True)
-class LivePlace(RobotPlace):
+class LivePlace(opt.RobotPlace):
     """Whether pictures are shown while the command works, and where; its fields become options."""
 
     live: Annotated[
@@ -63,7 +49,7 @@ def board(
     rows: BoardRows = 6,
     square: Square = 20.0,
     paper: Annotated[str, typer.Option(help="a4, a3 or letter.")] = "a4",
-    json: Json = False,
+    json: opt.Json = False,
 ) -> None:
     """Write the chessboard for the calibration as a PDF: print it at 100 % and glue it onto something flat.
 
@@ -74,7 +60,9 @@ def board(
     require_own(output, b"%PDF", "PDF")
     write_board(output, columns, rows, 1e-3 * square, paper)
     facts = {"output": str(output), "columns": columns, "rows": rows, "square_mm": square, "paper": paper}
-    print_result(facts, f"board: {output} ({paper}; print at 100 % and measure the line of 100 mm)", as_json=json)
+    console.print_result(
+        facts, f"board: {output} ({paper}; print at 100 % and measure the line of 100 mm)", as_json=json
+    )
 
 
 @vision_app.command()
@@ -84,7 +72,7 @@ def rig(
     columns: BoardColumns = 9,
     rows: BoardRows = 6,
     square: Square = 20.0,
-    json: Json = False,
+    json: opt.Json = False,
 ) -> None:
     """Write the rig file for `calibrate` from pictures of the printed board.
 
@@ -98,11 +86,11 @@ def rig(
     require_new(output)
     write_file(output, rig_text(folders, Chessboard(columns, rows, 1e-3 * square), output.parent))
     words = f"rig: {output}   next: gpcorrect vision calibrate {output}"
-    print_result({"output": str(output), "cameras": [folder.name for folder in folders]}, words, as_json=json)
+    console.print_result({"output": str(output), "cameras": [folder.name for folder in folders]}, words, as_json=json)
 
 
 @vision_app.command()
-@takes_groups
+@opt.takes_groups
 def record(
     cameras: Annotated[
         list[str], typer.Argument(help="Numbers of cameras (0 1 2 3) or their devices, or video files instead.")
@@ -112,7 +100,7 @@ def record(
     fps: Annotated[float, typer.Option(help="Frames a second to ask for.", min=1.0)] = 30.0,
     *,
     place: LivePlace,
-    json: Json = False,
+    json: opt.Json = False,
 ) -> None:
     """Record cameras into a folder that `track` takes: a video each, and when every picture was taken.
 
@@ -121,7 +109,8 @@ def record(
     from gpcorrect.vision import record as record_cameras
     from gpcorrect.vision import side_by_side
 
-    with _live(place) as view:
+    with ExitStack() as stack:
+        view = _live(place, stack)
 
         def show(pictures: Sequence[Image]) -> None:
             if view is not None:
@@ -129,7 +118,7 @@ def record(
 
         frames = record_cameras(cameras, output, seconds, fps, on_pictures=show)
     words = f"{frames} frames of {len(cameras)} cameras   next: gpcorrect vision track {output}"
-    print_result({"output": str(output), "cameras": cameras, "frames": frames}, words, as_json=json)
+    console.print_result({"output": str(output), "cameras": cameras, "frames": frames}, words, as_json=json)
 
 
 @vision_app.command()
@@ -138,9 +127,9 @@ def calibrate(
     output: Annotated[Path, typer.Option("--output", "-o", help="Calibration file to write (JSON).")] = Path(
         "cameras.json"
     ),
-    report: Report = None,
-    old_page: OldPage = None,
-    json: Json = False,
+    report: opt.Report = None,
+    old_page: opt.OldPage = None,
+    json: opt.Json = False,
 ) -> None:
     """Calibrate cameras: lenses from chessboards, places from markers at known points.
 
@@ -151,24 +140,24 @@ def calibrate(
     from gpcorrect.vision import calibrate_rig, read_rig, write_cameras
 
     require_own(output, rb'\s*{\s*"format"', "cameras file")
-    page = None if report is None else report_page(report)
-    with progress_bar(quiet=json) as progress:
+    page = opt.report_page(report)
+    with console.progress_bar(quiet=json) as progress:
         result = calibrate_rig(read_rig(rig), progress)
     write_cameras([camera.camera for camera in result.cameras], output)
     if page is not None:
         from gpcorrect.report import write_calibration_page  # the report's libraries are an extra
 
-        write_calibration_page(result, page, digests(rig))
+        write_calibration_page(result, page, console.digests(rig))
     figures = result.to_dict()
     if json:
-        print_json(figures)
+        console.print_json(figures)
     else:
         _show_cameras(figures["cameras"])
-        out.print(f"calibration: {output}" + (f"   page: {page}" if page else ""))
+        console.out.print(f"calibration: {output}" + (f"   page: {page}" if page else ""))
 
 
 @vision_app.command()
-@takes_groups
+@opt.takes_groups
 def track(
     videos: Annotated[
         list[Path],
@@ -189,8 +178,8 @@ def track(
     ball: Annotated[str | None, typer.Option(help="Track a single ball of this colour instead of a target.")] = None,
     fps: Annotated[float | None, typer.Option(help="Frames a second; as the videos or file names say, or 30.")] = None,
     annotated: Annotated[Path | None, typer.Option(help="Annotated video to write (.mp4 or .avi).")] = None,
-    report: Report = None,
-    old_page: OldPage = None,
+    report: opt.Report = None,
+    old_page: opt.OldPage = None,
     measured_only: Annotated[
         bool, typer.Option("--measured-only", help="Leave out poses that were predicted through an occlusion.")
     ] = False,
@@ -200,7 +189,7 @@ def track(
     workers: Annotated[int, typer.Option(help="Whole pictures searched at the same time.", min=1)] = 2,
     *,
     place: LivePlace,
-    json: Json = False,
+    json: opt.Json = False,
 ) -> None:
     """Track coloured balls through synchronised videos into `tracker_cp` of a log.
 
@@ -215,20 +204,25 @@ def track(
     gpcorrect vision track cam0/ cam1/ --ball red --fps 25 --annotated look.mp4 --report quality.html
     """
     from gpcorrect.logs import write_log
-    from gpcorrect.vision import TrackSettings, open_sources, read_cameras
+    from gpcorrect.vision import AnnotatedVideo, TrackSettings, open_sources, read_cameras
     from gpcorrect.vision import annotated as draw
     from gpcorrect.vision import track as track_sources
 
     for path in filter(None, (output, annotated)):
         require_folder(path)
-    page = None if report is None else report_page(report)
+    page = opt.report_page(report)
     if output.suffix not in (".csv", ".parquet"):
         raise DataError(f"a log ends in .csv or .parquet; got {output.name}.")
     followed, known = _target(target, ball), read_cameras(cameras)
     sources = open_sources(videos, [camera.name for camera in known])
     settings = TrackSettings(fps=fps, first_look=first_look, workers=workers)
-    drawing = _drawing(annotated, known, followed, fps, sources)
-    with progress_bar(quiet=json) as progress, drawing as video, _live(place) as view:
+    with ExitStack() as stack:
+        progress = stack.enter_context(console.progress_bar(quiet=json))
+        video = None
+        if annotated is not None:
+            rate = fps or next((source.fps for source in sources if source.fps), 30.0)
+            video = stack.enter_context(AnnotatedVideo(annotated, known, followed, rate))
+        view = _live(place, stack)
 
         def show(frame: Frame, images: Sequence[Image | None]) -> None:
             if video is not None:
@@ -241,28 +235,28 @@ def track(
     if page is not None:
         from gpcorrect.report import write_tracking_page
 
-        write_tracking_page(result, known, followed, page, digests(cameras, *videos))
+        write_tracking_page(result, known, followed, page, console.digests(cameras, *videos))
     figures = result.to_dict()
     if json:
-        print_json(figures)
+        console.print_json(figures)
         return
     _show_track(figures)
-    out.print(
+    console.out.print(
         " ".join(f"{name}: {path}" for name, path in (("log", output), ("video", annotated), ("page", page)) if path)
     )
 
 
 @vision_app.command()
 def fit(
-    logs: Logs,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Model file to write.")] = Path("estimator.gpc"),
+    logs: opt.Logs,
+    output: opt.ModelOutput = Path("estimator.gpc"),
     method: Annotated[str, typer.Option(help="gp, network, linear; see gpcorrect joint fit.")] = "gp",
     holdout: Annotated[float, typer.Option(help="Fraction of whole trajectories, the last ones, to measure on.")] = 0.2,
     extra: Annotated[str | None, typer.Option(help="Extra columns of the log that belong to the state.")] = None,
-    columns: Columns = None,
+    columns: opt.Columns = None,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
-    report: Report = None,
-    json: Json = False,
+    report: opt.Report = None,
+    json: opt.Json = False,
 ) -> None:
     """Learn where the tool really is from the robot's own state, with tracker_cp as labels: no sensor needed after.
 
@@ -274,39 +268,35 @@ def fit(
         learner_named,
         position_reductions,
         require_model_place,
-        run_experiment,
-        save,
     )
 
     require_model_place(output)
-    page = None if report is None else report_page(report)
+    page = opt.report_page(report)
     learner_named(method)
-    settings = FitSettings(
-        method=method, layers=PAPER_LAYERS, epochs=PAPER_EPOCHS, extra=split_names(extra or ""), seed=seed
-    )
+    paper: dict[str, Any] = {
+        "layers": (600, 500, 400),
+        "epochs": 60,
+    }  # Peng et al. 2020; its batch normalisation is left out
+    settings = FitSettings(method=method, extra=console.split_names(extra or ""), seed=seed, **paper)
     log = read_logs(logs, columns, learned=STATE)
-    with progress_bar(quiet=json) as progress:
-        experiment = run_experiment(log, settings, task=PositionEstimator, holdout=holdout, progress=progress)
-    save(experiment.corrector, output)
-    if page is not None:
-        write_fit_page(experiment, page)
+    experiment = console.fitted(log, settings, output, page, quiet=json, task=PositionEstimator, holdout=holdout)
     for remark in experiment.fit.remarks:
-        note(remark)
+        console.note(remark)
     figures = {**experiment.to_dict(), "method": method, **position_reductions(experiment.evaluation)}
     if json:
-        print_json(figures)
+        console.print_json(figures)
         return
     _show_estimator(figures)
-    out.print(f"trained on {experiment.fit.n_train} samples in {experiment.seconds:.1f} s -> {output}")
+    console.out.print(f"trained on {experiment.fit.n_train} samples in {experiment.seconds:.1f} s -> {output}")
 
 
 @vision_app.command()
 def evaluate(
     model: Annotated[Path, typer.Argument(help="Model file of `gpcorrect vision fit`.")],
-    logs: Logs,
-    columns: Columns = None,
-    report: Report = None,
-    json: Json = False,
+    logs: opt.Logs,
+    columns: opt.Columns = None,
+    report: opt.Report = None,
+    json: opt.Json = False,
 ) -> None:
     """Measure a position estimator on recordings it has not seen.
 
@@ -314,75 +304,57 @@ def evaluate(
     """
     from gpcorrect.calibration import PositionEstimator, evaluate_model, load, position_reductions
 
-    page = None if report is None else report_page(report)
+    page = opt.report_page(report)
     log = read_logs(logs, columns, learned=STATE)
     evaluation = evaluate_model(load(model, PositionEstimator), log)
-    if page is not None:
-        write_evaluation_page(evaluation, log, model, (), page)
+    console.write_evaluation_page(evaluation, log, model, (), page)
     for caution in evaluation.cautions:
-        note(caution)
+        console.note(caution)
     figures = {"n_test": len(evaluation.clean.rows), **evaluation.to_dict(), **position_reductions(evaluation)}
     if json:
-        print_json(figures)
+        console.print_json(figures)
     else:
         _show_estimator(figures)
 
 
 def _show_estimator(figures: dict[str, Any]) -> None:
     if "raw" not in figures:
-        note("nothing was held out, so nothing was measured")
+        console.note("nothing was held out, so nothing was measured")
         return
-    table = plain_table("position error [mm]", "RMS", "SD", "RMS x y z")
-    rows = (("raw", "reported"), ("rigid", "after rigid motion"), ("estimated", "estimated"))
-    for key, name in rows:
+    table = console.plain_table("position error [mm]", "RMS", "SD", "RMS x y z")
+    for key, name in (("raw", "reported"), ("rigid", "after rigid motion"), ("estimated", "estimated")):
         row = figures[key]
         axes = " ".join(f"{value:.3f}" for value in row["rms_axes_mm"])
         table.add_row(name, f"{row['rms_mm']:.3f}", f"{row['sd_mm']:.3f}", axes)
-    out.print(table)
-    out.print(f"RMS less by {figures['rms_reduction']:.1f} %, SD by {figures['sd_reduction']:.1f} %")
+    console.out.print(table)
+    console.out.print(f"RMS less by {figures['rms_reduction']:.1f} %, SD by {figures['sd_reduction']:.1f} %")
 
 
 def _target(path: Path | None, ball: str | None) -> Target:
     from gpcorrect.vision import END_EFFECTOR, read_target, single_ball
 
-    if path is not None and ball is not None:
+    if ball is None:
+        return END_EFFECTOR if path is None else read_target(path)
+    if path is not None:
         raise DataError("give --target or --ball, not both.")
-    if ball is not None:
-        return single_ball(ball)
-    return END_EFFECTOR if path is None else read_target(path)
+    return single_ball(ball)
 
 
-@contextmanager
-def _drawing(
-    path: Path | None, cameras: Sequence[Camera], target: Target, fps: float | None, sources: Sequence[Source]
-) -> Iterator[AnnotatedVideo | None]:
-    """Open the annotated video, when one is asked for."""
-    from gpcorrect.vision import AnnotatedVideo
-
-    if path is None:
-        yield None
-        return
-    with AnnotatedVideo(path, cameras, target, fps or next((s.fps for s in sources if s.fps), 30.0)) as video:
-        yield video
-
-
-@contextmanager
-def _live(place: LivePlace) -> Iterator[LiveView | None]:
+def _live(place: LivePlace, stack: ExitStack) -> LiveView | None:
     """Open the way to the monitor, when pictures are to be shown there."""
     if not place.live:
-        yield None
-        return
+        return None
     from gpcorrect.vision import LiveView
-    from gpcorrect_service.crtk import Bus, BusSettings, View  # zenoh is an extra; other commands work without it
+    from gpcorrect_service.crtk import Bus, View  # zenoh is an extra; other commands work without it
 
-    settings = BusSettings(place.endpoint, place.arm, place.namespace, config_file=place.config)
-    with Bus(settings) as bus:
-        yield LiveView(lambda jpeg: bus.publish("view", View(time.time(), jpeg)))
+    bus = stack.enter_context(Bus(place.bus))
+    return LiveView(lambda jpeg: bus.publish("view", View(time.time(), jpeg)))
 
 
 def _show_cameras(cameras: list[dict[str, Any]]) -> None:
-    names = ("camera", "boards", "corners [px]", "markers", "markers [px]", "focal [px]", "position ± [mm]")
-    table = plain_table(*names)
+    table = console.plain_table(
+        "camera", "boards", "corners [px]", "markers", "markers [px]", "focal [px]", "position ± [mm]"
+    )
     for row in cameras:
         left_out = f" (without {', '.join(row['marker_outliers'])})" if row["marker_outliers"] else ""
         table.add_row(
@@ -394,12 +366,12 @@ def _show_cameras(cameras: list[dict[str, Any]]) -> None:
             f"{row['focal_px']:.1f}",
             _number(row["position_std_mm"]),
         )
-    out.print(table)
+    console.out.print(table)
     for row in cameras:
         if row["without_board"]:
-            note(f"{row['name']}: no chessboard in {', '.join(row['without_board'])}")
+            console.note(f"{row['name']}: no chessboard in {', '.join(row['without_board'])}")
         if row["position_std_mm"] is None:
-            note(f"{row['name']}: placed by its board alone, roughly: no markers were given")
+            console.note(f"{row['name']}: placed by its board alone, roughly: no markers were given")
 
 
 def _number(value: float | None) -> str:
@@ -408,7 +380,7 @@ def _number(value: float | None) -> str:
 
 def _show_track(figures: dict[str, Any]) -> None:
     parts = ", ".join(f"{100 * figures[f'{name}_share']:.1f} % {name}" for name in ("measured", "coasting", "lost"))
-    out.print(f"{figures['frames']} frames: {parts}; reprojection {_number(figures['reprojection_px'])} px")
+    console.out.print(f"{figures['frames']} frames: {parts}; reprojection {_number(figures['reprojection_px'])} px")
     for remark in figures["remarks"]:
-        note(remark)
-    out.print(f"{figures['seconds']:.1f} s, {figures['frames_a_second']:.1f} frames a second")
+        console.note(remark)
+    console.out.print(f"{figures['seconds']:.1f} s, {figures['frames_a_second']:.1f} frames a second")

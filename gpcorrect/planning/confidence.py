@@ -111,7 +111,6 @@ def first_trusted(corrector: Corrects, paths: Iterable[DesiredPath], margins: Ma
     Parameters
     ----------
     corrector : Corrects
-        A `CommandCorrector` or a `CorrectionClient`.
     paths : iterable of DesiredPath
         Several ways to do the same, best first; later ones are only corrected when needed.
     margins : Margins
@@ -123,15 +122,15 @@ def first_trusted(corrector: Corrects, paths: Iterable[DesiredPath], margins: Ma
     DataError
         There is no path.
     """
-    doubts: list[Doubt] = []
+    doubts: tuple[Doubt, ...] = ()
     last: Planned | None = None
     for number, path in enumerate(paths):
         command = corrected(corrector, path, mode)
         doubt = margins.doubt(command)
-        if doubt is None:
-            return Planned(number, path, command, tuple(doubts), trusted=True)
-        doubts.append(doubt)
-        last = Planned(number, path, command, tuple(doubts), trusted=False)
+        doubts = doubts if doubt is None else (*doubts, doubt)
+        last = Planned(number, path, command, doubts, trusted=doubt is None)
+        if last.trusted:
+            break
     if last is None:
         raise DataError("there is no path to choose from.")
     return last

@@ -19,35 +19,11 @@ Mode = Literal["full", "endpoints"]
 REST = 1e4  # s between two poses: so slow that both are at rest for any model
 
 
-class PathAnswer(Protocol):
-    """The answer for n poses: a :class:`gpcorrect.correction.Correction`, or the service's `Reply` around one."""
-
-    @property
-    def position(self) -> FloatArray | None:
-        """(n, 3) m, base frame."""
-
-    @property
-    def quaternion(self) -> FloatArray | None:
-        """(n, 4) wxyz."""
-
-    @property
-    def interval95(self) -> FloatArray:
-        """(n, 6) half widths, m then rad; NaN where nothing was learned."""
-
-    @property
-    def in_domain(self) -> Any:
-        """(n,) near training data."""
-
-    @property
-    def status(self) -> Any:
-        """One status a pose."""
-
-
 class Corrects(Protocol):
-    """A correction, served or in process."""
+    """A correction, served or in process: a `CommandCorrector` or a `CorrectionClient`."""
 
-    def correct_path(self, poses: FloatArray, times: FloatArray) -> PathAnswer:
-        """Return what to command instead of a path.
+    def correct_path(self, poses: FloatArray, times: FloatArray) -> Any:
+        """Return what to command instead of a path: a `Correction`, or the service's `Reply` around one.
 
         Parameters
         ----------
@@ -89,7 +65,6 @@ def corrected(corrector: Corrects, path: DesiredPath, mode: Mode = "full") -> Co
     Parameters
     ----------
     corrector : Corrects
-        A `CommandCorrector` or a `CorrectionClient`.
     path : DesiredPath
         In the frame that the model was trained in.
     mode : "full" or "endpoints"

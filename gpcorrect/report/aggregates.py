@@ -10,13 +10,11 @@ from scipy.stats import norm
 from gpcorrect.calibration import Corrector, Measured, PartErrors, part_errors
 from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
 from gpcorrect.report.page import Section, TableData
-from gpcorrect.report.paths import Shown
-from gpcorrect.report.tasks import METHOD_ROLES, method_words
-from gpcorrect.report.trajectories import measured_parts
+from gpcorrect.report.paths import METHOD_ROLES, METHOD_WORDS, Shown
+from gpcorrect.report.trajectories import LEAVES, leaves, measured_parts
 from gpcorrect.rigid.registration import evenly_spaced
 from gpcorrect.types import BoolArray, FloatArray
 
-LEAVES = {"mean": "mean", "sd": "SD", "rmse": "rmse", "p95": "p95", "max": "max"}
 SPEED_BINS = 8  # that hold equally many samples; chosen by hand
 LEVELS = 200  # points of a distribution's line; chosen by hand
 CELLS = 24  # of a map, along its wider axis; chosen by hand
@@ -47,12 +45,12 @@ def errors_section(shown: Shown, dirty: Measured) -> Section:
 def _table(errors: Sequence[PartErrors], note: str) -> TableData:
     parts = list(dict.fromkeys(row.part for row in errors))
     rows = [
-        [f"{row.part}, {method_words(row.method)}", *(f"{getattr(row, leaf):.3f}" for leaf in LEAVES), row.unit]
+        [f"{row.part}, {METHOD_WORDS[row.method]}", *leaves(row), row.unit]
         for part in parts
         for row in errors
         if row.part == part
     ]
-    return TableData(["", *LEAVES.values(), "unit"], rows, note)
+    return TableData(["", *LEAVES, "unit"], rows, note)
 
 
 def _by_axis(shown: Shown) -> list[TableData]:
@@ -61,7 +59,7 @@ def _by_axis(shown: Shown) -> list[TableData]:
     if len(shown.corrector.parts(measured.raw.shape[1])) == measured.raw.shape[1]:
         return []
     rows = [
-        [method_words(m), *(_mean_sd(axis.scale * measured.of(m)[:, axis.column]) for axis in axes)]
+        [METHOD_WORDS[m], *(_mean_sd(axis.scale * measured.of(m)[:, axis.column]) for axis in axes)]
         for m in shown.corrector.METHODS
     ]
     note = "Mean absolute error and its SD, per axis of the base frame."
@@ -76,7 +74,7 @@ def _mean_sd(errors: FloatArray) -> str:
 def _sizes(corrector: Corrector, measured: Measured) -> list[tuple[str, dict[str, FloatArray]]]:
     """Return label of each measured part, and by method the sizes of its errors (n,)."""
     return [
-        (f"{part.name} error [{part.unit}]", {method_words(m): part.sizes(measured.of(m)) for m in corrector.METHODS})
+        (f"{part.name} error [{part.unit}]", {METHOD_WORDS[m]: part.sizes(measured.of(m)) for m in corrector.METHODS})
         for part in measured_parts(corrector, measured)
     ]
 
@@ -89,7 +87,6 @@ def distribution_chart(errors: Sequence[tuple[str, Mapping[str, FloatArray]]], r
     errors : sequence of (str, mapping)
         Label of a part, and the sizes (n,) of its errors by the name of a line.
     roles : sequence of Role
-        Of the lines.
     """
     panels = []
     for label, sizes in errors:
@@ -127,7 +124,6 @@ def map_chart(shown: Shown, position: FloatArray) -> Chart:
     Parameters
     ----------
     shown : Shown
-        n measured samples.
     position : (n, 3) array
         Where they are, m.
     """
@@ -135,7 +131,7 @@ def map_chart(shown: Shown, position: FloatArray) -> Chart:
     sizes = [(m, part.sizes(shown.measured.of(m))) for m in (before, after)]
     largest = float(np.nanpercentile(sizes[0][1], 98)) or 1.0
     panels = [
-        _cells(100 * position[:, [i, j]], size, ("xyz"[i], "xyz"[j]), method_words(method), largest)
+        _cells(100 * position[:, [i, j]], size, ("xyz"[i], "xyz"[j]), METHOD_WORDS[method], largest)
         for i, j in _views(position)
         for method, size in sizes
     ]

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-DIGITS = 6
-"""Of a number on the page: a thousand seconds to the millisecond or so; chosen by hand."""
+from gpcorrect.types import IntArray
+
+DIGITS = 6  # of a number on the page: a thousand seconds to the millisecond or so; chosen by hand
 
 
 class Mark(StrEnum):
@@ -42,116 +43,61 @@ class Role(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Numbers of one name; NaN leaves a gap.
+    """Numbers of one name; NaN leaves a gap."""
 
-    Parameters
-    ----------
-    name : str
-        In the legend, which shows and hides all series of the name.
-    mark : Mark
-    role : Role
-    x, y : array_like
-        (n,), in the units of the axes.
-    z, x2, y2, value : array_like or None
-        Third coordinate in space; other end of bars, bands and cells; colour of cells, or time of a point in space.
-    text : sequence of str
-        What is shown for each point, instead of the name.
-    labels : sequence of str
-        Written beside each bar.
-    size : float
-        px of dots, or part of a row that a bar fills; as the page's script has it where 0.
-    hidden : bool
-        Not shown until the reader asks.
-    """
-
-    name: str
+    name: str  # in the legend, which shows and hides all series of the name
     mark: Mark
     role: Role
+    # (n,), in the units of the axes
     x: ArrayLike
     y: ArrayLike
+    # third coordinate in space; other end of bars, bands and cells; colour of cells, or time of a point in space
     z: ArrayLike | None = None
     x2: ArrayLike | None = None
     y2: ArrayLike | None = None
     value: ArrayLike | None = None
-    text: Sequence[str] = ()
-    labels: Sequence[str] = ()
-    size: float = 0.0
-    hidden: bool = False
+    text: Sequence[str] = ()  # what is shown for each point, instead of the name
+    labels: Sequence[str] = ()  # written beside each bar
+    size: float = 0.0  # px of dots, or part of a row that a bar fills; as the page's script has it where 0
+    hidden: bool = False  # not shown until the reader asks
 
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """Series on one pair of axes.
+    """Series on one pair of axes."""
 
-    Parameters
-    ----------
-    x_label, y_label, z_label : str
-        Name and, in brackets, unit.
-    series : sequence of Series
-    title : str
-    log_x, log_y : bool
-        Logarithmic scale.
-    equal : bool
-        One scale for all axes.
-    rows : sequence of str
-        Names of rows where y counts rows, from the top.
-    x_names : sequence of str
-        The same for x, from the left.
-    x_range, y_range : (float, float) or None
-        Shown at first; as the series need without it.
-    spans : sequence of (float, float, str)
-        Stretches of x that are shaded, and why.
-    largest : float
-        Value of cells in full colour.
-    height : int
-        px; by its contents where 0.
-    legend : bool
-        Name the series even where there is one.
-    """
-
+    # name and, in brackets, unit
     x_label: str
     y_label: str
     series: Sequence[Series]
     z_label: str = ""
     title: str = ""
+    # logarithmic scale
     log_x: bool = False
     log_y: bool = False
-    equal: bool = False
-    rows: Sequence[str] = ()
-    x_names: Sequence[str] = ()
+    equal: bool = False  # one scale for all axes
+    rows: Sequence[str] = ()  # names of rows where y counts rows, from the top
+    x_names: Sequence[str] = ()  # the same for x, from the left
+    # shown at first; as the series need without it
     x_range: tuple[float, float] | None = None
     y_range: tuple[float, float] | None = None
-    spans: Sequence[tuple[float, float, str]] = ()
-    largest: float = 0.0
-    height: int = 0
-    legend: bool = False
+    spans: Sequence[tuple[float, float, str]] = ()  # stretches of x that are shaded, and why
+    largest: float = 0.0  # value of cells in full colour
+    height: int = 0  # px; by its contents where 0
+    legend: bool = False  # name the series even where there is one
 
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """Panels and the sentence under them.
-
-    Parameters
-    ----------
-    caption : str
-    panels : sequence of Panel
-        Of a chart that always shows the same.
-    choices : mapping of str to sequence of Panel
-        Of a chart that shows what is chosen in the page's table, by the keys of its rows.
-    columns : int
-        Panels beside each other, on a wide page.
-    shared : bool
-        The panels have one x axis: they are zoomed together.
-    space : bool
-        One panel with x, y and z.
-    """
+    """Panels and the sentence under them."""
 
     caption: str
-    panels: Sequence[Panel] = ()
+    panels: Sequence[Panel] = ()  # of a chart that always shows the same
+    # of a chart that shows what is chosen in the page's table, by the keys of its rows
     choices: Mapping[str, Sequence[Panel]] = field(default_factory=dict)
-    columns: int = 1
-    shared: bool = False
-    space: bool = False
+    columns: int = 1  # panels beside each other, on a wide page
+    shared: bool = False  # the panels have one x axis: they are zoomed together
+    space: bool = False  # one panel with x, y and z
 
 
 def charts_data(charts: Sequence[Chart]) -> dict[str, Any]:
@@ -160,10 +106,19 @@ def charts_data(charts: Sequence[Chart]) -> dict[str, Any]:
     Parameters
     ----------
     charts : sequence of Chart
-        In the order of the page.
     """
     store = _Columns()
     return {"charts": [_plain(chart, store) for chart in charts], "columns": store.lists}
+
+
+def runs(labels: np.ndarray) -> list[IntArray]:
+    """Return the places of each unbroken run of one label.
+
+    Parameters
+    ----------
+    labels : (n,) array
+    """
+    return np.split(np.arange(len(labels)), np.flatnonzero(labels[1:] != labels[:-1]) + 1)
 
 
 class _Columns:
@@ -178,7 +133,9 @@ class _Columns:
         if id(array) not in self._known:
             self._known[id(array)] = len(self.lists)
             self._held.append(array)
-            self.lists.append(_rounded(np.asarray(array, dtype=np.float64)))
+            numbers = np.asarray(array, dtype=np.float64)
+            # with the digits that can be seen; None for what is not finite
+            self.lists.append([float(f"{v:.{DIGITS}g}") if math.isfinite(v) else None for v in numbers])
         return self._known[id(array)]
 
 
@@ -201,8 +158,3 @@ def _plain(part: Any, store: _Columns) -> Any:
         else:
             found[entry.name] = value
     return found
-
-
-def _rounded(values: Any) -> list[float | None]:
-    """Return numbers with the digits that can be seen; None for what is not finite."""
-    return [float(f"{v:.{DIGITS}g}") if math.isfinite(v) else None for v in values]

@@ -15,8 +15,7 @@ from gpcorrect.rigid import apply_residual, pose_residual
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
 POSE, VECTOR = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/Vector3Stamped"
-UPRIGHT = (1.0, 0.0, 0.0, 0.0)
-"""Orientation of poses of which positions alone are known, wxyz."""
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)  # orientation of poses of which positions alone are known, wxyz
 
 
 def write_mcap(evaluation: Evaluation, log: CalibrationLog, folder: Path) -> None:
@@ -31,18 +30,13 @@ def write_mcap(evaluation: Evaluation, log: CalibrationLog, folder: Path) -> Non
     ----------
     evaluation : Evaluation
     log : CalibrationLog
-        That was measured.
     folder : Path
         Made; it holds the MCAP file and its description, as `ros2 bag` has them.
 
     Raises
     ------
-    GpCorrectError
-        The folder exists already or cannot be made.
     DataError
-        The model corrects no poses, or the log has no clock.
-    MissingExtraError
-        rosbags is not installed.
+        The model corrects no poses, the log has no clock, or the folder exists already.
     """
     if not isinstance(evaluation.corrector, CommandCorrector) or log.setpoint_cp is None:
         raise DataError(

@@ -46,29 +46,15 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """A report: its verdict in one sentence first.
-
-    Parameters
-    ----------
-    title, verdict : str
-    facts : sequence of (str, str)
-        Name and value, above all sections.
-    sections : sequence of Section
-    sources : sequence of (str, str)
-        For the foot of the page: data and models with their whole digests.
-    chosen : str
-        Key of the row that charts with choices show first.
-    chooses : str
-        What a row with a key is, in the legend of these charts.
-    """
+    """A report: its verdict in one sentence first."""
 
     title: str
     verdict: str
-    facts: Sequence[tuple[str, str]]
+    facts: Sequence[tuple[str, str]]  # name and value, above all sections
     sections: Sequence[Section] = field(default_factory=tuple)
-    sources: Sequence[tuple[str, str]] = ()
-    chosen: str = ""
-    chooses: str = "trajectory"
+    sources: Sequence[tuple[str, str]] = ()  # for the foot of the page: data and models with their whole digests
+    chosen: str = ""  # key of the row that charts with choices show first
+    chooses: str = "trajectory"  # what a row with a key is, in the legend of these charts
 
 
 def write_page(page: Page, path: Path) -> None:
@@ -78,12 +64,6 @@ def write_page(page: Page, path: Path) -> None:
     ----------
     page : Page
     path : Path
-        HTML file.
-
-    Raises
-    ------
-    GpCorrectError
-        The folder cannot be written.
     """
     charts = [figure for section in page.sections for figure in section.figures]
     data = json.dumps({**json_ready(charts_data(charts)), "chosen": page.chosen, "chooses": page.chooses})

@@ -1,26 +1,80 @@
-"""Charts of measured trajectories: paths in space and over time, and errors, with gaps where samples are missing."""
+"""Charts of measured trajectories of each task: paths in space and over time, and errors, with gaps."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from gpcorrect.calibration import COMPONENTS, Corrector, JointCorrector, Measured, joint_units
+from gpcorrect.calibration import COMPONENTS, CommandCorrector, Corrector, JointCorrector, Measured, joint_units
+from gpcorrect.calibration.joint_view import directed
 from gpcorrect.cleaning import CleaningReport, Reason
-from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
-from gpcorrect.report.tasks import reference, words_of
+from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series, runs
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 
-MOST_SAMPLES = 6000
-"""Drawn on a page: of seven joints and two models they take three megabytes; chosen by hand."""
-MOST_TRAJECTORIES = 300
-"""In the table and the charts; the page names how many there are. Chosen by hand."""
-DEGREES = float(np.rad2deg(1.0))
-ABOVE = 3
-"""Panels that are drawn above each other; more are drawn in two columns."""
+METHOD_ROLES = (Role.RAW, Role.RIGID, Role.CORRECTED)  # of the methods: before, after the simplest remedy, corrected
+METHOD_WORDS = {
+    "raw": "before",
+    "rigid": "registered",
+    "fixed_offset": "fixed offset",
+    "corrected": "corrected",
+    "estimated": "estimated",
+}
+
+
+@dataclass(frozen=True)
+class Words:
+    """Names of paths."""
+
+    reference: str  # the path that is to be hit
+    reached: str  # where the arm, or its report, was instead
+    reached_method: int  # which of the three methods' errors leads there
+    answer: str  # what the model gives
+    errors: str  # what an error is, in a sentence
+
+
+WORDS: Mapping[str, Words] = {
+    "pose": Words(
+        "commanded",
+        "reached, registered",
+        1,
+        "corrected",
+        "Errors are commands that were given, minus the commands that would have been given for the observed poses.",
+    ),
+    "estimate": Words(
+        "true", "reported", 0, "corrected", "Errors are true joints minus reported, and minus corrected ones."
+    ),
+    "command": Words(
+        "commanded", "desired", 0, "corrected", "Errors are joints that were commanded, minus those the model commands."
+    ),
+    "tool_position": Words(
+        "true", "reported", 0, "estimated", "Errors are the tracker's positions minus reported, and estimated ones."
+    ),
+}
+
+
+def words_of(corrector: Corrector) -> Words:
+    """Return the names for a model's task."""
+    return WORDS[corrector.view.direction if isinstance(corrector, JointCorrector) else corrector.TASK]
+
+
+def _reference(corrector: Corrector, log: CalibrationLog, measured: Measured) -> FloatArray:
+    """Return what was to be hit at the measured samples `(n, d)`: positions or joints; less an error, it is a path."""
+    if isinstance(corrector, JointCorrector):
+        truth = directed(log, corrector.view.input_signal, corrector.view.direction)[1]
+        assert truth is not None
+        return truth[measured.rows]
+    if isinstance(corrector, CommandCorrector):
+        assert log.setpoint_cp is not None
+        return log.setpoint_cp.position[measured.rows]
+    assert log.measured_cp is not None
+    return np.asarray(log.measured_cp.position[measured.rows] + measured.raw)
+
+
+MOST_SAMPLES = 6000  # drawn on a page: of seven joints and two models they take three megabytes; chosen by hand
+MOST_TRAJECTORIES = 300  # in the table and the charts; the page names how many there are; chosen by hand
 
 
 class Axis(NamedTuple):
@@ -53,23 +107,12 @@ class Line(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """A measured recording as its page shows it.
-
-    Parameters
-    ----------
-    corrector : Corrector
-    measured : Measured
-        Samples that pass cleaning.
-    cleaning : CleaningReport
-        Why the others do not.
-    log : CalibrationLog
-        All of them.
-    """
+    """A measured recording as its page shows it."""
 
     corrector: Corrector
-    measured: Measured
-    cleaning: CleaningReport
-    log: CalibrationLog
+    measured: Measured  # samples that pass cleaning
+    cleaning: CleaningReport  # why the others do not
+    log: CalibrationLog  # all of them
 
     @property
     def axes(self) -> list[Axis]:
@@ -78,7 +121,7 @@ class Shown:
             names, factors = joint_units(self.corrector.types)
             axes = [Axis(j, f"joint {j + 1}", names[j], float(factors[j])) for j in range(len(names))]
         else:
-            axes = [Axis(i, n, *(("mm", 1e3) if i < 3 else ("deg", DEGREES))) for i, n in enumerate(COMPONENTS)]
+            axes = [Axis(i, n, *(("mm", 1e3) if i < 3 else ("deg", np.rad2deg(1.0)))) for i, n in enumerate(COMPONENTS)]
         corrected = self.measured.corrected
         return [a for a in axes if a.column < corrected.shape[1] and np.isfinite(corrected[:, a.column]).any()]
 
@@ -98,22 +141,19 @@ def path_charts(shown: Shown, paths: Sequence[Line], errors: Sequence[Line]) -> 
     Parameters
     ----------
     shown : Shown
-        n measured samples.
     paths : sequence of Line
         Whose errors, taken off the reference, are drawn as paths beside it.
     errors : sequence of Line
         That are drawn as errors.
     """
-    groups, target = shown.groups(), reference(shown.corrector, shown.log, shown.measured)
+    groups, target = shown.groups(), _reference(shown.corrector, shown.log, shown.measured)
     if shown.log.static:  # nothing joins one pose to the next
         paths, errors = ([line._replace(mark=Mark.DOTS) for line in lines] for lines in (paths, errors))
     step = -(-sum(map(len, groups.values())) // MOST_SAMPLES)
-    drawn = {
-        key: _panels(
-            shown, _Chosen.of(shown, key, _thinned(shown.measured.rows[rows], rows, step)), target, paths, errors
-        )
-        for key, rows in groups.items()
-    }
+    drawn = {}
+    for key, rows in groups.items():
+        chosen = _chosen(shown, key, _thinned(shown.measured.rows[rows], rows, step))
+        drawn[key] = _panels(shown, chosen, target, paths, errors)
     thin = f" Every {step}th sample is drawn." if step > 1 else ""
     gaps = " Shaded: samples that cleaning rejected; lines have gaps there." if not shown.cleaning.keep.all() else ""
     names = [words_of(shown.corrector).reference, *(path.name for path in paths)]
@@ -124,11 +164,14 @@ def path_charts(shown: Shown, paths: Sequence[Line], errors: Sequence[Line]) -> 
         f"The same {along}.{gaps}{thin} Drag to zoom, double-click to go back.",
         f"Errors{band}.{gaps}",
     )
-    return [
-        _chart(caption, {key: found[i] for key, found in drawn.items()}, space=i == 0)
-        for i, caption in enumerate(captions)
-        if all(found[i] for found in drawn.values())
-    ]
+    charts = []
+    for i, caption in enumerate(captions):
+        if all(found[i] for found in drawn.values()):
+            choices = {key: found[i] for key, found in drawn.items()}
+            columns = 2 if len(next(iter(choices.values()))) > 3 else 1  # of more panels than fit above each other
+            static = choices.pop("", [])
+            charts.append(Chart(caption, static, choices, columns=columns, space=i == 0, shared=True))
+    return charts
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,12 +182,13 @@ class _Chosen:
     time: FloatArray
     spans: list[tuple[float, float, str]]
 
-    @classmethod
-    def of(cls, shown: Shown, key: str, index: IntArray) -> _Chosen:
-        log = shown.log
-        here = np.arange(len(log)) if key == "" else np.flatnonzero(log.trajectory == int(key))
-        time = log.time[here] - log.time[here[0]]
-        return cls(index, _taken(shown.measured.time - log.time[here[0]], index), _rejected(shown.cleaning, here, time))
+
+def _chosen(shown: Shown, key: str, index: IntArray) -> _Chosen:
+    log = shown.log
+    here = np.arange(len(log)) if key == "" else np.flatnonzero(log.trajectory == int(key))
+    time = log.time[here] - log.time[here[0]]
+    measured = _taken(shown.measured.time - log.time[here[0]], index)
+    return _Chosen(index, measured, _rejected(shown.cleaning, here, time))
 
 
 def _panels(
@@ -157,15 +201,10 @@ def _panels(
     for line in (zero, *paths):
         columns = [a.scale * (target[:, a.column] - line.errors[:, a.column]) for a in axes]
         drawn.append((line, [_taken(column, chosen.index) for column in columns]))
-    over_time = [
-        Panel(
-            along,
-            axis.label,
-            [Series(line.name, line.mark, line.role, time, columns[i]) for line, columns in drawn],
-            spans=chosen.spans,
-        )
-        for i, axis in enumerate(axes)
-    ]
+    over_time = []
+    for i, axis in enumerate(axes):
+        series = [Series(line.name, line.mark, line.role, time, columns[i]) for line, columns in drawn]
+        over_time.append(Panel(along, axis.label, series, spans=chosen.spans))
     space = []
     if len(axes) >= 3:  # the coordinates, or the first three joints
         x, y, z = axes[:3]
@@ -189,33 +228,18 @@ def _errors(axes: Sequence[Axis], along: str, chosen: _Chosen, lines: Sequence[L
     return panels
 
 
-def _chart(caption: str, choices: Mapping[str, list[Panel]], *, space: bool) -> Chart:
-    columns = 2 if len(next(iter(choices.values()))) > ABOVE else 1
-    if "" in choices:
-        return Chart(caption, panels=choices[""], columns=columns, space=space, shared=True)
-    return Chart(caption, choices=choices, columns=columns, space=space, shared=True)
-
-
 def _rejected(cleaning: CleaningReport, here: IntArray, time: FloatArray) -> list[tuple[float, float, str]]:
     """Return from when to when samples `here` (n,) were rejected, s, and why."""
     reason = np.asarray(cleaning.reason)[here]
     half = float(np.median(np.diff(time))) / 2 if len(time) > 1 else 0.0
-    return [
-        (float(time[run[0]] - half), float(time[run[-1]] + half), f"rejected: {Reason(str(reason[run[0]])).sentence}")
-        for run in _runs(reason)
-        if reason[run[0]]
-    ]
-
-
-def _runs(labels: np.ndarray) -> Iterator[IntArray]:
-    """Yield the places of each unbroken run of one label."""
-    yield from np.split(np.arange(len(labels)), np.flatnonzero(labels[1:] != labels[:-1]) + 1)
+    found = [(run[0], run[-1], str(reason[run[0]])) for run in runs(reason) if reason[run[0]]]
+    return [(float(time[a] - half), float(time[b] + half), f"rejected: {Reason(why).sentence}") for a, b, why in found]
 
 
 def _thinned(rows: IntArray, index: IntArray, step: int) -> IntArray:
     """Return one in `step` of the samples `index`, with -1 where their `rows` of the log do not touch."""
     gap, pieces = np.array([-1]), []
-    for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows) > 1) + 1):
+    for run in runs(rows - np.arange(len(rows))):
         pieces += [index[run[::step]], index[run[-1:]] if step > 1 else index[:0], gap]
     return np.concatenate(pieces[:-1]).astype(np.int64)
 

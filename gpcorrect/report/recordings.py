@@ -9,12 +9,11 @@ import numpy as np
 from gpcorrect.calibration import FitResult
 from gpcorrect.cleaning import CleaningReport, Reason
 from gpcorrect.logs.sync import Clocks
-from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
+from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series, runs
 from gpcorrect.report.page import Section, TableData
 from gpcorrect.types import CalibrationLog
 
-MOST_POINTS = 2500
-"""Of a path that stands above the rejected samples; chosen by hand."""
+MOST_POINTS = 2500  # of a path that stands above the rejected samples; chosen by hand
 
 
 def registration_sections(fit: FitResult) -> list[Section]:
@@ -64,7 +63,6 @@ def dropped_section(title: str, log: CalibrationLog, report: CleaningReport) -> 
     title : str
     log : CalibrationLog
     report : CleaningReport
-        Of that log.
     """
     reasons: Sequence[str] = [reason for reason, count in report.counts.items() if count]
     words = [f"{int(report.keep.sum())} of {len(log)} samples passed cleaning."]
@@ -75,15 +73,14 @@ def dropped_section(title: str, log: CalibrationLog, report: CleaningReport) -> 
         [[reason, str(report.counts[reason]), Reason(reason).sentence] for reason in reasons],
         text=(2,),
     )
-    marks = Panel("sample", "", [_runs(report, reasons)], rows=reasons, x_range=(0, len(log)))
+    marks = Panel("sample", "", [_rejected(report, reasons)], rows=reasons, x_range=(0, len(log)))
     caption = "Rejected samples by reason, in the order of the recording."
     return Section(title, words, (table,), (Chart(caption, [*_path(log), marks], shared=True),))
 
 
-def _runs(report: CleaningReport, reasons: Sequence[str]) -> Series:
+def _rejected(report: CleaningReport, reasons: Sequence[str]) -> Series:
     label = np.asarray(report.reason)
-    runs = np.split(np.arange(len(label)), np.flatnonzero(label[1:] != label[:-1]) + 1)
-    found = [run for run in runs if label[run[0]]]
+    found = [run for run in runs(label) if label[run[0]]]
     text = [f"samples {run[0]} to {run[-1]}: {label[run[0]]}" for run in found]
     row = [reasons.index(str(label[run[0]])) for run in found]
     first, last = [run[0] for run in found], [run[-1] + 1 for run in found]

@@ -6,16 +6,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gpcorrect.calibration import Corrector, Measured
+from gpcorrect.calibration import Corrector, Measured, PartErrors
 from gpcorrect.calibration.task import Part
 from gpcorrect.report.charts import Mark, Role
 from gpcorrect.report.page import Section, TableData
-from gpcorrect.report.paths import Line, Shown, path_charts
-from gpcorrect.report.tasks import METHOD_ROLES, method_words, words_of
+from gpcorrect.report.paths import METHOD_ROLES, METHOD_WORDS, Line, Shown, path_charts, words_of
 from gpcorrect.types import IntArray
 
-WIDE_TABLE = 2
-"""Parts up to which the table shows all three methods; chosen by hand."""
+WIDE_TABLE = 2  # parts up to which the table shows all three methods; chosen by hand
+LEAVES = ("mean", "SD", "rmse", "p95", "max")  # columns of tables of errors
 
 
 def trajectories_section(shown: Shown) -> Section:
@@ -33,8 +32,8 @@ def trajectories_section(shown: Shown) -> Section:
     ]
     middle, last = corrector.METHODS[1:]
     errors = [
-        Line(method_words(middle), Mark.LINE, METHOD_ROLES[1], measured.registered),
-        Line(method_words(last), Mark.LINE, METHOD_ROLES[2], measured.corrected, measured.interval95),
+        Line(METHOD_WORDS[middle], Mark.LINE, METHOD_ROLES[1], measured.registered),
+        Line(METHOD_WORDS[last], Mark.LINE, METHOD_ROLES[2], measured.corrected, measured.interval95),
     ]
     charts = path_charts(shown, paths, errors)
     if shown.log.static:
@@ -81,6 +80,16 @@ def measured_parts(corrector: Corrector, measured: Measured) -> list[Part]:
     return [part for part in parts if np.isfinite(measured.raw[:, part.columns]).any()]
 
 
+def leaves(row: PartErrors) -> list[str]:
+    """Return what tables show of the errors of a part, in the order of `LEAVES`.
+
+    Parameters
+    ----------
+    row : PartErrors
+    """
+    return [f"{value:.3f}" for value in (row.mean, row.sd, row.rmse, row.p95, row.max)]
+
+
 def inside95(measured: Measured, index: IntArray) -> str:
     """Return the fraction of errors inside their 95 % intervals, in words.
 
@@ -100,7 +109,7 @@ def _table(shown: Shown, groups: Mapping[str, IntArray]) -> TableData:
     parts = measured_parts(corrector, measured)
     methods = corrector.METHODS if len(parts) <= WIDE_TABLE else (corrector.METHODS[0], corrector.METHODS[2])
     head = ["trajectory", "samples", "rejected", "s"]
-    head += [f"{part.name} {method_words(method)} [{part.unit}]" for part in parts for method in methods]
+    head += [f"{part.name} {METHOD_WORDS[method]} [{part.unit}]" for part in parts for method in methods]
     head += ["max", "inside 95 %", "in domain"]
     rows = []
     for key, index in groups.items():
@@ -118,6 +127,6 @@ def _table(shown: Shown, groups: Mapping[str, IntArray]) -> TableData:
                 f"{100 * measured.in_domain[index].mean():.0f} %",
             ]
         )
-    first, last = parts[0], method_words(corrector.METHODS[2])
+    first, last = parts[0], METHOD_WORDS[corrector.METHODS[2]]
     note = f"Mean length of the error of each part; max: of the {first.name}, {last} [{first.unit}]."
     return TableData(head, rows, note, keys=list(groups))

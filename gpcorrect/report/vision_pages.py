@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series, runs
 from gpcorrect.report.page import Page, Section, TableData, write_page
-from gpcorrect.report.vision_charts import marker_chart, path_charts, quality_chart, views_chart
+from gpcorrect.types import FloatArray, IntArray
 
 if TYPE_CHECKING:  # OpenCV is an extra of its own: reports of other things must not ask for it
-    from gpcorrect.vision import CalibrationReport, Camera, Target, TrackResult
+    from gpcorrect.vision import CalibrationReport, Camera, Target, Track, TrackResult
+    from gpcorrect.vision.calibrate import CameraReport
+
+MOST_FRAMES = 6000  # drawn on a page, so that it stays near a megabyte; chosen by hand
+COASTING, LOST = 1, 2  # of a track's status
+STATE_ROLES = (Role.CORRECTED, Role.QUIET, Role.RIGID, Role.DROPPED, Role.RAW, Role.SKY, Role.GOOD, Role.INK)
 
 
 def write_calibration_page(report: CalibrationReport, path: Path, sources: Sequence[tuple[str, str]] = ()) -> None:
@@ -21,16 +27,9 @@ def write_calibration_page(report: CalibrationReport, path: Path, sources: Seque
     Parameters
     ----------
     report : CalibrationReport
-        The calibration.
     path : Path
-        HTML file to write.
     sources : sequence of (str, str)
         Files that it was made from, and their digests.
-
-    Raises
-    ------
-    GpCorrectError
-        The folder cannot be written.
     """
     figures = report.to_dict()["cameras"]
     rows = [
@@ -50,11 +49,11 @@ def write_calibration_page(report: CalibrationReport, path: Path, sources: Seque
     ]
     head = ["camera", "boards", "corners [px]", "markers", "left out", "markers [px]", "focal [px]"]
     head += ["position [mm]", "± [mm]", "from rough [mm]"]
-    note = "± is one standard deviation, the length of three axes, with what the lens leaves open."
+    note = "± is one standard deviation, the length of three axes, with what the optics leave open."
     placed = [camera for camera in report.cameras if camera.marker_residuals]
     sections = [Section("Cameras", (), (TableData(head, rows, note, text=(4,)),))]
     if placed:
-        sections.append(Section("What is left", (), (), (marker_chart(placed),)))
+        sections.append(Section("What is left", (), (), (_marker_chart(placed),)))
     stds = [row["position_std_mm"] for row in figures if row["position_std_mm"] is not None]
     verdict = (
         f"{len(figures)} cameras placed to ± {max(stds):.2f} mm or better."
@@ -74,20 +73,12 @@ def write_tracking_page(
     Parameters
     ----------
     result : TrackResult
-        The track and its log.
     cameras : sequence of Camera
         In the order of the recordings.
     target : Target
-        What was tracked.
     path : Path
-        HTML file to write.
     sources : sequence of (str, str)
         Files that it was made from, and their digests.
-
-    Raises
-    ------
-    GpCorrectError
-        The folder cannot be written.
     """
     figures, fractions = result.to_dict(), result.track.fractions()
     facts = [
@@ -102,15 +93,10 @@ def write_tracking_page(
     )
     sections = [
         Section("What was noticed", result.remarks or ("Nothing.",)),
-        _path(result),
+        Section("Position and its uncertainty", (), (), (*_path_charts(result.track), _quality_chart(result.track))),
         _trust(result, cameras, target),
     ]
     write_page(Page("gpcorrect vision track", verdict, facts, sections, sources), path)
-
-
-def _path(result: TrackResult) -> Section:
-    charts = (*path_charts(result.track), quality_chart(result.track))
-    return Section("Position and its uncertainty", (), (), charts)
 
 
 def _trust(result: TrackResult, cameras: Sequence[Camera], target: Target) -> Section:
@@ -132,9 +118,105 @@ def _trust(result: TrackResult, cameras: Sequence[Camera], target: Target) -> Se
         text=(len(target.names) + 1,),
     )
     names = [camera.name for camera in cameras]
-    chart = views_chart(result.track, names, target.names, REASONS)
+    chart = _views_chart(result.track, names, target.names, REASONS)
     return Section("Which camera saw what", (), (table,), (chart,))
 
 
 def _number(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _marker_chart(cameras: Sequence[CameraReport]) -> Chart:
+    """Return where each camera sees the markers, less where they should be (px); crosses were left out."""
+    panels = []
+    near = [r for c in cameras for n, r in c.marker_residuals.items() if n not in c.outliers]
+    reach = 1.2 * float(np.abs(near).max()) if near else 1.0
+    for report in cameras:
+        names = list(report.marker_residuals)
+        left = np.clip(list(report.marker_residuals.values()), -reach, reach)
+        used = np.array([name not in report.outliers for name in names])
+        series = []
+        groups = (("used", Mark.DOTS, Role.CORRECTED, used), ("left out", Mark.CROSSES, Role.RAW, ~used))
+        for label, mark, role, rows in groups:
+            if rows.any():
+                text = [name for name, here in zip(names, rows, strict=True) if here]
+                series.append(Series(label, mark, role, left[rows, 0], left[rows, 1], text=text))
+        whole: dict[str, Any] = {"x_range": (-reach, reach), "y_range": (-reach, reach), "equal": True, "height": 260}
+        panels.append(Panel("u [px]", "v [px]", series, title=report.camera.name, **whole))
+    caption = "Where each marker is seen, less where it should be. Crosses contradict the others and were left out."
+    return Chart(caption, panels, columns=2)
+
+
+def _path_charts(track: Track) -> tuple[Chart, Chart]:
+    """Return the tracked path in space, and over time with three standard deviations; gaps where the tool was lost."""
+    rows = _frames(len(track.time))
+    position = np.where((track.status == LOST)[:, None], np.nan, 1e3 * track.T_tracker_tool[:, :3, 3])
+    time, path = track.time[rows] - track.time[0], [position[rows, i] for i in range(3)]
+    coasting = track.status[rows] == COASTING
+    lost = _spans(track.time, track.status == LOST, "lost")
+    panels = []
+    for i, axis in enumerate("xyz"):
+        spread = 3e3 * track.std[rows, i]
+        series = [
+            Series("three standard deviations", Mark.BAND, Role.CORRECTED, time, path[i] - spread, y2=path[i] + spread),
+            Series("measured", Mark.LINE, Role.CORRECTED, time, path[i]),
+        ]
+        if coasting.any():
+            series.append(Series("coasting", Mark.DOTS, Role.RIGID, time[coasting], path[i][coasting]))
+        panels.append(Panel("time [s]", f"{axis} [mm]", series, spans=lost))
+    space = [Series("tracked", Mark.LINE, Role.CORRECTED, path[0], path[1], z=path[2], value=time)]
+    if coasting.any():
+        place = [np.where(coasting, coordinate, np.nan) for coordinate in path]
+        space.append(Series("coasting", Mark.LINE, Role.RIGID, place[0], place[1], z=place[2], value=time))
+    step = rows[1] - rows[0] if len(rows) > 1 else 1
+    thin = f" Every {step}th frame is drawn." if step > 1 else ""
+    caption = "Coasting poses are predicted from the frames before; lost ones are not in the log."
+    in_space = Panel("x [mm]", "y [mm]", space, "z [mm]", equal=True)
+    return (
+        Chart("The path in space. Drag to turn; dots mark the start.", [in_space], space=True),
+        Chart(f"Position with three standard deviations. {caption}{thin} Drag to zoom.", panels, shared=True),
+    )
+
+
+def _quality_chart(track: Track) -> Chart:
+    """Return the uncertainty of the position, and the reprojection error, frame by frame."""
+    rows = _frames(len(track.time))
+    time = track.time[rows] - track.time[0]
+    spread = 1e3 * np.sqrt((track.std[rows, :3] ** 2).sum(axis=1))
+    position = Series("position", Mark.LINE, Role.CORRECTED, time, spread)
+    pixels = Series("pixels", Mark.LINE, Role.INK, time, track.reprojection_px[rows])
+    panels = [
+        Panel("time [s]", "position std [mm]", [position], log_y=True),
+        Panel("time [s]", "reprojection [px]", [pixels]),
+    ]
+    return Chart("Standard deviation of the position, and how well the sightings agree.", panels, shared=True)
+
+
+def _views_chart(track: Track, cameras: Sequence[str], balls: Sequence[str], reasons: Sequence[str]) -> Chart:
+    """Return which camera was trusted with which ball, frame by frame, and why not; `reasons[0]` is effective."""
+    names = [f"{camera} {ball}" for camera in cameras for ball in balls]
+    states = track.views.reshape(len(track.views), -1)
+    time = track.time - track.time[0]
+    step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+    found: dict[int, list[tuple[float, float, int]]] = {}
+    for row in range(states.shape[1]):
+        for run in runs(states[:, row]):
+            found.setdefault(int(states[run[0], row]), []).append((time[run[0]], time[run[-1]] + step, row))
+    series = []
+    for code, stretches in sorted(found.items()):
+        first, last, row = np.array(stretches).T
+        word = "effective" if code == 0 else reasons[code]
+        series.append(Series(word, Mark.BARS, STATE_ROLES[code % len(STATE_ROLES)], first, row, x2=last, size=0.9))
+    panel = Panel("time [s]", "", series, rows=names, x_range=(0.0, float(time[-1]) + step), legend=True)
+    return Chart("Trust, frame by frame.", [panel])
+
+
+def _frames(count: int) -> IntArray:
+    return np.arange(0, count, -(-count // MOST_FRAMES))
+
+
+def _spans(time: FloatArray, inside: np.ndarray, why: str) -> list[tuple[float, float, str]]:
+    """Return from when to when a mask holds, s from the start."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int))).reshape(-1, 2)
+    half = float(np.median(np.diff(time))) / 2 if len(time) > 1 else 0.5
+    return [(float(time[a] - time[0] - half), float(time[b - 1] - time[0] + half), why) for a, b in edges]

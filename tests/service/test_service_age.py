@@ -18,8 +18,9 @@ from gpcorrect_service.protocol.clocks import StreamClock
 from gpcorrect_service.protocol.codec import MSGPACK
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import JointState
-from gpcorrect_service.server.active import Active
-from gpcorrect_service.server.stream import Estimator, StreamSample
+from gpcorrect_service.server.models import Active
+from gpcorrect_service.server.requests import Request
+from gpcorrect_service.server.stream import Estimator
 
 STEADY = 0.01 * np.arange(200)  # s
 
@@ -60,7 +61,7 @@ def test_estimates_of_samples_that_waited_in_a_socket_are_stale() -> None:
 
     def status(stamp: float) -> str:
         payload = MSGPACK.encode(JointState(float(stamp), (0.0, 0.0, 0.1)))
-        answered = estimator.estimate(StreamSample(payload, MSGPACK.encoding("joint_state"), now[0]))
+        answered = estimator.estimate(Request(payload, MSGPACK.encoding("joint_state"), b"", now[0]))
         assert answered is not None
         return MSGPACK.decode(EstimateAnswer, answered[0]).status
 

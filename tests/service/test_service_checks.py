@@ -136,4 +136,4 @@ def test_bad_path(poses: tuple[tuple[float, ...], ...], times: tuple[float, ...]
 def test_unsafe_answer_is_withheld(position: list[float], quaternion: list[float] | None) -> None:
     """A command that is not finite, not a rotation, or outside any workspace never leaves the server."""
     with pytest.raises(ServiceError, match="INTERNAL"):
-        check_command(position, quaternion, LIMIT)
+        check_command(position, quaternion, LIMIT, lambda: (0.0, 0.0, 0.0))

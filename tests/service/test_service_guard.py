@@ -13,13 +13,12 @@ from service_support import PATIENT, ShiftCorrector
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError
-from gpcorrect_service import ServiceError
+from gpcorrect_service import ServerSettings, ServiceError
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.protocol.bounds import CorrectionBound, RateBound, Throttle
-from gpcorrect_service.server.active import FAULTS_IN_A_ROW, Active
 from gpcorrect_service.server.admin import Health
-from gpcorrect_service.server.models import Model
+from gpcorrect_service.server.models import FAULTS_IN_A_ROW, Active, Model
 from gpcorrect_service.server.queues import WorkerQueue
 from gpcorrect_service.server.requests import Clock, RequestParser
 
@@ -133,7 +132,7 @@ def test_a_dead_worker_is_a_fault() -> None:
         "one", lambda _: None, lambda _: None, workers=1, capacity=1, logger=open_logger(io.StringIO())
     )
     active = Active(Model(ShiftCorrector()))
-    parser = RequestParser(active, arm="a", replica="r", logger=open_logger(io.StringIO()), clock=Clock())
+    parser = RequestParser(active, ServerSettings(), open_logger(io.StringIO()), Clock())
     health = Health(parser, Counters(), {"one": queue})
     queue.start()
     assert health.report().state == "ENABLED"

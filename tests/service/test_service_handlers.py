@@ -15,6 +15,7 @@ from service_support import POSE, SHIFT, FaultyCorrector, ShiftCorrector
 
 from gpcorrect.errors import DataError
 from gpcorrect.rigid import RigidModel
+from gpcorrect_service import ServerSettings
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.protocol.answer import PathAnswer, PoseAnswer
 from gpcorrect_service.protocol.codec import JSON, MSGPACK, Codec, error_codec
@@ -27,9 +28,8 @@ from gpcorrect_service.protocol.messages import (
     ReplyMeta,
     RequestMeta,
 )
-from gpcorrect_service.server.active import FAULTS_IN_A_ROW, Active
 from gpcorrect_service.server.corrections import Corrections
-from gpcorrect_service.server.models import Model
+from gpcorrect_service.server.models import FAULTS_IN_A_ROW, Active, Model
 from gpcorrect_service.server.requests import Clock, Request, RequestParser, Response
 
 NOW = 100.0
@@ -49,8 +49,8 @@ class Answering:
         model = None if corrector is None else Model(corrector, id="m", hash="h")
         clock = Clock(monotonic=lambda: NOW, wall=lambda: 1e9)
         logger = open_logger(log or io.StringIO())
-        parser = RequestParser(Active(model), arm="arm1", replica="r1", logger=logger, clock=clock)
-        handlers = Corrections(parser, strict=strict).handlers()
+        parser = RequestParser(Active(model), ServerSettings(replica="r1", strict=strict), logger, clock)
+        handlers = Corrections(parser).handlers()
         self.correct, self.correct_path, self.model = (handlers[k] for k in ("correct", "correct_path", "model"))
 
 

@@ -20,10 +20,10 @@ from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.protocol.answer import EstimateAnswer, JointsAnswer
 from gpcorrect_service.protocol.codec import CODECS, JSON, MSGPACK, Codec, codec_of
 from gpcorrect_service.protocol.messages import CorrectJointsRequest, ErrorAnswer, JointState
-from gpcorrect_service.server.active import Active
 from gpcorrect_service.server.corrections import Corrections
+from gpcorrect_service.server.models import Active
 from gpcorrect_service.server.requests import Clock, Request, RequestParser, Response
-from gpcorrect_service.server.stream import Estimator, StreamSample
+from gpcorrect_service.server.stream import Estimator
 
 NOW = 100.0
 Q = ((0.1, 0.2, 0.05), (0.2, 0.2, 0.06), (0.3, 0.2, 0.07))
@@ -33,9 +33,8 @@ TIMES = (0.0, 0.1, 0.2)
 def ask(body: CorrectJointsRequest | bytes, active: Active | None = None) -> Response:
     clock = Clock(monotonic=lambda: NOW, wall=lambda: 1e9)
     logger = open_logger(io.StringIO())
-    parser = RequestParser(
-        active or Active(joints=lagging_joints()), arm="arm1", replica="r1", logger=logger, clock=clock
-    )
+    active = active or Active(joints=lagging_joints())
+    parser = RequestParser(active, ServerSettings(replica="r1"), logger, clock)
     payload = body if isinstance(body, bytes) else JSON.encode(body)
     return Corrections(parser).handlers()["correct_joints"](Request(payload, JSON.encoding("correct_joints"), b"", NOW))
 
@@ -108,7 +107,7 @@ class Stream:
 
     def send(self, stamp: float, q: Any, *, age: float = 0.0, codec: Codec = JSON, **more: Any) -> Any:
         state = JointState(stamp, tuple(q), **more)
-        sample = StreamSample(codec.encode(state), codec.encoding("joint_state"), NOW - age)
+        sample = Request(codec.encode(state), codec.encoding("joint_state"), b"", NOW - age)
         return self.decoded(self.estimator.estimate(sample))
 
     @staticmethod
@@ -175,7 +174,7 @@ def test_a_session_beyond_64_bits_is_refused(stream: MakeStream) -> None:
     live, codec = stream(), CODECS["json"]
     state = codec.encode(JointState(1.0, (0.0,) * 3)).replace(b'"session":0', b'"session":' + b"9" * 20)
     assert b"9" * 20 in state
-    assert live.estimator.estimate(StreamSample(state, codec.encoding("joint_state"), NOW)) is None
+    assert live.estimator.estimate(Request(state, codec.encoding("joint_state"), b"", NOW)) is None
     assert live.count("BAD_INPUT") == 1
 
 
@@ -232,5 +231,5 @@ def test_no_bytes_bring_the_stream_down(payload: bytes) -> None:
     logger = open_logger(io.StringIO())
     estimator = Estimator(active, ServerSettings(), counters, logger, lambda: NOW)
     for encoding in ("application/json", "application/msgpack", "zenoh/bytes", "text/plain"):
-        estimator.estimate(StreamSample(payload, encoding, NOW))
+        estimator.estimate(Request(payload, encoding, b"", NOW))
     assert sum(counters.counts()["estimate"].values()) == 4

@@ -15,9 +15,9 @@ from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.protocol.codec import MSGPACK
 from gpcorrect_service.protocol.messages import JointState
-from gpcorrect_service.server.active import Active
-from gpcorrect_service.server.models import load_joint_model
-from gpcorrect_service.server.stream import Estimator, StreamSample
+from gpcorrect_service.server.models import Active, load_joint_model
+from gpcorrect_service.server.requests import Request
+from gpcorrect_service.server.stream import Estimator
 
 USES = {"estimate": {}, "command": {"direction": "command"}, "planned": {"input_signal": "setpoint_jp"}}
 
@@ -40,8 +40,8 @@ def test_only_a_model_of_reported_joints_estimates_where_they_are(joint_files: d
         model, counters = load_joint_model(joint_files[file]), Counters()
         estimator = Estimator(Active(joints=model), ServerSettings(), counters, open_logger(io.StringIO()), lambda: 1.0)
         middle = (model.corrector.trained.low + model.corrector.trained.high) / 2
-        sample = StreamSample(
-            MSGPACK.encode(JointState(10.0, tuple(middle.tolist()))), MSGPACK.encoding("joint_state"), 1.0
+        sample = Request(
+            MSGPACK.encode(JointState(10.0, tuple(middle.tolist()))), MSGPACK.encoding("joint_state"), b"", 1.0
         )
         assert (estimator.estimate(sample) is not None) == answered
         assert ("NO_MODEL" in str(counters.counts())) == (not answered)

@@ -16,7 +16,7 @@ from service_support import POSE, SHIFT, ShiftCorrector, ask_bare, called, serve
 from service_support import STAMPED as ASKED
 
 from gpcorrect.correction import Reason
-from gpcorrect_service import ServiceError
+from gpcorrect_service import ServerSettings, ServiceError
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.metrics import OPENMETRICS, Counters
 from gpcorrect_service.protocol import cdr
@@ -26,10 +26,9 @@ from gpcorrect_service.protocol.cdr import CDR_ENCODING, CORRECT, StampedPose, r
 from gpcorrect_service.protocol.codec import JSON
 from gpcorrect_service.protocol.messages import CorrectPathRequest, ErrorAnswer, RequestMeta
 from gpcorrect_service.protocol.rmw import attachment, rmw_key
-from gpcorrect_service.server.active import Active
 from gpcorrect_service.server.admin import Health
 from gpcorrect_service.server.corrections import Corrections
-from gpcorrect_service.server.models import Model
+from gpcorrect_service.server.models import Active, Model
 from gpcorrect_service.server.requests import Clock, Request, RequestParser, Response
 
 NOW = 100.0
@@ -38,9 +37,10 @@ NOW = 100.0
 def ask(payload: bytes, bound: CorrectionBound | None = None, *, frame: str = "", **meta: Any) -> Response:
     active = Active(Model(ShiftCorrector(), id="m", hash="h"))
     clock = Clock(monotonic=lambda: NOW, wall=lambda: 1e9)
-    parser = RequestParser(active, arm="arm1", replica="r1", logger=open_logger(io.StringIO()), clock=clock)
+    settings = ServerSettings(replica="r1", bound=bound or CorrectionBound(), frame=frame)
+    parser = RequestParser(active, settings, open_logger(io.StringIO()), clock)
     attachment = JSON.encode(RequestMeta(**meta)) if meta else b""
-    correct = Corrections(parser, bound, frame=frame).handlers()["correct"]
+    correct = Corrections(parser).handlers()["correct"]
     return correct(Request(payload, CDR_ENCODING, attachment, NOW - 0.2))
 
 
@@ -126,10 +126,11 @@ def test_the_operators_bound_acts_and_says_so() -> None:
 def test_the_bound_holds_along_a_path() -> None:
     """On a path every row is bounded alike, and those that were cut say so."""
     active = Active(Model(ShiftCorrector()))
-    parser = RequestParser(active, arm="a", replica="r", logger=open_logger(io.StringIO()), clock=Clock())
+    settings = ServerSettings(bound=CorrectionBound(position=1e-3))
+    parser = RequestParser(active, settings, open_logger(io.StringIO()), Clock())
     body = JSON.encode(CorrectPathRequest((tuple(POSE), tuple(POSE)), (0.0, 0.1)))
     request = Request(body, JSON.encoding("correct_path"), b"", NOW)
-    corrections = Corrections(parser, CorrectionBound(position=1e-3))
+    corrections = Corrections(parser)
     answer = corrections.handlers()["correct_path"](request)
     path = JSON.decode(PathAnswer, answer.payload)
     away = np.linalg.norm(np.array(path.position) - POSE[:3], axis=1)
@@ -144,8 +145,8 @@ def test_metrics_are_openmetrics_and_count_what_was_answered() -> None:
         counters.add("correct", "OK", seconds)
     counters.add("correct_path", "EXTRAPOLATING", 1e-2, rows=100, outside=7)
     active = Active(Model(ShiftCorrector(), id="m", hash="h"))
-    parser = RequestParser(active, arm="arm1", replica="r1", logger=open_logger(io.StringIO()), clock=Clock())
-    answer = Health(parser, counters, {}, lambda: NOW).handlers()["metrics"](Request(b"", "", b"", NOW))
+    parser = RequestParser(active, ServerSettings(replica="r1"), open_logger(io.StringIO()), Clock(lambda: NOW))
+    answer = Health(parser, counters, {}).handlers()["metrics"](Request(b"", "", b"", NOW))
     samples = {
         (s.name, *sorted(s.labels.items())): s.value
         for family in text_string_to_metric_families(answer.payload.decode())

@@ -16,11 +16,12 @@ import pytest
 
 from gpcorrect.calibration import CommandCorrector, ModelStore, compare, model_store
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
+from gpcorrect_service import ServerSettings
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.protocol.codec import JSON
 from gpcorrect_service.protocol.messages import ActivateRequest
-from gpcorrect_service.server.active import Active
 from gpcorrect_service.server.admin import Admin
+from gpcorrect_service.server.models import Active
 from gpcorrect_service.server.requests import Clock, Request, RequestParser
 
 
@@ -151,8 +152,8 @@ def test_an_activation_reads_its_model_once(store: ModelStore, monkeypatch: pyte
     reads, read = [], np.load
     monkeypatch.setattr(np, "load", lambda *given, **options: reads.append(given[0]) or read(*given, **options))
     active, logger = Active(), open_logger(io.StringIO())
-    parser = RequestParser(active, arm="a", replica="r", logger=logger, clock=Clock())
-    activate = Admin(parser, store, logger).handlers()["admin/activate"]
+    parser = RequestParser(active, ServerSettings(), logger, Clock())
+    activate = Admin(parser, store).handlers()["admin/activate"]
     request = Request(JSON.encode(ActivateRequest("tuesday")), JSON.encoding("admin/activate"), b"", time.monotonic())
     assert not activate(request).is_error
     assert len(reads) == 1

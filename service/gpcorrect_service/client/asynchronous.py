@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Coroutine
 from contextlib import suppress
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import zenoh
-from numpy.typing import ArrayLike
 
 from gpcorrect_service.client.connection import POLL_SECONDS, ClientBase, Querier
 from gpcorrect_service.client.replies import Reply
@@ -21,7 +20,14 @@ from gpcorrect_service.protocol.process import require_own_process
 R = TypeVar("R")
 
 
-class AsyncCorrectionClient(ClientBase):
+class AsyncCorrectionClient(
+    ClientBase[
+        Coroutine[Any, Any, Reply],
+        Coroutine[Any, Any, str],
+        Coroutine[Any, Any, ModelAnswer],
+        Coroutine[Any, Any, HealthAnswer],
+    ]
+):
     """:class:`gpcorrect_service.CorrectionClient` for asyncio: same parameters, same answers, awaited.
 
     zenoh's own thread hands replies to the event loop; no call takes a thread of its own.
@@ -37,48 +43,8 @@ class AsyncCorrectionClient(ClientBase):
         """See :meth:`gpcorrect_service.CorrectionClient.close`."""
         await asyncio.to_thread(self._close)
 
-    async def correct(self, pose: ArrayLike, twist: ArrayLike | None = None) -> Reply:
-        """See :meth:`gpcorrect_service.CorrectionClient.correct`.
-
-        Parameters
-        ----------
-        pose, twist
-        """
-        return await self._ask(self._build.correct(pose, twist))
-
-    async def correct_path(self, poses: ArrayLike, times: ArrayLike) -> Reply:
-        """See :meth:`gpcorrect_service.CorrectionClient.correct_path`.
-
-        Parameters
-        ----------
-        poses, times
-        """
-        return await self._ask(self._build.correct_path(poses, times))
-
-    async def correct_joints(
-        self, q: ArrayLike, times: ArrayLike, efforts: ArrayLike | None = None, sessions: Sequence[int] | None = None
-    ) -> Reply:
-        """See :meth:`gpcorrect_service.CorrectionClient.correct_joints`.
-
-        Parameters
-        ----------
-        q, times, efforts, sessions
-        """
-        return await self._ask(self._build.correct_joints(q, times, efforts, sessions))
-
-    async def metrics(self) -> str:
-        """See :meth:`gpcorrect_service.CorrectionClient.metrics`."""
-        return await self._ask(self._build.metrics())
-
-    async def model(self) -> ModelAnswer:
-        """See :meth:`gpcorrect_service.CorrectionClient.model`."""
-        return await self._ask(self._build.plain("model", ModelAnswer))
-
-    async def health(self) -> HealthAnswer:
-        """See :meth:`gpcorrect_service.CorrectionClient.health`."""
-        return await self._ask(self._build.plain("health", HealthAnswer))
-
-    async def _ask(self, question: Question[R]) -> R:
+    async def _ask(self, ask: Callable[[], Question[R]]) -> R:
+        question = ask()
         try:
             answer, asked = await self._ask_servers(question)
             if (registration := self._build.registration()) is not None:
@@ -107,7 +73,7 @@ class AsyncCorrectionClient(ClientBase):
                 await self._await_server(querier, asked + question.patience)
             elif answer.status in ("NO_SERVICE", "OTHER_MODEL"):
                 querier.suspect()
-            answer = await self._attempt(querier, querier.second, question)
+            answer = await self._attempt(querier, querier.everyone, question)
         if isinstance(answer, ServiceError):
             raise answer
         return answer, asked

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Self, TypeVar
 
 import zenoh
-from numpy.typing import ArrayLike
 
 from gpcorrect_service.client.connection import POLL_SECONDS, ClientBase, Querier
 from gpcorrect_service.client.replies import Reply
@@ -24,10 +23,10 @@ WAITING_REPLIES = 64
 R = TypeVar("R")
 
 
-class CorrectionClient(ClientBase):
+class CorrectionClient(ClientBase[Reply, str, ModelAnswer, HealthAnswer]):
     """Asks a correction server from a planner; a context manager, safe to use from several threads.
 
-    Parameters: see :class:`gpcorrect_service.client.connection.ClientBase`.
+    Questions and parameters: see :class:`gpcorrect_service.client.connection.ClientBase`.
     """
 
     def __enter__(self) -> Self:
@@ -40,94 +39,8 @@ class CorrectionClient(ClientBase):
         """Close the connection; questions after that are answered NO_SERVICE."""
         self._close()
 
-    def correct(self, pose: ArrayLike, twist: ArrayLike | None = None) -> Reply:
-        """Return what to command so that the robot reaches `pose`.
-
-        Parameters
-        ----------
-        pose : (7,) or (3,) array
-            Desired position (m) and unit quaternion wxyz, in the frame that the model was trained in.
-        twist : (6,) array, optional
-            Desired velocity there, m/s and rad/s.
-
-        Raises
-        ------
-        ServiceError
-            With the status of the failure; except for BAD_INPUT only when `on_failure` is "raise".
-        """
-        return self._ask(self._build.correct(pose, twist))
-
-    def correct_path(self, poses: ArrayLike, times: ArrayLike) -> Reply:
-        """Return what to command so that the robot follows a path; velocities are computed along it.
-
-        Parameters
-        ----------
-        poses : (n, 7) or (n, 3) array
-            As for :meth:`correct`.
-        times : (n,) array
-            Seconds, strictly increasing.
-
-        Raises
-        ------
-        ServiceError
-            As for :meth:`correct`.
-        """
-        return self._ask(self._build.correct_path(poses, times))
-
-    def correct_joints(
-        self, q: ArrayLike, times: ArrayLike, efforts: ArrayLike | None = None, sessions: Sequence[int] | None = None
-    ) -> Reply:
-        """Return the true joints of a path of reported ones, or what to command, by the model's direction.
-
-        Parameters
-        ----------
-        q : (n, d) array
-            rad or m; NaN where missing.
-        times : (n,) array
-            Seconds, strictly increasing.
-        efforts : (n, d) array, optional
-            As logged, for models that look at them.
-        sessions : n int, optional
-            Where the number changes, the arm was homed or moved by hand.
-
-        Raises
-        ------
-        ServiceError
-            As for :meth:`correct`.
-        """
-        return self._ask(self._build.correct_joints(q, times, efforts, sessions))
-
-    def metrics(self) -> str:
-        """Return the server's numbers as OpenMetrics text.
-
-        Raises
-        ------
-        ServiceError
-            As for :meth:`model`.
-        """
-        return self._ask(self._build.metrics())
-
-    def model(self) -> ModelAnswer:
-        """Return which model is active and what it says of itself.
-
-        Raises
-        ------
-        ServiceError
-            As for :meth:`correct`, whatever `on_failure` says.
-        """
-        return self._ask(self._build.plain("model", ModelAnswer))
-
-    def health(self) -> HealthAnswer:
-        """Return the server's state, queues and counts.
-
-        Raises
-        ------
-        ServiceError
-            As for :meth:`model`.
-        """
-        return self._ask(self._build.plain("health", HealthAnswer))
-
-    def _ask(self, question: Question[R]) -> R:
+    def _ask(self, ask: Callable[[], Question[R]]) -> R:
+        question = ask()
         try:
             answer, asked = self._ask_servers(question)
             if (registration := self._build.registration()) is not None:
@@ -154,7 +67,7 @@ class CorrectionClient(ClientBase):
                 self._await_server(querier, asked + question.patience)
             elif answer.status in ("NO_SERVICE", "OTHER_MODEL"):
                 querier.suspect()
-            answer = self._attempt(querier, querier.second, question)
+            answer = self._attempt(querier, querier.everyone, question)
         if isinstance(answer, ServiceError):
             raise answer
         return answer, asked

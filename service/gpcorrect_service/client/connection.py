@@ -5,17 +5,18 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Generic, Literal, TypeVar
 
 import zenoh
+from numpy.typing import ArrayLike
 
 from gpcorrect_service.client.pinned import PinnedModels
 from gpcorrect_service.client.requests import Question, RequestBuilder, no_service
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.messages import Kind
+from gpcorrect_service.protocol.messages import HealthAnswer, Kind, ModelAnswer
 from gpcorrect_service.protocol.process import immortal_in_children, is_forked
 from gpcorrect_service.protocol.sessions import open_client
 from gpcorrect_service.protocol.settings import DEFAULT_ENDPOINT, ClientSettings, OnFailure
@@ -58,13 +59,13 @@ class Querier:
     timeout : float
         Seconds for one answer, the retry included.
     fresh : bool
-        Whether nothing was asked of this key before, with or without a connection: that question may wait for a server.
+        Whether nothing was asked of this key before: that question may wait for a server.
     """
 
     def __init__(
         self, session: zenoh.Session, key: str, settings: ClientSettings, timeout: float, *, fresh: bool
     ) -> None:
-        self._nearest, self._everyone = (
+        self._nearest, self.everyone = (
             session.declare_querier(
                 key,
                 target=target,
@@ -91,32 +92,22 @@ class Querier:
     @property
     def first(self) -> zenoh.Querier:
         """Whom to ask first."""
-        return self._nearest if time.monotonic() >= self._trusted_from else self._everyone
-
-    @property
-    def second(self) -> zenoh.Querier:
-        """Whom to ask when that fails."""
-        return self._everyone
+        return self._nearest if time.monotonic() >= self._trusted_from else self.everyone
 
     def suspect(self) -> None:
         """Note that the nearest server is silent or has another model: for a while it is not asked alone."""
         self._trusted_from = time.monotonic() + SUSPICION_SECONDS
 
     def ask(self, querier: zenoh.Querier, handler: Any, question: Question[Any]) -> Any:
-        """Send a question; return what zenoh makes of the handler.
+        """Send a question; return what zenoh makes of the handler. NO_SERVICE where the session is closed.
 
         Parameters
         ----------
         querier : zenoh.Querier
-            :attr:`first` or :attr:`second`.
+            :attr:`first` or :attr:`everyone`.
         handler
             zenoh's, for the replies.
         question : Question
-
-        Raises
-        ------
-        ServiceError
-            NO_SERVICE: the session is closed.
         """
         try:
             return querier.get(
@@ -131,7 +122,7 @@ class Querier:
         A zenoh querier that is freed after its session was closed leaves the session's shared memory mapped, and the
         traceback of an error holds on to one until Python collects it.
         """
-        for one in (self._nearest, self._everyone):
+        for one in (self._nearest, self.everyone):
             with suppress(zenoh.ZError):
                 while not _undeclared(one):
                     time.sleep(POLL_SECONDS)
@@ -141,7 +132,13 @@ class Querier:
         return no_service(settings=self._settings)
 
 
-class ClientBase:
+ReplyOf = TypeVar("ReplyOf")
+TextOf = TypeVar("TextOf")
+ModelOf = TypeVar("ModelOf")
+HealthOf = TypeVar("HealthOf")
+
+
+class ClientBase(Generic[ReplyOf, TextOf, ModelOf, HealthOf]):
     """What makes a client, blocking or asynchronous.
 
     Connects with the first question, and again by itself when a server comes back.
@@ -200,6 +197,73 @@ class ClientBase:
         self._asked: set[Kind] = set()
         self._lock = threading.Lock()
         self._closed = False
+
+    def correct(self, pose: ArrayLike, twist: ArrayLike | None = None) -> ReplyOf:
+        """Return what to command so that the robot reaches `pose`.
+
+        Parameters
+        ----------
+        pose : (7,) or (3,) array
+            Desired position (m) and unit quaternion wxyz, in the frame that the model was trained in.
+        twist : (6,) array, optional
+            Desired velocity there, m/s and rad/s.
+
+        Raises
+        ------
+        ServiceError
+            With the status of the failure; except for BAD_INPUT only when `on_failure` is "raise".
+        """
+        answer: ReplyOf = self._ask(lambda: self._build.correct(pose, twist))
+        return answer
+
+    def correct_path(self, poses: ArrayLike, times: ArrayLike) -> ReplyOf:
+        """Return what to command so that the robot follows a path, velocities along it; raises as :meth:`correct`.
+
+        Parameters
+        ----------
+        poses : (n, 7) or (n, 3) array
+            As for :meth:`correct`.
+        times : (n,) array
+            Seconds, strictly increasing.
+        """
+        answer: ReplyOf = self._ask(lambda: self._build.correct_path(poses, times))
+        return answer
+
+    def correct_joints(
+        self, q: ArrayLike, times: ArrayLike, efforts: ArrayLike | None = None, sessions: Sequence[int] | None = None
+    ) -> ReplyOf:
+        """Return the true joints of a path of reported ones, or what to command, by the model's direction.
+
+        Parameters
+        ----------
+        q, efforts : (n, d) arrays
+            rad or m, NaN where missing; efforts, as logged, for models that look at them.
+        times : (n,) array
+            Seconds, strictly increasing.
+        sessions : n int, optional
+            Where the number changes, the arm was homed or moved by hand.
+        """
+        answer: ReplyOf = self._ask(lambda: self._build.correct_joints(q, times, efforts, sessions))
+        return answer
+
+    def metrics(self) -> TextOf:
+        """Return the server's numbers as OpenMetrics text; raises whatever `on_failure` says, as the next two do."""
+        answer: TextOf = self._ask(self._build.metrics)
+        return answer
+
+    def model(self) -> ModelOf:
+        """Return which model is active and what it says of itself."""
+        answer: ModelOf = self._ask(lambda: self._build.plain("model", ModelAnswer))
+        return answer
+
+    def health(self) -> HealthOf:
+        """Return the server's state, queues and counts."""
+        answer: HealthOf = self._ask(lambda: self._build.plain("health", HealthAnswer))
+        return answer
+
+    def _ask(self, ask: Callable[[], Question[Any]]) -> Any:
+        """Make a question, and return its answer or what waits for it."""
+        raise NotImplementedError
 
     def change_model(self, model_hash: str = "") -> None:
         """Take another model from the next answer on: where the robot rests, for the command may step.

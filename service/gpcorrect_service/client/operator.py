@@ -11,20 +11,13 @@ import zenoh
 
 from gpcorrect_service.client.connection import POLL_SECONDS, matched
 from gpcorrect_service.client.requests import RequestBuilder, no_service
+from gpcorrect_service.protocol import messages
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.messages import (
-    ActivateAnswer,
-    ActivateRequest,
-    Kind,
-    ModelListAnswer,
-    StateAnswer,
-    StateRequest,
-)
 from gpcorrect_service.protocol.process import require_own_process
 from gpcorrect_service.protocol.sessions import LIVE_KEYS, open_client
 from gpcorrect_service.protocol.settings import DEFAULT_ENDPOINT, ClientSettings
 
-S = TypeVar("S", ModelListAnswer, ActivateAnswer, StateAnswer)
+S = TypeVar("S", messages.ModelListAnswer, messages.ActivateAnswer, messages.StateAnswer)
 
 
 class Operator:
@@ -33,7 +26,6 @@ class Operator:
     Parameters
     ----------
     settings : ClientSettings
-        Whom to ask.
     patience : float
         Seconds for a server to load and try a model.
     """
@@ -55,17 +47,11 @@ class Operator:
         with suppress(zenoh.ZError):  # a server that hangs does not say goodbye
             self._session.close()  # type: ignore[no-untyped-call]
 
-    def models(self) -> list[ModelListAnswer]:
-        """Return the models of every server's store.
+    def models(self) -> list[messages.ModelListAnswer]:
+        """Return the models of every server's store; NO_SERVICE where nobody answered, or the refusal of a server."""
+        return self._ask("model/list", messages.ModelListAnswer)
 
-        Raises
-        ------
-        ServiceError
-            NO_SERVICE: nobody answered; or the refusal of a server.
-        """
-        return self._ask("model/list", ModelListAnswer)
-
-    def activate(self, model: str, *, back: bool = False) -> list[ActivateAnswer]:
+    def activate(self, model: str, *, back: bool = False) -> list[messages.ActivateAnswer]:
         """Make every server answer with a model of its store.
 
         Parameters
@@ -81,7 +67,7 @@ class Operator:
             As :meth:`models`; NO_SERVICE also where a server that lives did not answer; OTHER_MODEL: its name means
             different models in the stores of different servers.
         """
-        answers = self._ask("admin/activate", ActivateAnswer, ActivateRequest(model, back))
+        answers = self._ask("admin/activate", messages.ActivateAnswer, messages.ActivateRequest(model, back))
         if len({answer.hash for answer in answers}) > 1:
             found = ", ".join(f"{answer.replica} has {answer.hash[:12]}" for answer in answers)
             raise ServiceError(
@@ -91,16 +77,16 @@ class Operator:
             )
         return answers
 
-    def set_state(self, state: Literal["ENABLED", "PAUSED"]) -> list[StateAnswer]:
+    def set_state(self, state: Literal["ENABLED", "PAUSED"]) -> list[messages.StateAnswer]:
         """Pause every server, or let it go on; raises as :meth:`activate`.
 
         Parameters
         ----------
         state : str
         """
-        return self._ask("admin/state", StateAnswer, StateRequest(state))
+        return self._ask("admin/state", messages.StateAnswer, messages.StateRequest(state))
 
-    def _ask(self, kind: Kind, form: type[S], body: msgspec.Struct | None = None) -> list[S]:
+    def _ask(self, kind: messages.Kind, form: type[S], body: msgspec.Struct | None = None) -> list[S]:
         """Return what every server answered; the first refusal, or silence, is raised when all have answered."""
         require_own_process()
         question = self._build.plain(kind, form, body, self._patience)
@@ -114,7 +100,9 @@ class Operator:
             timeout=self._patience,
         ) as querier:
             self._await_server(querier)
-            living = self._living()
+            # The names of the servers that show that they live.
+            tokens = self._session.liveliness().get(f"{self._settings.arm}/{LIVE_KEYS}", timeout=self._settings.timeout)
+            living = {str(token.ok.key_expr).split("/")[-3] for token in tokens if token.ok is not None}
             for reply in querier.get(
                 payload=question.payload, encoding=question.encoding, attachment=question.attachment
             ):
@@ -141,11 +129,6 @@ class Operator:
                 hint="Is that process stopped, or very busy? End it, or ask again.",
             )
         return answers
-
-    def _living(self) -> set[str]:
-        """Return the names of the servers that show that they live."""
-        replies = self._session.liveliness().get(f"{self._settings.arm}/{LIVE_KEYS}", timeout=self._settings.timeout)
-        return {str(reply.ok.key_expr).split("/")[-3] for reply in replies if reply.ok is not None}
 
     def _await_server(self, querier: zenoh.Querier) -> None:
         until = time.monotonic() + self._settings.connect_timeout

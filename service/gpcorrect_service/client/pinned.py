@@ -50,19 +50,12 @@ class PinnedModels:
         self._bounds: dict[str, str] = {}
 
     def check(self, kind: Kind, meta: ReplyMeta) -> None:
-        """Refuse the answer of another model.
+        """Refuse, as OTHER_MODEL, the answer of another model or with other bounds.
 
         Parameters
         ----------
         kind : str
-            What was asked.
         meta : ReplyMeta
-            What came beside the answer.
-
-        Raises
-        ------
-        ServiceError
-            OTHER_MODEL.
         """
         task, hashes = "joints" if kind == "correct_joints" else "pose", self._hashes
         if not self._hold:
@@ -98,16 +91,11 @@ class PinnedModels:
         return True
 
     def learn(self, answer: ModelAnswer) -> None:
-        """Take the registration of a server's model.
+        """Take the registration of a server's model; OTHER_MODEL where it is not the one that answers this stream.
 
         Parameters
         ----------
         answer : ModelAnswer
-
-        Raises
-        ------
-        ServiceError
-            OTHER_MODEL: it is not the one that answers this stream.
         """
         bounds = self._bounds.get("pose", "")
         self.check("correct", ReplyMeta("", answer.id, answer.hash, answer.replica, bounds=bounds))

@@ -87,33 +87,19 @@ class Reply(msgspec.Struct, frozen=True, eq=False):
         return (text,) * len(self.answer) if isinstance(self.answer.reasons, np.ndarray) else text
 
 
-def identity_poses(poses: FloatArray, failure: ServiceError) -> Reply:
-    """Return poses in the frame of commands as an answer, flagged with the failure that left them uncorrected.
+def uncorrected(rows: FloatArray, failure: ServiceError, *, joints: bool = False) -> Reply:
+    """Return poses in the frame of commands, or joints, as an answer that nobody corrected, with the failure.
 
     Parameters
     ----------
-    poses : (7,), (3,), (n, 7) or (n, 3) array
-        What registration alone commands.
+    rows : (7,), (3,), (n, 7) or (n, 3) array, or (n, d) joints
+        What registration alone commands; joints as they are.
     failure : ServiceError
+    joints : bool
     """
-    position, quaternion = poses[..., :3], (poses[..., 3:] if poses.shape[-1] > 3 else None)
-    unknown = np.full((*poses.shape[:-1], 6), np.nan)
-    answer = Correction(position, quaternion, None, unknown, unknown, _outside(poses))
-    return Reply(answer, failure=failure)
-
-
-def identity_joints(q: FloatArray, failure: ServiceError) -> Reply:
-    """Return the joints themselves, flagged with the failure that left them uncorrected.
-
-    Parameters
-    ----------
-    q : (n, d) array
-    failure : ServiceError
-    """
-    unknown = np.full(q.shape, np.nan)
-    return Reply(Correction(None, None, q, unknown, unknown, _outside(q)), failure=failure)
-
-
-def _outside(rows: FloatArray) -> Any:
-    """Return reasons by which no row counts as in the domain."""
-    return Reason.OUTSIDE if rows.ndim == 1 else np.full(len(rows), int(Reason.OUTSIDE))
+    unknown = np.full(rows.shape if joints else (*rows.shape[:-1], 6), np.nan)
+    outside: Any = Reason.OUTSIDE if rows.ndim == 1 else np.full(len(rows), int(Reason.OUTSIDE))
+    if joints:
+        return Reply(Correction(None, None, rows, unknown, unknown, outside), failure=failure)
+    quaternion = rows[..., 3:] if rows.shape[-1] > 3 else None
+    return Reply(Correction(rows[..., :3], quaternion, None, unknown, unknown, outside), failure=failure)

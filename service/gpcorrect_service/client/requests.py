@@ -6,7 +6,7 @@ import itertools
 import os
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, Generic, TypeVar, cast
+from typing import Generic, TypeVar, cast
 
 import msgspec
 import numpy as np
@@ -16,21 +16,12 @@ from numpy.typing import ArrayLike
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 from gpcorrect_service.client.pinned import PinnedModels
-from gpcorrect_service.client.replies import Reply, identity_joints, identity_poses
-from gpcorrect_service.protocol.answer import Answer, JointsAnswer, PathAnswer, PoseAnswer, nullable, unpack
+from gpcorrect_service.client.replies import Reply, uncorrected
+from gpcorrect_service.protocol import messages
+from gpcorrect_service.protocol.answer import JointsAnswer, PathAnswer, PoseAnswer, Rows, Single, nullable, unpack
 from gpcorrect_service.protocol.codec import CODECS, error_codec
 from gpcorrect_service.protocol.errors import FailureStatus, ServiceError, bad_input
 from gpcorrect_service.protocol.limits import LIMITS, checked_pose
-from gpcorrect_service.protocol.messages import (
-    CorrectJointsRequest,
-    CorrectPathRequest,
-    CorrectRequest,
-    ErrorAnswer,
-    Kind,
-    ModelAnswer,
-    ReplyMeta,
-    RequestMeta,
-)
 from gpcorrect_service.protocol.settings import MAX_MESSAGE_BYTES, ClientSettings, OnFailure
 
 S = TypeVar("S", bound=msgspec.Struct)
@@ -41,47 +32,26 @@ WORTH_A_RETRY = frozenset({"BUSY", "STALE", "NO_MODEL", "INTERNAL", "NO_SERVICE"
 
 
 class Question(msgspec.Struct, Generic[R], frozen=True, eq=False):
-    """A request ready to send, and how its reply is read.
+    """A request ready to send, and how its reply is read."""
 
-    Parameters
-    ----------
-    kind : str
-        Which key is asked.
-    payload, attachment : bytes
-    encoding : str
-        zenoh's name of how they are written.
-    read : callable
-        From zenoh's reply to the planner's; raises the server's refusal.
-    patience : float
-        s after which a reply of one attempt is too old to be used; for both together it is twice that.
-    begun : float
-        When the caller asked, s of the monotonic clock.
-    fallback : callable or None
-        From the failure to the answer that replaces it; None raises the failure.
-    """
-
-    kind: Kind
+    kind: messages.Kind  # which key is asked
     payload: bytes
-    encoding: str
+    encoding: str  # zenoh's name of how they are written
     attachment: bytes
-    read: Callable[[zenoh.Reply], R]
-    patience: float
-    begun: float
+    read: Callable[[zenoh.Reply], R]  # from zenoh's reply to the planner's; raises the server's refusal
+    patience: float  # s after which a reply of one attempt is too old to be used; for both together it is twice that
+    begun: float  # when the caller asked, s of the monotonic clock
+    # from the failure to the answer that replaces it; None raises the failure
     fallback: Callable[[ServiceError], R] | None = None
 
     def answer(self, reply: zenoh.Reply, waited: float) -> R | ServiceError:
-        """Return the answer in a reply, or the failure when another reply may be better.
+        """Return the answer in a reply, or the failure when another reply may be better; raises one that is final.
 
         Parameters
         ----------
         reply : zenoh.Reply
         waited : float
             s since it was asked for.
-
-        Raises
-        ------
-        ServiceError
-            The failure is final.
         """
         # A process that was stopped finds replies of long ago when it goes on.
         if reply.ok is not None and waited > self.patience:
@@ -94,33 +64,22 @@ class Question(msgspec.Struct, Generic[R], frozen=True, eq=False):
             return error
 
     def require_wanted(self, waited: float) -> None:
-        """Refuse to hand out an answer that is older than the caller allowed, whatever held it up and where.
+        """Refuse, as STALE, to hand out an answer that is older than the caller allowed, whatever held it up and where.
 
         Parameters
         ----------
         waited : float
             s since the caller asked, every attempt included.
-
-        Raises
-        ------
-        ServiceError
-            STALE.
         """
         if waited > 2 * self.patience:
             raise _stale(waited, 2 * self.patience)
 
     def rescue(self, error: ServiceError) -> R:
-        """Return the fallback.
+        """Return the fallback; raise the failure itself where there is none, or the caller's own input is at fault.
 
         Parameters
         ----------
         error : ServiceError
-            Why there is no answer.
-
-        Raises
-        ------
-        ServiceError
-            The failure itself, where there is no fallback or the caller's own input is at fault.
         """
         if self.fallback is None or error.status == "BAD_INPUT":
             raise error
@@ -128,18 +87,9 @@ class Question(msgspec.Struct, Generic[R], frozen=True, eq=False):
 
 
 class RequestBuilder:
-    """Writes questions in one encoding.
+    """Writes questions in one encoding, "msgpack" or "json"; answers are wanted for half of the settings' timeouts.
 
-    Parameters
-    ----------
-    settings : ClientSettings
-        For timeouts: an answer is wanted for half of them, the other half is the retry's.
-    encoding : str
-        "msgpack" or "json".
-    on_failure : str
-        "raise" or "identity".
-    pinned : PinnedModels, optional
-        The models that answers must come from.
+    The other half is the retry's.
     """
 
     def __init__(
@@ -170,7 +120,7 @@ class RequestBuilder:
         """
         asked = _array(pose, "pose", 1)
         given = None if twist is None else tuple(_array(twist, "twist", 1).tolist())
-        body = CorrectRequest(tuple(asked.tolist()), given)
+        body = messages.CorrectRequest(tuple(asked.tolist()), given)
         return self._correction("correct", body, PoseAnswer, lambda error: self._registered(asked, error))
 
     def correct_path(self, poses: ArrayLike, times: ArrayLike) -> Question[Reply]:
@@ -183,7 +133,7 @@ class RequestBuilder:
             s.
         """
         asked = _array(poses, "poses", 2)
-        body = CorrectPathRequest(tuple(asked.tolist()), tuple(_array(times, "times", 1).tolist()))
+        body = messages.CorrectPathRequest(tuple(asked.tolist()), tuple(_array(times, "times", 1).tolist()))
         return self._correction("correct_path", body, PathAnswer, lambda error: self._registered(asked, error))
 
     def correct_joints(
@@ -200,13 +150,15 @@ class RequestBuilder:
         sessions : n int or None
         """
         joints = _array(q, "joints", 2)
-        body = CorrectJointsRequest(
+        body = messages.CorrectJointsRequest(
             nullable(joints),
             tuple(_array(times, "times", 1).tolist()),
             None if efforts is None else nullable(_array(efforts, "efforts", 2)),
             None if sessions is None else tuple(int(one) for one in sessions),
         )
-        return self._correction("correct_joints", body, JointsAnswer, lambda error: identity_joints(joints, error))
+        return self._correction(
+            "correct_joints", body, JointsAnswer, lambda error: uncorrected(joints, error, joints=True)
+        )
 
     def metrics(self) -> Question[str]:
         """Ask for the server's numbers."""
@@ -220,7 +172,9 @@ class RequestBuilder:
         """Ask for the registration that a fallback needs, where it is not known yet."""
         if not (self._identity and self.pinned.wants_registration):
             return None
-        return self._question("model", None, lambda r: self.pinned.learn(self._decoded(ModelAnswer, _accepted(r))))
+        return self._question(
+            "model", None, lambda r: self.pinned.learn(self._decoded(messages.ModelAnswer, _accepted(r)))
+        )
 
     def _registered(self, poses: FloatArray, error: ServiceError) -> Reply:
         """Return what registration alone commands; raises the failure itself where nobody ever answered."""
@@ -229,20 +183,18 @@ class RequestBuilder:
         commands = self.pinned.registered(poses)
         if commands is None:
             raise error
-        return identity_poses(commands, error)
+        return uncorrected(commands, error)
 
     def plain(
-        self, kind: Kind, form: type[S], body: msgspec.Struct | None = None, deadline: float | None = None
+        self, kind: messages.Kind, form: type[S], body: msgspec.Struct | None = None, deadline: float | None = None
     ) -> Question[S]:
         """Ask for a message that nothing travels beside.
 
         Parameters
         ----------
         kind : str
-        form : type
-            Of the answer.
-        body : Struct, optional
-            Of the question.
+        form, body : type, Struct or None
+            Of the answer, and the question.
         deadline : float, optional
             Seconds for which the answer is wanted; half of the timeout by default.
         """
@@ -250,16 +202,16 @@ class RequestBuilder:
 
     def _correction(
         self,
-        kind: Kind,
+        kind: messages.Kind,
         body: msgspec.Struct,
-        form: type[Answer[Any, Any, Any, Any, Any]],
+        form: type[Single | Rows],
         identity: Callable[[ServiceError], Reply],
     ) -> Question[Reply]:
         def _read(reply: zenoh.Reply) -> Reply:
             sample = _accepted(reply)
             beside = b"" if sample.attachment is None else sample.attachment.to_bytes()
             try:
-                meta = self._codec.decode(ReplyMeta, beside)
+                meta = self._codec.decode(messages.ReplyMeta, beside)
             except ServiceError as error:
                 raise no_service(f"a reply without the service's attachment ({error.message})") from error
             self.pinned.check(kind, meta)
@@ -269,7 +221,7 @@ class RequestBuilder:
 
     def _question(
         self,
-        kind: Kind,
+        kind: messages.Kind,
         body: msgspec.Struct | None,
         read: Callable[[zenoh.Reply], R],
         fallback: Callable[[ServiceError], R] | None = None,
@@ -282,12 +234,9 @@ class RequestBuilder:
                 f"the request has {len(payload)} bytes; a server takes {MAX_MESSAGE_BYTES}.",
                 "Send the path in parts, cut where the robot rests.",
             )
-        meta = RequestMeta(
-            request_id=f"{self._prefix}-{next(self._numbers)}",
-            client_time=time.time(),
-            deadline=deadline or self._settings.timeout_of(kind) / 2,
-        )
         patience = self._settings.timeout_of(kind) / 2
+        request_id = f"{self._prefix}-{next(self._numbers)}"
+        meta = messages.RequestMeta(request_id=request_id, client_time=time.time(), deadline=deadline or patience)
         encoding, attachment = self._codec.encoding(kind), self._codec.encode(meta)
         return Question(kind, payload, encoding, attachment, read, patience, begun, fallback)
 
@@ -317,7 +266,7 @@ def _accepted(reply: zenoh.Reply) -> zenoh.Sample:
     if codec is None:
         raise no_service(f"an error of zenoh ({failure.payload.to_bytes()[:100].decode(errors='replace')})")
     try:
-        refused = codec.decode(ErrorAnswer, failure.payload.to_bytes())
+        refused = codec.decode(messages.ErrorAnswer, failure.payload.to_bytes())
     except ServiceError as error:
         raise no_service(f"an error that is not the service's ({error.message})") from error
     status = cast(FailureStatus, refused.status)
@@ -332,9 +281,7 @@ def no_service(what: str = "", settings: ClientSettings | None = None) -> Servic
     Parameters
     ----------
     what : str
-        What came instead.
     settings : ClientSettings, optional
-        Where was asked.
     """
     where = ""
     if settings is not None:

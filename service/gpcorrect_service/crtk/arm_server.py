@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -18,95 +18,29 @@ from gpcorrect import se3
 from gpcorrect.errors import GpCorrectError
 from gpcorrect.types import FloatArray
 from gpcorrect_service.crtk.bus import Bus
-from gpcorrect_service.crtk.messages import Heartbeat, JointState, OperatingState, Pose, State, Text, checked_numbers
+from gpcorrect_service.crtk.messages import Heartbeat, JointState, OperatingState, Pose, Text, checked_numbers
 from gpcorrect_service.protocol.clocks import OLDEST
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.limits import checked_stamp
 
 STATE_HZ = 10.0  # chosen by hand: fast enough for people
-BEAT_HZ = 2.0  # chosen by hand
+BEAT_HZ = 2.0  # chosen by hand: who listens notices within a second that it ended
 BEHIND = 0.5  # chosen by hand: s of wall time after which lost ticks are given up instead of caught up with
-
-
-class CommandedArm(Protocol):
-    """An arm with a controller; see `gpcorrect.sim.live_robot.LiveRobot`. Callables are properties."""
-
-    state: State
-    is_homed: bool
-
-    @property
-    def is_busy(self) -> bool:
-        """Whether a move is under way."""
-
-    @property
-    def setpoint(self) -> FloatArray:
-        """(dof,) commanded joints."""
-
-    @property
-    def time(self) -> float:
-        """Seconds on the arm's clock."""
-
-    @property
-    def poses_of(self) -> Callable[[FloatArray], FloatArray | None]:
-        """From joints (n, dof) to nominal tool poses (n, 4, 4)."""
-
-    @property
-    def read(self) -> Callable[..., Any]:
-        """Position, velocity, effort and true joints `external` (dof,); if `tracked=`, the `tracker` (4, 4) or None."""
-
-    @property
-    def operate(self) -> Callable[[str], None]:
-        """Change the operating state by CRTK's `state_command`."""
-
-    @property
-    def servo_jp(self) -> Callable[[FloatArray], None]:
-        """Go to joints (dof,) at once."""
-
-    @property
-    def move_jp(self) -> Callable[[FloatArray], None]:
-        """Go to joints (dof,) smoothly."""
-
-    @property
-    def servo_cp(self) -> Callable[[FloatArray], None]:
-        """Go to a pose (4, 4) at once."""
-
-    @property
-    def move_cp(self) -> Callable[[FloatArray], None]:
-        """Go to a pose (4, 4) in a straight line."""
-
-    @property
-    def advance(self) -> Callable[[float], None]:
-        """Let time pass, s."""
 
 
 @dataclass(frozen=True)
 class ArmServerSettings:
-    """How an arm is served.
+    """How an arm is served."""
 
-    Parameters
-    ----------
-    rate_hz : float
-        State messages a second of the arm's clock.
-    tracker_hz : float
-        Of the tracker and the outside encoders.
-    time_scale : float
-        Seconds of the arm's clock in one of the wall's: above 1 a simulated arm runs faster than a real one.
-    corrected : bool
-        Take Cartesian commands from the pre-filter (`corrected/servo_cp`) and not from planners (`servo_cp`).
-    frame : str
-        Name of the arm's base frame.
-    tracker_frame : str
-    command_age : float
-        s of wall time after which a corrected pose no longer moves the arm.
-    """
-
-    rate_hz: float = 100.0
-    tracker_hz: float = 100.0
+    rate_hz: float = 100.0  # state messages a second of the arm's clock
+    tracker_hz: float = 100.0  # of the tracker and the outside encoders
+    # seconds of the arm's clock in one of the wall's: above 1 a simulated arm runs faster than a real one
     time_scale: float = 1.0
+    # take Cartesian commands from the pre-filter (`corrected/servo_cp`) and not from planners (`servo_cp`)
     corrected: bool = False
-    frame: str = "base"
+    frame: str = "base"  # name of the arm's base frame
     tracker_frame: str = "tracker"
-    command_age: float = OLDEST
+    command_age: float = OLDEST  # s of wall time after which a corrected pose no longer moves the arm
 
 
 class ArmServer:
@@ -114,27 +48,24 @@ class ArmServer:
 
     Parameters
     ----------
-    arm : CommandedArm
+    arm : object
+        With the commands and the state of `gpcorrect.sim.live_robot.LiveRobot`, which a server must not import.
     bus : Bus
     settings : ArmServerSettings
     epoch : float
         Stamp at the arm's time 0, s since 1970.
     """
 
-    def __init__(self, arm: CommandedArm, bus: Bus, settings: ArmServerSettings, epoch: float) -> None:
+    def __init__(self, arm: Any, bus: Bus, settings: ArmServerSettings, epoch: float) -> None:
         self._arm, self._bus, self._settings, self._epoch = arm, bus, settings, epoch
         self._orders: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._late = 0
         prefix = "corrected/" if settings.corrected else ""
-        reading: tuple[tuple[str, Callable[..., object], Callable[..., None]], ...] = (
-            ("servo_jp", self._joints, arm.servo_jp),
-            ("move_jp", self._joints, arm.move_jp),
-            (f"{prefix}servo_cp", self._pose, arm.servo_cp),
-            (f"{prefix}move_cp", self._pose, arm.move_cp),
-            ("state_command", lambda message: message.string, arm.operate),
-        )
-        for name, read, act in reading:
-            bus.subscribe(name, self._queueing(read, act), self._refused)
+        for name, act in (("servo_jp", arm.servo_jp), ("move_jp", arm.move_jp)):
+            self._obey_topic(name, self._joints, act)
+        for name, act in (("servo_cp", arm.servo_cp), ("move_cp", arm.move_cp)):
+            self._obey_topic(prefix + name, self._pose, act)
+        self._obey_topic("state_command", lambda message: message.string, arm.operate)
 
     def run(self, stop: threading.Event) -> None:
         """Let the arm live until it is stopped.
@@ -162,17 +93,14 @@ class ArmServer:
         self._late += 1
         return due if ahead > -BEHIND else time.monotonic()
 
-    def _queueing(self, read: Callable[..., object], act: Callable[..., None]) -> Callable[[object], None]:
-        def _receive(message: object) -> None:
-            self._orders.put(lambda: act(read(message)))
+    def _obey_topic(self, name: str, read: Callable[..., object], act: Callable[..., None]) -> None:
+        def _refused(error: GpCorrectError) -> None:
+            def _raise() -> None:
+                raise error
 
-        return _receive
+            self._orders.put(_raise)
 
-    def _refused(self, error: GpCorrectError) -> None:
-        def _raise() -> None:
-            raise error
-
-        self._orders.put(_raise)
+        self._bus.subscribe(name, lambda message: self._orders.put(lambda: act(read(message))), _refused)
 
     def _obey(self) -> None:
         """Do what was commanded since the last tick; what is refused is published on `error`."""
@@ -198,7 +126,8 @@ class ArmServer:
         return se3.from_parts(numbers[:3], numbers[3:])
 
     def _stamp(self) -> float:
-        return self._epoch + self._arm.time
+        stamp: float = self._epoch + self._arm.time
+        return stamp
 
     def _publish(self, tick: int) -> None:
         bus, arm, settings, stamp = self._bus, self._arm, self._settings, self._stamp()

@@ -24,43 +24,26 @@ from gpcorrect_service.protocol.sessions import COMMON, first_sentence, make_con
 from gpcorrect_service.protocol.settings import DEFAULT_NAMESPACE, RosDistro, check_loopback, refuse_two_places
 
 CLAIM_SECONDS = 2.0  # chosen by hand: in which a router says who else there is; it answers at once
-RETRY = {"period_init_ms": 50, "period_max_ms": 500, "period_increase_factor": 2}
 
 DEFAULT_ROBOT = "tcp/127.0.0.1:7448"  # on this machine only
 
 
 @dataclass(frozen=True)
 class BusSettings:
-    """Where an arm's topics are.
+    """Where an arm's topics are."""
 
-    Parameters
-    ----------
-    endpoint : str
-        Address to listen on, or to connect to.
-    arm, namespace : str
-        Second and first part of every native key.
-    role : "hub" or "client"
-        A hub listens and passes messages between its clients, as a router does; a client connects to it.
-    ros_domain : int or None
-        ROS_DOMAIN_ID to speak in as well, on rmw_zenoh's keys; None for native keys alone.
-    ros_distro : str
-        ROS distribution of the nodes there.
-    allow_remote : bool
-        Whether a hub may listen on an address that other machines reach.
-    patience : float
-        Seconds in which a client waits for its hub to appear.
-    config_file : Path or None
-        A zenoh JSON5 configuration that replaces `endpoint`, of a client; its `namespace`, where given, wins.
-    """
-
-    endpoint: str = DEFAULT_ROBOT
+    endpoint: str = DEFAULT_ROBOT  # address to listen on, or to connect to
+    # second and first part of every native key
     arm: str = "arm1"
     namespace: str = DEFAULT_NAMESPACE
+    # a hub listens and passes messages between its clients, as a router does; a client connects to it
     role: Literal["hub", "client"] = "client"
+    # ROS_DOMAIN_ID to speak in as well, on rmw_zenoh's keys; None for native keys alone
     ros_domain: int | None = None
-    ros_distro: RosDistro = "jazzy"
-    allow_remote: bool = False
-    patience: float = 5.0
+    ros_distro: RosDistro = "jazzy"  # ROS distribution of the nodes there
+    allow_remote: bool = False  # whether a hub may listen on an address that other machines reach
+    patience: float = 5.0  # seconds in which a client waits for its hub to appear
+    # a zenoh JSON5 configuration that replaces `endpoint`, of a client; its `namespace`, where given, wins
     config_file: Path | None = None
 
     def __post_init__(self) -> None:
@@ -72,32 +55,23 @@ class BusSettings:
         return str(self.config_file or self.endpoint)
 
 
-Inbox = Callable[[Any], None]
 Refused = Callable[[ServiceError], None]
 
 
 class Bus:
-    """Publishes and subscribes an arm's topics; a context manager.
-
-    Parameters
-    ----------
-    settings : BusSettings
-    node : str
-        Name in the ROS graph.
+    """Publishes and subscribes an arm's topics, as a `node` of that name in the ROS graph; a context manager.
 
     Raises
     ------
-    EndpointError
-        A hub cannot listen there, or nobody answers a client.
-    DataError
-        The configuration file cannot be read, or is not a client's.
+    EndpointError, DataError
+        A hub cannot listen there, or nobody answers a client; the configuration is none, or is not a client's.
     """
 
     def __init__(self, settings: BusSettings, node: str = "gpcorrect") -> None:
         self.settings = settings = in_namespace(settings)
         self._stack = ExitStack()
         self._session = self._stack.enter_context(open_session(settings))
-        self._publishers: dict[str, _Sender] = {}
+        self._publishers: dict[str, list[Callable[[Message], None]]] = {}
         self._numbers = itertools.count(1)
         self._node: RmwNode | None = None
         if settings.ros_domain is not None:
@@ -122,7 +96,6 @@ class Bus:
         Parameters
         ----------
         name : str
-            Of the topic.
         """
         return f"{self.settings.namespace}/{self.settings.arm}/{name}"
 
@@ -132,12 +105,7 @@ class Bus:
         Parameters
         ----------
         role : str
-            Behind the arm's name, such as "prefilter".
-
-        Raises
-        ------
-        DataError
-            Another process has that role.
+            Behind the arm's name, such as "prefilter"; DataError where another process has it.
         """
         live, own = self._session.liveliness(), self.key(f"{role}/{self._session.info.zid()}")
         self._stack.enter_context(live.declare_token(own))
@@ -154,21 +122,20 @@ class Bus:
         Parameters
         ----------
         name : str
-            Of the topic.
         message : Struct
         """
-        sender = self._publishers.get(name)
-        if sender is None:
-            sender = self._publishers[name] = self._sender(TOPICS[name])
-        sender.send(message)
+        senders = self._publishers.get(name)
+        if senders is None:
+            senders = self._publishers[name] = self._senders(TOPICS[name])
+        for send in senders:
+            send(message)
 
-    def subscribe(self, name: str, inbox: Inbox, refused: Refused | None = None) -> None:
+    def subscribe(self, name: str, inbox: Callable[[Any], None], refused: Refused | None = None) -> None:
         """Receive every message of a topic, on zenoh's thread.
 
         Parameters
         ----------
         name : str
-            Of the topic.
         inbox : callable
             Takes a message; must not wait.
         refused : callable, optional
@@ -179,7 +146,7 @@ class Bus:
         if self._node is not None and what.ros_type:
             self._listen(self._declare_ros(what, "MS")[0], what, inbox, refused)
 
-    def _listen(self, key: str, what: Topic, inbox: Inbox, refused: Refused | None) -> None:
+    def _listen(self, key: str, what: Topic, inbox: Callable[[Any], None], refused: Refused | None) -> None:
         def _receive(sample: zenoh.Sample) -> None:
             try:
                 message = read_message(sample.payload.to_bytes(), str(sample.encoding), what)
@@ -192,21 +159,20 @@ class Bus:
         callback = zenoh.handlers.Callback(_receive, indirect=False)
         self._stack.enter_context(self._session.declare_subscriber(key, callback))
 
-    def _sender(self, what: Topic) -> _Sender:
-        native = self._publisher(self.key(what.name), what)
+    def _senders(self, what: Topic) -> list[Callable[[Message], None]]:
+        """Return what sends a topic's messages: on its native key, and on those of ROS."""
+        encoding = f"{MSGPACK.media_type};gpcorrect.{what.kind}/1"
+        senders: list[Callable[[Message], None]] = [_Sender(self._publisher(self.key(what.name), what), encoding)]
         if self._node is None or not what.ros_type:
-            return _Sender(native, what)
+            return senders
         key, token = self._declare_ros(what, "MP")
-        ros = [_RosSender(self._latched(key) if what.latched else self._publisher(key, what), gid_of(token), to_cdr)]
+        publisher = self._latched(key) if what.latched else self._publisher(key, what)
+        senders.append(_RosSender(publisher, gid_of(token), to_cdr))
         if what.child:
-            arm = self.settings.arm
+            base, child = f"{self.settings.arm}_base", f"{self.settings.arm}_{what.child}"
             key, token = self._declare_ros(TF, "MP", "tf")
-            ros.append(
-                _RosSender(
-                    self._publisher(key, TF), gid_of(token), lambda m: tf_cdr(m, f"{arm}_base", f"{arm}_{what.child}")
-                )
-            )
-        return _Sender(native, what, *ros)
+            senders.append(_RosSender(self._publisher(key, TF), gid_of(token), lambda m: tf_cdr(m, base, child)))
+        return senders
 
     def _publisher(self, key: str, what: Topic) -> zenoh.Publisher:
         priority = zenoh.Priority.INTERACTIVE_HIGH if what.urgent else zenoh.Priority.DATA
@@ -247,29 +213,21 @@ class _RosSender:
     encode: Callable[[Any], bytes]
     count: int = 0
 
-    def send(self, message: Message) -> None:
+    def __call__(self, message: Message) -> None:
         self.count += 1
         beside = attachment(self.count, round(message.stamp * 1e9), self.gid)
         self.publisher.put(self.encode(message), attachment=beside)
 
 
+@dataclass(frozen=True)
 class _Sender:
-    """One topic's publishers."""
+    """A publisher on a native key, and the encoding that it names."""
 
-    def __init__(self, native: zenoh.Publisher, what: Topic, *ros: _RosSender) -> None:
-        self._native, self._ros = native, ros
-        self._encoding = f"{MSGPACK.media_type};gpcorrect.{what.kind}/1"
+    publisher: zenoh.Publisher
+    encoding: str
 
-    def send(self, message: Message) -> None:
-        """Publish on every key.
-
-        Parameters
-        ----------
-        message : Struct
-        """
-        self._native.put(MSGPACK.encode(message), encoding=self._encoding)
-        for ros in self._ros:
-            ros.send(message)
+    def __call__(self, message: Message) -> None:
+        self.publisher.put(MSGPACK.encode(message), encoding=self.encoding)
 
 
 def read_message(payload: bytes, encoding: str, what: Topic) -> msgspec.Struct:
@@ -279,13 +237,8 @@ def read_message(payload: bytes, encoding: str, what: Topic) -> msgspec.Struct:
     ----------
     payload : bytes
     encoding : str
-        zenoh's.
+        zenoh's; BAD_INPUT for another one, and where the bytes are no such message.
     what : Topic
-
-    Raises
-    ------
-    ServiceError
-        BAD_INPUT: it is no such message.
     """
     if encoding.startswith(MSGPACK.media_type):
         return MSGPACK.decode(what.form, payload)
@@ -326,34 +279,34 @@ def open_session(settings: BusSettings) -> zenoh.Session:
 
 
 def check_place(settings: BusSettings) -> None:
-    """Raise what :func:`open_session` would raise however often it is tried.
+    """Raise the DataError that :func:`open_session` would raise however often it is tried: of file and certificates.
 
     Parameters
     ----------
     settings : BusSettings
-        Of a client.
-
-    Raises
-    ------
-    DataError
-        The configuration file cannot be read, or is not a client's; or a certificate is not valid now.
     """
     require_valid(_config(settings))
 
 
 def _config(settings: BusSettings) -> zenoh.Config:
-    if settings.config_file is not None:
-        return _file_config(settings.config_file)
+    """Return a hub's or a client's configuration; keys are written with the namespace here, so zenoh adds none."""
     hub = settings.role == "hub"
-    return make_config(
-        {
-            **COMMON,
-            "mode": "router" if hub else "client",
-            "listen/endpoints": [settings.endpoint] if hub else [],
-            "connect/endpoints": [] if hub else [settings.endpoint],
-            "connect/retry": RETRY,
-        }
-    )
+    if settings.config_file is None:
+        return make_config(
+            {
+                **COMMON,
+                "mode": "router" if hub else "client",
+                "listen/endpoints": [settings.endpoint] if hub else [],
+                "connect/endpoints": [] if hub else [settings.endpoint],
+                "connect/retry": {"period_init_ms": 50, "period_max_ms": 500, "period_increase_factor": 2},
+            }
+        )
+    config = read_config(settings.config_file)
+    if config.get_json("mode") != '"client"':
+        raise DataError(f"{settings.config_file} is not a client's configuration.", hint='Its mode must be "client".')
+    config.insert_json5("namespace", "null")
+    config.insert_json5("connect/exit_on_failure", "true")
+    return config
 
 
 def in_namespace(settings: BusSettings) -> BusSettings:
@@ -362,22 +315,8 @@ def in_namespace(settings: BusSettings) -> BusSettings:
     Parameters
     ----------
     settings : BusSettings
-
-    Raises
-    ------
-    DataError
-        The file cannot be read.
+        DataError where their file cannot be read.
     """
     if settings.config_file is None:
         return settings
     return replace(settings, namespace=namespace_of(read_config(settings.config_file), settings.namespace))
-
-
-def _file_config(path: Path) -> zenoh.Config:
-    """Read a client's configuration; keys are written with the namespace here, so zenoh must not add it."""
-    config = read_config(path)
-    if config.get_json("mode") != '"client"':
-        raise DataError(f"{path} is not a client's configuration.", hint='Its mode must be "client".')
-    config.insert_json5("namespace", "null")
-    config.insert_json5("connect/exit_on_failure", "true")
-    return config

@@ -14,9 +14,9 @@ from gpcorrect.atomic import require_folder, require_new
 from gpcorrect.errors import LogError
 from gpcorrect_service.crtk.messages import TOPICS, Message
 
-BEGINS = b"gpcorrect recording 1\n"
+BEGINS = b"gpcorrect recording 1\n"  # first line of a journal, with the number of its form
 LENGTH = struct.Struct("<I")
-SUFFIX = ".unfinished"
+SUFFIX = ".unfinished"  # behind the name of the recording to come
 
 
 class _Entry(msgspec.Struct, array_like=True):
@@ -102,11 +102,7 @@ def require_no_journal(recording: Path) -> None:
     Parameters
     ----------
     recording : path
-
-    Raises
-    ------
-    GpCorrectError
-        The folder may not be written, or a recording of this name was broken off.
+        GpCorrectError where its folder may not be written, or a recording of this name was broken off.
     """
     path = _journal_of(recording)
     if path.exists():
@@ -125,11 +121,7 @@ def read_journal(path: Path) -> tuple[str, Iterator[tuple[str, int, Any]]]:
     Parameters
     ----------
     path : path
-
-    Raises
-    ------
-    LogError
-        There is no such file, or it is no journal; while it is read: it was altered.
+        LogError where there is no such file, or no journal, or, while it is read, where it was altered.
     """
     try:
         content = path.read_bytes()

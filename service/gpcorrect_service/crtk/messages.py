@@ -13,15 +13,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from gpcorrect_service.protocol.cdr import (
-    OPERATING_STATE,
-    POSE_STAMPED,
-    STRING_STAMPED,
-    TF_MESSAGE,
-    decode_cdr,
-    ros_pose,
-    ros_types,
-)
+from gpcorrect_service.protocol import cdr
 from gpcorrect_service.protocol.errors import bad_input
 from gpcorrect_service.protocol.messages import JointState, Numbers, Row, State
 
@@ -102,7 +94,7 @@ Message = JointState | Pose | OperatingState | Text | Event | Heartbeat | Report
 
 
 def checked_numbers(numbers: Sequence[float | None], count: int, what: str) -> Numbers:
-    """Return numbers that are finite and as many as expected.
+    """Return numbers that are finite and as many as expected; BAD_INPUT where they are not.
 
     Parameters
     ----------
@@ -110,11 +102,6 @@ def checked_numbers(numbers: Sequence[float | None], count: int, what: str) -> N
     count : int
     what : str
         Name for messages.
-
-    Raises
-    ------
-    ServiceError
-        BAD_INPUT: they are not.
     """
     finite = tuple(one for one in numbers if one is not None and math.isfinite(one))
     if not len(numbers) == len(finite) == count:
@@ -124,53 +111,36 @@ def checked_numbers(numbers: Sequence[float | None], count: int, what: str) -> N
 
 @dataclass(frozen=True)
 class Topic:
-    """One topic.
+    """One topic."""
 
-    Parameters
-    ----------
-    name : str
-        Behind the arm's name.
-    form : type
-        Struct on native keys.
-    kind : str
-        Name of the struct in zenoh encodings.
-    ros_type : str
-        Empty where ROS users have no such topic.
-    latched : bool
-        Whether a ROS node that comes late hears the last message, as CRTK has it of states ("transient local").
-    urgent : bool
-        Whether messages overtake those of other topics and have a queue of their own: of streams that a loaded machine
-        sends, what finds the queue full is dropped, and with them went one first complaint in twenty.
-    child : str
-        Behind the arm's name, the frame whose pose it is: ROS nodes find it on `/tf` too. Empty for none.
-    """
-
-    name: str
-    form: type[msgspec.Struct]
-    kind: str
-    ros_type: str = ""
+    name: str  # behind the arm's name
+    form: type[msgspec.Struct]  # struct on native keys
+    kind: str  # name of the struct in zenoh encodings
+    ros_type: str = ""  # empty where ROS users have no such topic
+    # whether a ROS node that comes late hears the last message, as CRTK has it of states ("transient local")
     latched: bool = False
+    # whether messages overtake those of other topics and have a queue of their own: of streams that a loaded machine
+    # sends, what finds the queue full is dropped, and with them went one first complaint in twenty
     urgent: bool = False
+    # behind the arm's name, the frame whose pose it is: ROS nodes find it on `/tf` too. Empty for none
     child: str = ""
 
 
-TF = Topic("tf", Pose, "pose", TF_MESSAGE)
+TF = Topic("tf", Pose, "pose", cdr.TF_MESSAGE)
 """Where ROS nodes look for frames; of no arm."""
 TOPICS: dict[str, Topic] = {
     topic.name: topic
     for topic in (
+        *(Topic(f"{name}_js", JointState, "joint_state", JOINT_STATE) for name in ("measured", "setpoint", "external")),
+        *(Topic(name, JointState, "joint_state", JOINT_STATE) for name in ("servo_jp", "move_jp")),
+        *(Topic(name, Pose, "pose", cdr.POSE_STAMPED) for name in ("setpoint_cp", "tracker_cp", "servo_cp", "move_cp")),
+        Topic("measured_cp", Pose, "pose", cdr.POSE_STAMPED, child="tool"),
         *(
-            Topic(name, JointState, "joint_state", JOINT_STATE)
-            for name in ("measured_js", "setpoint_js", "external_js", "servo_jp", "move_jp")
-        ),
-        *(Topic(name, Pose, "pose", POSE_STAMPED) for name in ("setpoint_cp", "tracker_cp", "servo_cp", "move_cp")),
-        Topic("measured_cp", Pose, "pose", POSE_STAMPED, child="tool"),
-        *(
-            Topic(f"corrected/{name}", Pose, "pose", POSE_STAMPED, child="corrected_tool")
+            Topic(f"corrected/{name}", Pose, "pose", cdr.POSE_STAMPED, child="corrected_tool")
             for name in ("servo_cp", "move_cp")
         ),
-        *(Topic(name, Text, "text", STRING_STAMPED, urgent=True) for name in ("state_command", "error", "warning")),
-        Topic("operating_state", OperatingState, "operating_state", OPERATING_STATE, latched=True),
+        *(Topic(name, Text, "text", cdr.STRING_STAMPED, urgent=True) for name in ("state_command", "error", "warning")),
+        Topic("operating_state", OperatingState, "operating_state", cdr.OPERATING_STATE, latched=True),
         Topic("heartbeat", Heartbeat, "heartbeat"),
         Topic("event", Event, "event", urgent=True),
         Topic("corrected/report", Report, "report"),
@@ -187,19 +157,21 @@ def to_ros(message: msgspec.Struct) -> tuple[Any, str]:
     message : Struct
         JointState, Pose, OperatingState or Text.
     """
-    kinds = ros_types().types
+    kinds = cdr.ros_types().types
     match message:
         case JointState():
             arrays = (np.array(a or (), dtype=np.float64) for a in (message.position, message.velocity, message.effort))
             names = [f"joint_{j}" for j in range(1, len(message.position) + 1)]
             return kinds[JOINT_STATE](_header(message.stamp), names, *arrays), JOINT_STATE
         case Pose():
-            return ros_pose(message.pose, *_time(message.stamp), message.frame), POSE_STAMPED
+            return cdr.ros_pose(message.pose, *_time(message.stamp), message.frame), cdr.POSE_STAMPED
         case OperatingState():
             header = _header(message.stamp)
-            return kinds[OPERATING_STATE](header, message.state, message.is_homed, message.is_busy), OPERATING_STATE
+            return kinds[cdr.OPERATING_STATE](
+                header, message.state, message.is_homed, message.is_busy
+            ), cdr.OPERATING_STATE
         case Text():
-            return kinds[STRING_STAMPED](_header(message.stamp), message.string), STRING_STAMPED
+            return kinds[cdr.STRING_STAMPED](_header(message.stamp), message.string), cdr.STRING_STAMPED
     raise TypeError(f"{type(message).__name__} has no ROS message.")
 
 
@@ -212,7 +184,7 @@ def to_cdr(message: msgspec.Struct) -> bytes:
         As for :func:`to_ros`.
     """
     ros, kind = to_ros(message)
-    return bytes(ros_types().serialize_cdr(ros, kind))
+    return bytes(cdr.ros_types().serialize_cdr(ros, kind))
 
 
 def tf_cdr(message: Pose, base: str, child: str) -> bytes:
@@ -224,40 +196,35 @@ def tf_cdr(message: Pose, base: str, child: str) -> bytes:
     base, child : str
         Names of the frame that it is in, where the pose names none, and of the frame whose pose it is.
     """
-    kinds = ros_types().types
-    posed = ros_pose(message.pose, *_time(message.stamp), message.frame or base)
+    kinds = cdr.ros_types().types
+    posed = cdr.ros_pose(message.pose, *_time(message.stamp), message.frame or base)
     p = posed.pose.position
     moved = kinds["geometry_msgs/msg/Transform"](
         kinds["geometry_msgs/msg/Vector3"](p.x, p.y, p.z), posed.pose.orientation
     )
     stamped = kinds["geometry_msgs/msg/TransformStamped"](posed.header, child, moved)
-    return bytes(ros_types().serialize_cdr(kinds[TF_MESSAGE]([stamped]), TF_MESSAGE))
+    return bytes(cdr.ros_types().serialize_cdr(kinds[cdr.TF_MESSAGE]([stamped]), cdr.TF_MESSAGE))
 
 
 def from_cdr(data: bytes, ros_type: str) -> msgspec.Struct:
-    """Read a struct from CDR.
+    """Read a struct from CDR; BAD_INPUT where the bytes are no such message.
 
     Parameters
     ----------
     data : bytes
     ros_type : str
         As `geometry_msgs/msg/PoseStamped`.
-
-    Raises
-    ------
-    ServiceError
-        BAD_INPUT: the bytes are no such message.
     """
-    ros = decode_cdr(data, ros_type)
+    ros = cdr.decode_cdr(data, ros_type)
     stamp = ros.header.stamp.sec + 1e-9 * ros.header.stamp.nanosec
     match ros_type:
         case "sensor_msgs/msg/JointState":
             position, velocity, effort = (tuple(a.tolist()) or None for a in (ros.position, ros.velocity, ros.effort))
             return JointState(stamp, position or (), velocity, effort)
-        case "geometry_msgs/msg/PoseStamped":
+        case cdr.POSE_STAMPED:
             p, q = ros.pose.position, ros.pose.orientation
             return Pose(stamp, (p.x, p.y, p.z, q.w, q.x, q.y, q.z), ros.header.frame_id)
-        case "crtk_msgs/msg/OperatingState":
+        case cdr.OPERATING_STATE:
             return OperatingState(stamp, ros.state, ros.is_homed, ros.is_busy)
         case _:
             return Text(stamp, ros.string)
@@ -268,5 +235,5 @@ def _time(stamp: float) -> tuple[int, int]:
 
 
 def _header(stamp: float) -> Any:
-    kinds = ros_types().types
+    kinds = cdr.ros_types().types
     return kinds["std_msgs/msg/Header"](kinds["builtin_interfaces/msg/Time"](*_time(stamp)), "")

@@ -22,21 +22,13 @@ from gpcorrect.types import FloatArray
 from gpcorrect_service.crtk.bus import Bus
 from gpcorrect_service.crtk.messages import OperatingState, Pose, Report, Text
 from gpcorrect_service.ops.logger import Logger
+from gpcorrect_service.protocol import limits
 from gpcorrect_service.protocol.answer import PoseAnswer, pack
 from gpcorrect_service.protocol.clocks import OLDEST, StreamClock
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
-from gpcorrect_service.protocol.limits import (
-    check_command,
-    check_frame,
-    check_inside,
-    checked_pose,
-    checked_stamp,
-    checked_twist,
-)
 from gpcorrect_service.protocol.sessions import PREFILTER
 from gpcorrect_service.server.models import Model
 
-POSE = 7  # numbers of a pose
 WAITING = 64  # chosen by hand: poses that may wait; a stream that is further behind loses its oldest
 SETTLING = 1.0  # chosen by hand: s in which what waited for a process that was stopped has come in
 LOG_EVERY = 1000  # refusals between two lines about them in the log
@@ -47,50 +39,25 @@ Correct = Callable[[Pose], tuple[Pose, Report]]
 
 @dataclass(frozen=True)
 class PrefilterSettings:
-    """What the pre-filter allows.
+    """What the pre-filter allows."""
 
-    Parameters
-    ----------
-    linear, angular : float
-        How much faster a command may change than the desired pose does, m/s and rad/s: the correction's own speed.
-    gap : float
-        s between two servo commands after which the stream begins anew.
-    state_age : float
-        s for which the robot's last operating state is believed.
-    command_age : float
-        s after which a desired pose no longer moves the robot. Stamps are the robot's clock: one that lies as far ahead
-        of it says nothing of its age, and is refused as well.
-    time_scale : float
-        Seconds of the robot's clock in one of ours; above 1 for a simulated arm that lives faster.
-    frame : str
-        Name of the frame that commands are in.
-    desired_frame : str
-        Name of the frame that desired poses come in; empty for the model's own.
-    outside : bool
-        Whether poses out of the model's domain are passed on at all.
-    """
-
+    # how much faster a command may change than the desired pose does, m/s and rad/s: the correction's own speed
     linear: float = 0.05
     angular: float = 1.0
-    gap: float = 0.5
-    state_age: float = 1.0
+    gap: float = 0.5  # s between two servo commands after which the stream begins anew
+    state_age: float = 1.0  # s for which the robot's last operating state is believed
+    # s after which a desired pose no longer moves the robot. Stamps are the robot's clock: one that lies as far ahead
+    # of it says nothing of its age, and is refused as well
     command_age: float = OLDEST
+    # seconds of the robot's clock in one of ours; above 1 for a simulated arm that lives faster
     time_scale: float = 1.0
-    frame: str = "base"
-    desired_frame: str = ""
-    outside: bool = True
+    frame: str = "base"  # name of the frame that commands are in
+    desired_frame: str = ""  # name of the frame that desired poses come in; empty for the model's own
+    outside: bool = True  # whether poses out of the model's domain are passed on at all
 
 
 class Prefilter:
-    """Corrects one arm's stream of desired poses.
-
-    Parameters
-    ----------
-    model : Model
-    settings : PrefilterSettings
-    monotonic : callable
-        Clock for ages and serving times, s.
-    """
+    """Corrects one arm's stream of desired poses; `monotonic` is the clock for ages and serving times, s."""
 
     def __init__(
         self,
@@ -115,16 +82,12 @@ class Prefilter:
         Parameters
         ----------
         state : OperatingState
-
-        Raises
-        ------
-        ServiceError
-            BAD_INPUT: its stamp does not say when, so that nobody knows how old it is; the state is not known then.
+            BAD_INPUT where its stamp does not say when, so that nobody knows how old it is; it is not known then.
         """
         now = self._monotonic()
         with self._lock:
             self._state = None
-            checked_stamp(state.stamp)
+            limits.checked_stamp(state.stamp)
             if not _ready(state):
                 # A robot that is enabled again may have been held up, or its clock set: learned anew, and not from
                 # what waited.
@@ -140,7 +103,6 @@ class Prefilter:
         Parameters
         ----------
         message : Pose
-            Desired.
 
         Raises
         ------
@@ -169,7 +131,6 @@ class Prefilter:
         Parameters
         ----------
         message : Pose
-            Desired.
         """
         began = self._monotonic()
         with self._lock:
@@ -186,24 +147,23 @@ class Prefilter:
         if answer.quaternion is None:
             raise ServiceError("NO_MODEL", "this model corrects positions only.", hint="Fit one to full poses.")
         if not self._settings.outside:
-            check_inside(answer)
+            limits.check_inside(answer)
         return answer
 
     def _checked(self, message: Pose) -> tuple[FloatArray, FloatArray | None]:
         self._check_ready()
-        self._check_age(checked_stamp(message.stamp))
+        self._check_age(limits.checked_stamp(message.stamp))
         # What is older than a command may be was refused above: stamps that lie further back are of a set clock.
         if 0 <= self._newest - message.stamp <= 2 * self._settings.command_age * self._settings.time_scale:
             raise bad_input(
                 f"a pose stamped {message.stamp:.6f} came after one stamped {self._newest:.6f}.",
                 "Send every pose once, in order.",
             )
-        check_frame(message.frame, self._settings.desired_frame or self._model.frames[0])
-        if len(message.pose) != POSE:
-            raise bad_input(
-                f"a pose is 7 numbers (x y z qw qx qy qz), got {len(message.pose)}.", "Send metres and wxyz."
-            )
-        return checked_pose(message.pose, self._model.limit), checked_twist(message.twist)
+        limits.check_frame(message.frame, self._settings.desired_frame or self._model.frames[0])
+        if len(message.pose) != limits.POSE:
+            what = f"a pose is 7 numbers (x y z qw qx qy qz), got {len(message.pose)}."
+            raise bad_input(what, "Send metres and wxyz.")
+        return limits.checked_pose(message.pose, self._model.limit), limits.checked_twist(message.twist)
 
     def _check_age(self, stamp: float) -> None:
         """Refuse what is too old, or stamped by another clock than the robot's; now, and not when it came."""
@@ -254,7 +214,7 @@ class Prefilter:
 
     def _reported(self, message: Pose, pose: FloatArray, answer: Correction, began: float) -> tuple[Pose, Report]:
         packed, command = pack(PoseAnswer, answer), _pose(answer).tolist()
-        check_command(command[:3], command[3:], self._model.limit, lambda: self._model.reference_position(pose))
+        limits.check_command(command[:3], command[3:], self._model.limit, lambda: self._model.reference_position(pose))
         report = Report(
             stamp=message.stamp,
             desired=tuple(pose.tolist()),
@@ -281,13 +241,9 @@ class FilterServer:
     ----------
     prefilter : Prefilter
     bus : Bus
+        DataError where another pre-filter corrects its arm: a robot that hears both would follow two models in turn.
     logger : Logger
         Where refusals are written, the first and every thousandth.
-
-    Raises
-    ------
-    DataError
-        Another pre-filter corrects this arm: a robot that hears both would follow two models in turn.
     """
 
     def __init__(self, prefilter: Prefilter, bus: Bus, logger: Logger) -> None:
@@ -318,14 +274,13 @@ class FilterServer:
             command, report = answer(message)
         except ServiceError as error:
             self._refuse(message.stamp, error)
-            return
         except Exception as error:
             self._logger.error("correction failed inside", exc_info=error)
             fault = ServiceError("INTERNAL", f"the model failed on this pose ({type(error).__name__}).")
             self._refuse(message.stamp, fault)
-            return
-        self._bus.publish(out, command)
-        self._bus.publish("corrected/report", report)
+        else:
+            self._bus.publish(out, command)
+            self._bus.publish("corrected/report", report)
 
     def _robot_is(self, state: OperatingState) -> None:
         try:

@@ -29,7 +29,7 @@ SIGNALS = {
 }  # of a log, by topic of joints and field; other topics are poses
 CLOCK_STEP = 0.5  # chosen by hand: s that stamps of the joints may run back; more is a clock that was set
 APART = 1e7  # s between what came before and after such a step, on one axis: longer than any recording
-PAUSE = 1.0  # s between them in the log
+PAUSE = 1.0  # chosen by hand: s between them in the log, more than between samples
 MOSTLY = 0.5  # chosen by hand: of the samples, at which a signal must have a value for those without it to be left out
 
 
@@ -42,19 +42,10 @@ class Came(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Messages by topic, in the order in which they came, the marks of trajectories, and what was left out.
-
-    Parameters
-    ----------
-    arm : str
-    messages : mapping of topic to Came
-        Those of a topic hold as many numbers each.
-    events : tuple of Came
-    remarks : tuple of str
-    """
+    """Messages by topic, in the order in which they came, the marks of trajectories, and what was left out."""
 
     arm: str
-    messages: Mapping[str, tuple[Came, ...]]
+    messages: Mapping[str, tuple[Came, ...]]  # those of a topic hold as many numbers each
     events: tuple[Came, ...]
     remarks: tuple[str, ...] = ()
 
@@ -129,8 +120,8 @@ class Recording:
             for field, signal in SIGNALS[name].items():
                 rows = [getattr(m, field) or () for m in messages]
                 if any(len(row) == len(missing) for row in rows):
-                    whole = [row if len(row) == len(missing) else missing for row in rows]
-                    yield Stream(signal, stamp, np.array(whole, dtype=np.float64))
+                    filled = [row if len(row) == len(missing) else missing for row in rows]
+                    yield Stream(signal, stamp, np.array(filled, dtype=np.float64))
 
     def _trajectories(self, at: FloatArray, marked: FloatArray) -> Any:
         if not self.events:
@@ -141,15 +132,7 @@ class Recording:
 
 
 class Recorder:
-    """Listens to one arm from now on.
-
-    Parameters
-    ----------
-    bus : Bus
-    topics : tuple of str
-    journal : Journal, optional
-        That every message is written into as it comes.
-    """
+    """Listens to topics of one arm from now on, and writes every message into a journal, if given, as it comes."""
 
     def __init__(self, bus: Bus, topics: tuple[str, ...] = RECORDED, journal: Journal | None = None) -> None:
         self._arm, self._journal = bus.settings.arm, journal
@@ -179,12 +162,7 @@ def recovered(path: Path) -> Recording:
     Parameters
     ----------
     path : path
-        Its journal.
-
-    Raises
-    ------
-    LogError
-        The file is no journal, or was altered.
+        Its journal; LogError where it is none, or was altered.
     """
     arm, entries = read_journal(path)
     came: dict[str, list[Came]] = {"event": []}
@@ -194,16 +172,16 @@ def recovered(path: Path) -> Recording:
 
 
 def _recording(arm: str, came: Mapping[str, Sequence[Came]]) -> Recording:
-    remarks, kept = [], {}
+    remarks, whole = [], {}
     for name, all_of_it in came.items():
         widths = Counter(_width(c.message) for c in all_of_it)
         usual = widths.most_common(1)[0][0] if widths else 0
-        kept[name] = tuple(c for c in all_of_it if _width(c.message) == usual)
-        if len(kept[name]) < len(all_of_it):
-            odd = f"{len(all_of_it) - len(kept[name])} messages of {name} do not hold as many numbers as the others"
+        whole[name] = tuple(c for c in all_of_it if _width(c.message) == usual)
+        if len(whole[name]) < len(all_of_it):
+            odd = f"{len(all_of_it) - len(whole[name])} messages of {name} do not hold as many numbers as the others"
             remarks.append(f"{odd} and are left out.")
-    events = kept.pop("event")
-    return Recording(arm, kept, events, tuple(remarks))
+    events = whole.pop("event")
+    return Recording(arm, whole, events, tuple(remarks))
 
 
 def _width(message: Any) -> int:
@@ -222,17 +200,11 @@ def _time(at: FloatArray, session: IntArray) -> FloatArray:
 
 
 def require_mcap(folder: Path) -> None:
-    """Check, before recording, that a ROS 2 recording can be written.
+    """Check, before recording, that a ROS 2 recording can be written: name, folder, and rosbags.
 
     Parameters
     ----------
     folder : path
-        To be made.
-
-    Raises
-    ------
-    GpCorrectError
-        It exists already, the folder above it is not there or may not be written, or rosbags is not installed.
     """
     require_new(folder)
     require_folder(folder)
@@ -246,14 +218,7 @@ def write_mcap(recording: Recording, folder: Path) -> None:
     ----------
     recording : Recording
     folder : path
-        Made.
-
-    Raises
-    ------
-    LogError
-        The folder exists already.
-    MissingExtraError
-        rosbags is not installed.
+        Made; LogError where it exists already.
     """
     store = ros_types()
     from rosbags.rosbag2 import StoragePlugin, Writer

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -39,7 +40,7 @@ class RobotError(GpCorrectError):
 
 
 class Robot:
-    """Commands one arm and knows its latest state; a context manager.
+    """Commands one arm and knows its latest state, by its topics on `bus`; a context manager.
 
     Parameters
     ----------
@@ -49,38 +50,31 @@ class Robot:
 
     Raises
     ------
-    EndpointError
-        Nobody listens there.
-    RobotError
-        No arm of that name publishes its state.
+    EndpointError, RobotError
+        Nobody listens there; no arm of that name publishes its state.
     """
 
     def __init__(self, settings: BusSettings, patience: float = PATIENCE) -> None:
-        self._bus = Bus(settings, node="gpcorrect_tool")
+        self.bus = Bus(settings, node="gpcorrect_tool")
         self._patience = patience
         self._latest: dict[str, Any] = {}
         self._latest_at = time.monotonic()
         self._fresh = threading.Condition()
         self._errors: list[str] = []
         for name in ("measured_js", "setpoint_js", "setpoint_cp", "operating_state"):
-            self._bus.subscribe(name, self._keeper(name))
-        self._bus.subscribe("error", self._complain)
+            self.bus.subscribe(name, partial(self._note, name))
+        self.bus.subscribe("error", self._complain)
         try:
             self._until(lambda: {"setpoint_js", "operating_state"} <= self._latest.keys(), patience, "say its state")
         except RobotError:
-            self._bus.close()
+            self.bus.close()
             raise
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._bus.close()
-
-    @property
-    def bus(self) -> Bus:
-        """The topics, to listen to more of them."""
-        return self._bus
+        self.bus.close()
 
     @property
     def time(self) -> float:
@@ -111,13 +105,7 @@ class Robot:
         return None if pose is None else np.array(pose.pose)
 
     def make_ready(self) -> None:
-        """Enable and home.
-
-        Raises
-        ------
-        RobotError
-            It does not.
-        """
+        """Enable and home; RobotError where it does not."""
         if self.state.state != "ENABLED":
             self.operate("resume" if self.state.state == "PAUSED" else "enable")
         if not self.state.is_homed:
@@ -133,16 +121,14 @@ class Robot:
 
         Raises
         ------
-        DataError
-            There is no such command.
-        RobotError
-            It does not.
+        DataError, RobotError
+            There is no such command; it does not obey.
         """
         obeyed = OPERATIONS.get(command)
         if obeyed is None:
             raise DataError(f"a robot has no state command {command!r}.", hint=f"Say one of {', '.join(OPERATIONS)}.")
         self._errors.clear()
-        self._bus.publish("state_command", Text(self.time, command))
+        self.bus.publish("state_command", Text(self.time, command))
         self._until(lambda: obeyed(self.state), self._patience, f"obey {command}")
 
     def servo_jp(self, q: FloatArray) -> None:
@@ -153,7 +139,7 @@ class Robot:
         q : (dof,) array
             rad or m.
         """
-        self._bus.publish("servo_jp", JointState(self.time, tuple(q.tolist())))
+        self.bus.publish("servo_jp", JointState(self.time, tuple(q.tolist())))
 
     def servo_cp(self, pose: FloatArray, frame: str = "") -> None:
         """Send one of a stream of poses.
@@ -164,41 +150,30 @@ class Robot:
         frame : str
             The base's, or the planner's where a pre-filter listens.
         """
-        self._bus.publish("servo_cp", Pose(self.time, tuple(pose.tolist()), frame))
+        self.bus.publish("servo_cp", Pose(self.time, tuple(pose.tolist()), frame))
 
     def move_jp(self, q: FloatArray) -> None:
-        """Go to joints and wait until the robot is there.
+        """Go to joints and wait until the robot is there; RobotError where it says why it cannot, or stops elsewhere.
 
         Parameters
         ----------
         q : (dof,) array
             rad or m.
-
-        Raises
-        ------
-        RobotError
-            It says why it cannot, or it stops elsewhere.
         """
         self._errors.clear()
         what = f"go to {np.round(q, 4).tolist()}"
 
-        def _is_there() -> bool:
-            return bool(np.abs(self.setpoint - q).max() < NEAR)
-
-        self._bus.publish("move_jp", JointState(self.time, tuple(q.tolist())))
+        self.bus.publish("move_jp", JointState(self.time, tuple(q.tolist())))
         # A lost command, a lost complaint and a stop elsewhere all look like a robot at rest: none is waited for long.
-        self._until(lambda: _is_there() or self.state.is_busy or bool(self._errors), self._patience, what)
-        self._until(lambda: _is_there() or not (self.state.is_busy or self._errors), None, what)
-        self._until(_is_there, self._patience, what)
+        self._until(lambda: self._is_at(q) or self.state.is_busy or bool(self._errors), self._patience, what)
+        self._until(lambda: self._is_at(q) or not (self.state.is_busy or self._errors), None, what)
+        self._until(lambda: self._is_at(q), self._patience, what)
+
+    def _is_at(self, q: FloatArray) -> bool:
+        return bool(np.abs(self.setpoint - q).max() < NEAR)
 
     def rest(self) -> None:
-        """Wait until the move that was sent last is over; one that is not begun within the patience was none.
-
-        Raises
-        ------
-        RobotError
-            The robot says why it cannot, or falls silent.
-        """
+        """Wait until the move that was sent last is over; one that is not begun within the patience was none."""
         with suppress(RobotError):
             self._until(lambda: self.state.is_busy or bool(self._errors), self._patience, "begin to move")
         self._until(lambda: not self.state.is_busy, None, "come to rest")
@@ -215,16 +190,9 @@ class Robot:
         times : (n,) array
             s.
         q : (n, k) array
-            rad or m.
+            rad or m; DataError where the path has more joints than the robot.
         trajectory : int
             Number that recorders give the samples of this path.
-
-        Raises
-        ------
-        DataError
-            The path has more joints than the robot.
-        RobotError
-            The robot refuses, or falls silent.
         """
         here = self.setpoint
         if q.shape[1] > len(here):
@@ -237,14 +205,10 @@ class Robot:
         def _joints(time: float) -> FloatArray:
             return np.array([np.interp(time, times, q[:, j]) for j in range(q.shape[1])])
 
-        def _is_near(time: float) -> bool:
-            return bool((np.abs(_joints(time) - self.setpoint) <= longest).all())
-
-        for moment in self._paced(times, _is_near):
+        for moment in self._paced(times, lambda t: bool((np.abs(_joints(t) - self.setpoint) <= longest).all())):
             self.servo_jp(_joints(moment))
         # The last sample is streamed once more, to be there before the mark that ends the trajectory.
-        end = q[-1]
-        self._until(lambda: bool(np.abs(self.setpoint - end).max() < NEAR), self._patience, "reach the path's end")
+        self._until(lambda: self._is_at(q[-1]), self._patience, "reach the path's end")
         self._mark(NO_TRAJECTORY)
 
     def follow_poses(self, times: FloatArray, poses: FloatArray, frame: str) -> None:
@@ -256,12 +220,6 @@ class Robot:
             s.
         poses : (n, 7) array
         frame : str
-            That the poses are in.
-
-        Raises
-        ------
-        RobotError
-            The robot falls silent.
         """
         for since in self._paced(times):
             self.servo_cp(poses[max(0, int(np.searchsorted(times, since, side="right")) - 1)], frame)
@@ -282,12 +240,12 @@ class Robot:
                 moment = further
             yield moment
 
-    def _mark(self, trajectory: int) -> None:
-        self._bus.publish("event", Event(self.time, trajectory))
-
     def _await_fresh(self) -> None:
         before = self.time
         self._until(lambda: self.time > before, None, "go on")
+
+    def _mark(self, trajectory: int) -> None:
+        self.bus.publish("event", Event(self.time, trajectory))
 
     def _until(self, done: Callable[[], bool], patience: float | None, what: str) -> None:
         """Wait until something holds: at most `patience` seconds; without, while the robot is alive and content."""
@@ -298,7 +256,7 @@ class Robot:
                     raise RobotError(f"the robot does not {what}: {self._errors[-1]}")
                 now = time.monotonic()
                 if now > until or now > self._latest_at + STALLED:
-                    where = f"{self._bus.settings.namespace}/{self._bus.settings.arm} on {self._bus.settings.endpoint}"
+                    where = f"{self.bus.settings.namespace}/{self.bus.settings.arm} on {self.bus.settings.endpoint}"
                     said = f" It said: {self._errors[-1]}" if self._errors else ""
                     raise RobotError(
                         f"the robot at {where} does not {what}.{said}",
@@ -306,14 +264,11 @@ class Robot:
                     )
                 self._fresh.wait(POLL if patience is not None else 0.1)
 
-    def _keeper(self, name: str) -> Callable[[Any], None]:
-        def _keep(message: Any) -> None:
-            with self._fresh:
-                self._latest[name] = message
-                self._latest_at = time.monotonic()
-                self._fresh.notify_all()
-
-        return _keep
+    def _note(self, name: str, message: Any) -> None:
+        with self._fresh:
+            self._latest[name] = message
+            self._latest_at = time.monotonic()
+            self._fresh.notify_all()
 
     def _complain(self, message: Text) -> None:
         with self._fresh:

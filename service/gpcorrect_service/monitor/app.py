@@ -60,12 +60,11 @@ def application(board: Board, hosts: list[str], closing: Callable[[], bool] = la
     async def _no_icon(request: Request) -> Response:
         return Response(status_code=204)
 
-    routes = [Route(path, _file(*what), methods=["GET"]) for path, what in FILES.items()]
-    routes += [Route("/api/state", _state, methods=["GET"]), Route("/events", _events, methods=["GET"])]
-    routes.append(Route("/view/{arm}", _view, methods=["GET"]))
-    routes.append(Route("/favicon.ico", _no_icon, methods=["GET"]))
+    served = {path: _file(*what) for path, what in FILES.items()}
+    served |= {"/api/state": _state, "/events": _events, "/view/{arm}": _view, "/favicon.ico": _no_icon}
     return Starlette(
-        routes=routes, middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=hosts), Middleware(_Headers)]
+        routes=[Route(path, answer, methods=["GET"]) for path, answer in served.items()],
+        middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=hosts), Middleware(_Headers)],
     )
 
 

@@ -15,22 +15,12 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.plain import json_ready
-from gpcorrect_service.crtk.messages import (
-    Heartbeat,
-    JointState,
-    OperatingState,
-    Pose,
-    Report,
-    Text,
-    View,
-    checked_numbers,
-)
+from gpcorrect_service.crtk import messages
 from gpcorrect_service.monitor.drift import DriftWatch, outside
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.protocol.limits import checked_pose
 from gpcorrect_service.protocol.messages import HealthAnswer
 
-AXES = 6
 LONGEST = 1000  # characters of a text, chosen by hand
 JPEG = b"\xff\xd8\xff"  # how one begins
 LARGEST = 2**20  # bytes of a picture, chosen by hand: four cameras of ordinary size take a tenth of it
@@ -39,27 +29,27 @@ LARGEST = 2**20  # bytes of a picture, chosen by hand: four cameras of ordinary 
 def _require_readable(message: Any) -> None:
     """Refuse a message that cannot be shown or compared."""
     match message:
-        case Pose():
-            checked_numbers([message.stamp], 1, "the stamp")
+        case messages.Pose():
+            messages.checked_numbers([message.stamp], 1, "the stamp")
             _require_poses(message.pose)
             _require_short(message.frame)
-        case Report():
-            checked_numbers([message.stamp, message.seconds], 2, "stamp and seconds")
+        case messages.Report():
+            messages.checked_numbers([message.stamp, message.seconds], 2, "stamp and seconds")
             _require_poses(
                 message.desired, message.command, *([] if message.reference is None else [message.reference])
             )
             for what, row in (("std", message.std), ("interval95", message.interval95)):
-                if len(row) != AXES or not all(width is None or width >= 0 for width in row):
-                    raise bad_input(f"{what} must be {AXES} numbers from 0 on, got {list(row)}.", "Leave out null.")
+                if len(row) != 6 or not all(width is None or width >= 0 for width in row):
+                    raise bad_input(f"{what} must be 6 numbers from 0 on, got {list(row)}.", "Leave out null.")
             _require_short(message.status, message.reason, message.model_id, message.model_hash)
-        case Heartbeat():
-            checked_numbers([message.stamp, message.rate], 2, "stamp and rate")
-        case OperatingState() | JointState():
-            checked_numbers([message.stamp], 1, "the stamp")
-        case Text():
+        case messages.Heartbeat():
+            messages.checked_numbers([message.stamp, message.rate], 2, "stamp and rate")
+        case messages.OperatingState() | messages.JointState():
+            messages.checked_numbers([message.stamp], 1, "the stamp")
+        case messages.Text():
             _require_short(message.string)
-        case View():
-            checked_numbers([message.stamp], 1, "the stamp")
+        case messages.View():
+            messages.checked_numbers([message.stamp], 1, "the stamp")
             if not message.jpeg.startswith(JPEG) or len(message.jpeg) > LARGEST:
                 raise bad_input(f"a picture is a JPEG of {LARGEST} bytes at most.", "Send a smaller one.")
         case _:
@@ -68,7 +58,7 @@ def _require_readable(message: Any) -> None:
 
 def _require_poses(*poses: tuple[float, ...]) -> None:
     for pose in poses:
-        checked_pose(checked_numbers(pose, 7, "a pose (x y z qw qx qy qz)"), math.inf)
+        checked_pose(messages.checked_numbers(pose, 7, "a pose (x y z qw qx qy qz)"), math.inf)
 
 
 def _require_short(*texts: str) -> None:
@@ -78,31 +68,16 @@ def _require_short(*texts: str) -> None:
 
 @dataclass(frozen=True)
 class BoardSettings:
-    """What is shown for how long; chosen by hand for people who look on.
+    """What is shown for how long; chosen by hand for people who look on."""
 
-    Parameters
-    ----------
-    window : float
-        s of reports that fractions are taken over.
-    latencies : int
-        Reports that latencies are taken over: a minute at 70 Hz.
-    together : float
-        s between a tracked pose and the desired one that it is compared with.
-    gone, forgotten : float
-        s of silence after which a replica is shown as gone, and after which it is not shown.
-    old : float
-        s after which what an arm said last is shown as old.
-    arms : int
-        Arms that are shown; names beyond it are not taken up.
-    """
-
-    window: float = 60.0
-    latencies: int = 4096
-    together: float = 0.03
+    window: float = 60.0  # s of reports that fractions are taken over
+    latencies: int = 4096  # reports that latencies are taken over: a minute at 70 Hz
+    together: float = 0.03  # s between a tracked pose and the desired one that it is compared with
+    # s of silence after which a replica is shown as gone, and after which it is not shown
     gone: float = 5.0
     forgotten: float = 60.0
-    old: float = 2.0
-    arms: int = 64
+    old: float = 2.0  # s after which what an arm said last is shown as old
+    arms: int = 64  # arms that are shown; names beyond it are not taken up
 
 
 SETTINGS = BoardSettings()
@@ -117,13 +92,7 @@ class _Replica(NamedTuple):
 
 
 class Board:
-    """Gathers; safe to write to from zenoh's threads and to read from the page's.
-
-    Parameters
-    ----------
-    namespace : str
-        First part of the keys that are watched.
-    """
+    """Gathers, of one namespace; safe to write to from zenoh's threads and to read from the page's."""
 
     def __init__(self, namespace: str) -> None:
         self.namespace = namespace
@@ -147,8 +116,7 @@ class Board:
             self.unreadable(arm, name, error.message)
             return
         with self._lock:
-            view = self._view(arm)
-            if view is not None:
+            if (view := self._view(arm)) is not None:
                 view.received(name, message, now)
 
     def unreadable(self, arm: str, name: str, cause: str) -> None:
@@ -160,8 +128,7 @@ class Board:
             Of the arm, of the topic, and what is wrong with it.
         """
         with self._lock:
-            view = self._view(arm)
-            if view is not None:
+            if (view := self._view(arm)) is not None:
                 view.unreadable, view.last_unreadable = view.unreadable + 1, f"{name}: {cause}"
 
     def replica(self, arm: str, answer: HealthAnswer, seconds: float, now: float) -> None:
@@ -175,8 +142,7 @@ class Board:
             That the answer took; clock of this machine, s.
         """
         with self._lock:
-            view = self._view(arm)
-            if view is not None:
+            if (view := self._view(arm)) is not None:
                 view.replicas[answer.replica] = _Replica(answer, seconds, now)
 
     def snapshot(self, now: float) -> dict[str, Any]:
@@ -200,8 +166,8 @@ class Board:
         arm : str
         """
         with self._lock:
-            view = self._arms.get(arm)
-            return None if view is None else view.picture
+            shown: messages.View | None = self._arms[arm].latest.get("view") if arm in self._arms else None
+            return None if shown is None else shown.jpeg
 
     def _view(self, arm: str) -> _ArmView | None:
         """Return an arm's view, a new one for a new name while there is room."""
@@ -218,7 +184,7 @@ class _ArmView:
         self.replicas: dict[str, _Replica] = {}
         self.unreadable = 0
         self.last_unreadable = ""
-        self._latest: dict[str, Any] = {}
+        self.latest: dict[str, Any] = {}
         self._at: dict[str, float] = {}
         self._received = -math.inf
         self._reports: deque[tuple[float, bool]] = deque()
@@ -228,30 +194,23 @@ class _ArmView:
         self._error = ""
 
     def received(self, name: str, message: Any, now: float) -> None:
-        """Take note of a message.
-
-        Parameters
-        ----------
-        name : str
-        message : Struct
-        now : float
-        """
+        """Take note of a message, as :meth:`Board.received` does."""
         self._received = self._at[name] = now
         match message:
-            case Report():
+            case messages.Report():
                 self._reported(message, now)
-            case Text():
+            case messages.Text():
                 self._refused, self._error = self._refused + 1, message.string
-            case Pose() | JointState() | OperatingState() | Heartbeat() | View():
-                self._latest[name] = message
+            case _:
+                self.latest[name] = message
         if name == "tracker_cp":
             self._compare(message)
 
-    def _reported(self, report: Report, now: float) -> None:
-        before = self._latest.get("report")
+    def _reported(self, report: messages.Report, now: float) -> None:
+        before = self.latest.get("report")
         if before is not None and before.model_hash != report.model_hash:
             self._drift.reset()
-        self._latest["report"] = report
+        self.latest["report"] = report
         self._reports.append((now, report.in_domain))
         self._latencies.append(report.seconds)
         self._forget(now)
@@ -260,8 +219,8 @@ class _ArmView:
         while self._reports and self._reports[0][0] < now - SETTINGS.window:
             self._reports.popleft()
 
-    def _compare(self, tracked: Pose) -> None:
-        report = self._latest.get("report")
+    def _compare(self, tracked: messages.Pose) -> None:
+        report = self.latest.get("report")
         if report is None or abs(tracked.stamp - report.stamp) > SETTINGS.together or not report.in_domain:
             return
         miss = _difference(tracked.pose, report.desired).tolist()
@@ -276,49 +235,34 @@ class _ArmView:
         """
         self._forget(now)
         self.replicas = {k: r for k, r in self.replicas.items() if now - r.now < SETTINGS.forgotten}
-        report, state = self._latest.get("report"), self._latest.get("operating_state")
-        tracked = self._latest.get("tracker_cp")
+        report, state = self.latest.get("report"), self.latest.get("operating_state")
+        tracked = self.latest.get("tracker_cp")
+        there = [r.answer for r in self.replicas.values() if now - r.now < SETTINGS.gone]
+        # Planners that change between servers of different models make the arm step.
+        models = {(answer.model_hash, answer.joint_model_hash) for answer in there}
         return {
             "name": self.name,
             "silent_seconds": now - self._received if math.isfinite(self._received) else None,
-            "operating_state": None if state is None else state.state,
+            "operating_state": getattr(state, "state", None),
             "state_age": self._age("operating_state", now),
-            "is_homed": None if state is None else state.is_homed,
-            "is_busy": None if state is None else state.is_busy,
-            "stamp": None if state is None else state.stamp,
-            "rate_hz": getattr(self._latest.get("heartbeat"), "rate", None),
+            "is_homed": getattr(state, "is_homed", None),
+            "is_busy": getattr(state, "is_busy", None),
+            "stamp": getattr(state, "stamp", None),
+            "rate_hz": getattr(self.latest.get("heartbeat"), "rate", None),
             "poses": self._poses(report, now),
-            "correction": None
-            if report is None
-            else {**_correction(report), "age": self._age("corrected/report", now)},
+            "correction": report and {**_correction(report), "age": self._age("corrected/report", now)},
             "error": None if report is None or tracked is None else _error(report, tracked),
             "outside_share": np.mean([not inside for _, inside in self._reports]).item() if self._reports else None,
             "latency_ms": self._latency_ms(),
-            "drift": {
-                "evidence": self._drift.evidence,
-                "threshold": self._drift.settings.threshold,
-                "alarm": self._drift.alarm,
-                "votes": self._drift.votes,
-            },
+            "drift": self._drift.state,
             "view": self._age("view", now),
             "unreadable": self.unreadable,
             "last_unreadable": self.last_unreadable,
             "refused": self._refused,
             "last_refusal": self._error,
-            "models_differ": self._models_differ(now),
+            "models_differ": len(models) > 1,
             "replicas": [_shown_replica(r, now) for _, r in sorted(self.replicas.items())],
         }
-
-    @property
-    def picture(self) -> bytes | None:
-        """What the cameras showed last, as JPEG."""
-        view: View | None = self._latest.get("view")
-        return None if view is None else view.jpeg
-
-    def _models_differ(self, now: float) -> bool:
-        """Whether servers that live hold different models: planners that change between them make the arm step."""
-        there = [r.answer for r in self.replicas.values() if now - r.now < SETTINGS.gone]
-        return len({(a.model_hash, a.joint_model_hash) for a in there}) > 1
 
     def _latency_ms(self) -> dict[str, float] | None:
         if not self._latencies:
@@ -333,14 +277,14 @@ class _ArmView:
         seconds = now - self._at[name]
         return {"seconds": seconds, "old": seconds > SETTINGS.old}
 
-    def _poses(self, report: Report | None, now: float) -> dict[str, Any]:
+    def _poses(self, report: messages.Report | None, now: float) -> dict[str, Any]:
         """Return desired, commanded, measured and tracked pose: mm, degrees, the frame, and the age."""
-        desired = report and Pose(report.stamp, report.desired, "tracker")
+        desired = report and messages.Pose(report.stamp, report.desired, "tracker")
         named = {
-            "desired": (desired or self._latest.get("servo_cp"), "corrected/report" if desired else "servo_cp"),
-            "commanded": (self._latest.get("setpoint_cp"), "setpoint_cp"),
-            "measured": (self._latest.get("measured_cp"), "measured_cp"),
-            "tracked": (self._latest.get("tracker_cp"), "tracker_cp"),
+            "desired": (desired or self.latest.get("servo_cp"), "corrected/report" if desired else "servo_cp"),
+            "commanded": (self.latest.get("setpoint_cp"), "setpoint_cp"),
+            "measured": (self.latest.get("measured_cp"), "measured_cp"),
+            "tracked": (self.latest.get("tracker_cp"), "tracker_cp"),
         }
         return {
             k: None if pose is None else {**_shown(pose), "age": self._age(topic, now)}
@@ -367,10 +311,16 @@ def _shown_replica(replica: _Replica, now: float) -> dict[str, Any]:
     }
 
 
-def _shown(pose: Pose) -> dict[str, Any]:
+def _shown(pose: messages.Pose) -> dict[str, Any]:
     numbers = np.array(pose.pose)
     turn = np.rad2deg(se3.rotvec_from_matrix(se3.matrix_from_quaternion(numbers[None, 3:]))[0])
     return {"mm": 1e3 * numbers[:3], "deg": turn, "frame": pose.frame}
+
+
+def _sizes(one: tuple[float, ...], other: tuple[float, ...]) -> dict[str, float]:
+    """Return how far two poses lie apart."""
+    apart = _difference(one, other)
+    return {"mm": 1e3 * float(np.linalg.norm(apart[:3])), "deg": math.degrees(float(np.linalg.norm(apart[3:])))}
 
 
 def _difference(one: tuple[float, ...], other: tuple[float, ...]) -> Any:
@@ -380,27 +330,21 @@ def _difference(one: tuple[float, ...], other: tuple[float, ...]) -> Any:
     return np.concatenate([a[:3] - b[:3], se3.rotvec_from_matrix((R[0] @ R[1].T)[None])[0]])
 
 
-def _correction(report: Report) -> dict[str, Any]:
+def _correction(report: messages.Report) -> dict[str, Any]:
     """Return how large the correction is beyond registration, how sure, and what was said of it."""
-    size = None if report.reference is None else _difference(report.command, report.reference)
     wide = [math.nan if w is None else w for w in report.interval95]
+    size = {"mm": None, "deg": None} if report.reference is None else _sizes(report.command, report.reference)
     return {
-        "mm": None if size is None else 1e3 * float(np.linalg.norm(size[:3])),
-        "deg": None if size is None else math.degrees(float(np.linalg.norm(size[3:]))),
+        **size,
         "interval_mm": 1e3 * np.array(wide[:3]),
         "interval_deg": np.rad2deg(wide[3:]),
-        "in_domain": report.in_domain,
-        "status": report.status,
-        "reason": report.reason,
-        "model_id": report.model_id,
         "model_hash": report.model_hash[:12],
-        "stamp": report.stamp,
+        **{name: getattr(report, name) for name in ("in_domain", "status", "reason", "model_id", "stamp")},
     }
 
 
-def _error(report: Report, tracked: Pose) -> dict[str, Any] | None:
+def _error(report: messages.Report, tracked: messages.Pose) -> dict[str, float] | None:
     """Return how far the tracked tool is from the desired pose, where both are of one moment."""
     if abs(tracked.stamp - report.stamp) > SETTINGS.together:
         return None
-    miss = _difference(tracked.pose, report.desired)
-    return {"mm": 1e3 * float(np.linalg.norm(miss[:3])), "deg": math.degrees(float(np.linalg.norm(miss[3:])))}
+    return _sizes(tracked.pose, report.desired)

@@ -22,25 +22,14 @@ NORMAL_95 = 1.96  # half width of a 95 % interval in standard deviations
 
 @dataclass(frozen=True)
 class DriftSettings:
-    """What decides an alarm; chosen by hand, each for the reason given.
+    """What decides an alarm; chosen by hand, each for the reason given."""
 
-    Parameters
-    ----------
-    usual, changed : float
-        Fraction of votes for "outside" while the model holds (twice the 5 % of honest intervals), and when it does not.
-    vote_seconds : float
-        s of one vote: longer than neighbouring samples err together.
-    fewest : int
-        Samples that a vote needs.
-    threshold : float
-        Evidence of an alarm, and votes between false ones at least: more than a day of work.
-    """
-
+    # fraction of votes for "outside" while the model holds (twice the 5 % of honest intervals), and when it does not
     usual: float = 0.1
     changed: float = 0.6
-    vote_seconds: float = 1.0
-    fewest: int = 5
-    threshold: float = 1e5
+    vote_seconds: float = 1.0  # s of one vote: longer than neighbouring samples err together
+    fewest: int = 5  # samples that a vote needs
+    threshold: float = 1e5  # evidence of an alarm, and votes between false ones at least: more than a day of work
 
 
 def outside(miss: Sequence[float], interval95: Sequence[float | None]) -> bool:
@@ -63,16 +52,14 @@ def outside(miss: Sequence[float], interval95: Sequence[float | None]) -> bool:
 class DriftWatch:
     """Evidence so far that the arm no longer is the one that was learned.
 
-    Parameters
-    ----------
-    settings : DriftSettings
-
     Attributes
     ----------
     evidence : float
         C above; 1 and less is none.
     alarm : bool
         Whether it ever reached the threshold since the model was loaded.
+    votes : int
+        Seconds that were counted.
     """
 
     settings: DriftSettings = DriftSettings()
@@ -81,6 +68,16 @@ class DriftWatch:
     votes: int = field(default=0, init=False)
     _begin: float | None = field(default=None, init=False)
     _samples: list[bool] = field(default_factory=list, init=False)
+
+    @property
+    def state(self) -> dict[str, float | bool | int]:
+        """What a page shows."""
+        return {
+            "evidence": self.evidence,
+            "threshold": self.settings.threshold,
+            "alarm": self.alarm,
+            "votes": self.votes,
+        }
 
     def reset(self) -> None:
         """Begin anew, as with another model."""
@@ -95,7 +92,6 @@ class DriftWatch:
         stamp : float
             s.
         outside : bool
-            Whether the tracked pose was outside.
         """
         if self._begin is None or stamp < self._begin:
             self._begin, self._samples = stamp, []

@@ -28,46 +28,35 @@ SETTLED_SECONDS = 0.5  # chosen by hand: without change after which no further k
 KEYS = ("health", "model", "correct", "correct_path", "correct_joints", "metrics", "model/list", "admin/activate")
 # Keys that a planner needs; the others may be denied to it on purpose.
 NEEDED = ("health", "correct")
-EXPIRED = "expired certificate"
+EXPIRED, FOREIGN, MISSING = "expired certificate", "foreign certificate", "missing certificate"
 TLS_TROUBLE = (
     (
         "HAS_EXPIRED",
         EXPIRED,
-        "The router's certificate, or its authority's, has expired: secure the site anew (gpcorrect secure init).",
+        "{router}, or its authority's, has expired: secure the site anew (gpcorrect secure init).",
     ),
-    ("NOT_YET_VALID", EXPIRED, "The router's certificate is not valid yet: compare the clocks of both machines."),
+    ("NOT_YET_VALID", EXPIRED, "{router} is not valid yet: compare the clocks of both machines."),
     (
         "CERTIFICATE_EXPIRED",
         EXPIRED,
-        "The router takes this client's certificate for expired: compare the clocks, or secure the site anew.",
+        "The router takes {own} for expired: compare the clocks, or secure the site anew.",
     ),
     (
         "CERTIFICATE_VERIFY_FAILED",
-        "foreign certificate",
-        "The router's certificate is not from the authority in root_ca_certificate, or not for this host name.",
+        FOREIGN,
+        "{router} is not from the authority in root_ca_certificate, or not for this host name.",
     ),
     (
         "CERTIFICATE_REQUIRED",
-        "missing certificate",
+        MISSING,
         "The router asks for a client certificate: set connect_certificate and connect_private_key.",
     ),
-    (
-        "UNKNOWN_CA",
-        "foreign certificate",
-        "The router does not know the authority of this client's certificate: have one signed by its own.",
-    ),
-    (
-        "CERTIFICATE_UNKNOWN",
-        "foreign certificate",
-        "The router does not take this client's certificate: have one signed by its authority.",
-    ),
-    (
-        "DECRYPT_ERROR",
-        "foreign certificate",
-        "The router does not take this client's certificate: have one signed by its authority.",
-    ),
+    ("UNKNOWN_CA", FOREIGN, "The router does not know the authority of {own}: have one signed by its own."),
+    ("CERTIFICATE_UNKNOWN", FOREIGN, "The router does not take {own}: have one signed by its authority."),
+    ("DECRYPT_ERROR", FOREIGN, "The router does not take {own}: have one signed by its authority."),
     ("WRONG_VERSION_NUMBER", "no TLS there", "The other side speaks plain TCP: write tcp/, or secure the router."),
 )
+"""What OpenSSL's error holds, what is the matter, and what to do, in which {router} and {own} are the certificates."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +76,6 @@ def examine(settings: ClientSettings) -> Iterator[Finding]:
     Parameters
     ----------
     settings : ClientSettings
-        Whom the client would ask.
 
     Raises
     ------
@@ -124,7 +112,7 @@ def _link(endpoint: str, config: zenoh.Config) -> Iterator[Finding]:
         yield Finding("address", endpoint, False, "this is not an address", "Write protocol/host:port.")
         return
     host, port = match["host"].strip("[]"), int(match["port"])
-    trouble = None
+    trouble: tuple[str, ...] = ()
     try:
         socket.create_connection((host, port), PATIENCE).close()
     except socket.gaierror:
@@ -134,13 +122,13 @@ def _link(endpoint: str, config: zenoh.Config) -> Iterator[Finding]:
         trouble = "closed port", listen
     except OSError as error:
         trouble = "unreachable", f"No way to {host} ({error.strerror or error}): a firewall, or the machine is off."
-    yield Finding("port", endpoint, trouble is None, *(trouble or ("", "")))
-    if trouble is None and match["protocol"] in ("tls", "quic"):
+    yield Finding("port", endpoint, not trouble, *trouble)
+    if not trouble and match["protocol"] in ("tls", "quic"):
         trouble = _handshake(host, port, json.loads(config.get_json("transport/link/tls")))
-        yield Finding("tls", endpoint, trouble is None, *(trouble or ("", "")))
+        yield Finding("tls", endpoint, not trouble, *trouble)
 
 
-def _handshake(host: str, port: int, tls: dict[str, Any]) -> tuple[str, str] | None:
+def _handshake(host: str, port: int, tls: dict[str, Any]) -> tuple[str, ...]:
     """Do the TLS handshake as zenoh would; a refusal of the client's certificate comes with the first byte read."""
     try:
         context = ssl.create_default_context(cafile=tls.get("root_ca_certificate"))
@@ -151,18 +139,18 @@ def _handshake(host: str, port: int, tls: dict[str, Any]) -> tuple[str, str] | N
             link.settimeout(REFUSAL_SECONDS)
             link.recv(1)
     except TimeoutError:
-        return None  # zenoh waits for the client to speak first: the handshake is done
+        return ()  # zenoh waits for the client to speak first: the handshake is done
     except (FileNotFoundError, PermissionError) as error:
-        return "missing certificate", f"{error.filename or 'A certificate file'} cannot be read: {error.strerror}."
+        return MISSING, f"{error.filename or 'A certificate file'} cannot be read: {error.strerror}."
     except ssl.SSLError as error:
         text = f"{error.reason} {error}".upper().replace(" ", "_")
         for sign, cause, next_step in TLS_TROUBLE:
             if sign in text:
-                return cause, next_step
+                return cause, next_step.format(router="The router's certificate", own="this client's certificate")
         return "TLS refused", f"The handshake failed: {error}."
     except OSError as error:
         return "TLS refused", f"The other side ended the handshake ({error})."
-    return None
+    return ()
 
 
 def _conversation(config: zenoh.Config, settings: ClientSettings, endpoints: list[str]) -> Iterator[Finding]:
@@ -178,25 +166,18 @@ def _conversation(config: zenoh.Config, settings: ClientSettings, endpoints: lis
     with session:
         yield Finding("login", where, True)
         seen = _visible_keys(session, settings.arm)
-        differ = differing(_live_tokens(session, settings.arm))
+        # Tokens of the servers; none where the access rules hide them.
+        tokens = session.liveliness().get(f"{settings.arm}/{LIVE_KEYS}", timeout=PATIENCE)
+        differ = differing(str(token.ok.key_expr) for token in tokens if token.ok is not None)
     if not any(seen.values()):
-        yield Finding(
-            "server",
-            where,
-            False,
-            "no server, or every key denied",
-            "No key of this arm is to be seen: does a server run under these names, and may this user ask it?",
-        )
+        step = "No key of this arm is to be seen: does a server run under these names, and may this user ask it?"
+        yield Finding("server", where, False, "no server, or every key denied", step)
         return
     yield Finding("server", where, True)
     for task, holders in differ.items():
-        yield Finding(
-            "models",
-            where,
-            False,
-            f"the servers hold different models of {task}: {', '.join(holders)}",
-            "Give all of them the same one: gpcorrect models activate NAME --endpoint ...",
-        )
+        cause = f"the servers hold different models of {task}: {', '.join(holders)}"
+        step = "Give all of them the same one: gpcorrect models activate NAME --endpoint ..."
+        yield Finding("models", where, False, cause, step)
     if not differ:
         yield Finding("models", where, True)
     for key, visible in seen.items():
@@ -208,22 +189,14 @@ def _conversation(config: zenoh.Config, settings: ClientSettings, endpoints: lis
 
 
 def _login_trouble(config: zenoh.Config, endpoints: list[str]) -> tuple[str, str]:
-    for match in map(ENDPOINT.fullmatch, endpoints):
-        if (
-            match is not None
-            and match["protocol"] == "tcp"
-            and _speaks_tls(match["host"].strip("[]"), int(match["port"]))
-        ):
-            return (
-                "plain TCP to a TLS port",
-                "The other side speaks TLS: write tls/ in the endpoint, with certificates.",
-            )
+    for match in filter(None, map(ENDPOINT.fullmatch, endpoints)):
+        if match["protocol"] == "tcp" and _speaks_tls(match["host"].strip("[]"), int(match["port"])):
+            next_step = "The other side speaks TLS: write tls/ in the endpoint, with certificates."
+            return "plain TCP to a TLS port", next_step
     user = json.loads(config.get_json("transport/auth/usrpwd/user"))
     if user:
-        return (
-            "wrong user or password",
-            f"The link stands, but user {user!r} is not let in: compare with passwords.txt.",
-        )
+        next_step = f"The link stands, but user {user!r} is not let in: compare with passwords.txt."
+        return "wrong user or password", next_step
     return "not let in", "The link stands, but zenoh's greeting fails: a user and password may be asked for."
 
 
@@ -238,12 +211,6 @@ def _speaks_tls(host: str, port: int) -> bool:
         return error.reason not in (None, "WRONG_VERSION_NUMBER", "UNEXPECTED_EOF_WHILE_READING")
     except OSError:
         return False
-
-
-def _live_tokens(session: zenoh.Session, arm: str) -> list[str]:
-    """Return the tokens of the servers of an arm; none where the access rules hide them."""
-    replies = session.liveliness().get(f"{arm}/{LIVE_KEYS}", timeout=PATIENCE)
-    return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
 
 
 def _visible_keys(session: zenoh.Session, arm: str) -> dict[str, bool]:

@@ -20,12 +20,7 @@ class Logger(Protocol):
 
 
 class _Unfailing:
-    """A stream that may be full, or gone: what cannot be written is lost, and whoever logs goes on.
-
-    Parameters
-    ----------
-    stream : TextIO
-    """
+    """A stream that may be full, or gone: what cannot be written is lost, and whoever logs goes on."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream

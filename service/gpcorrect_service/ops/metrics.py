@@ -51,9 +51,7 @@ class Counters:
         Parameters
         ----------
         kind, status : str
-            Its key, and how it ended.
         seconds : float
-            That it took.
         rows, outside : int
             Poses, and how many of them were out of domain.
         """
@@ -136,7 +134,6 @@ def exposition(registry: CollectorRegistry) -> bytes:
     Parameters
     ----------
     registry : CollectorRegistry
-        From :func:`metrics_of`.
     """
     text: bytes = generate_latest(registry)  # type: ignore[no-untyped-call]
     return text
@@ -195,14 +192,9 @@ def metrics_over_http(port: int, registry: CollectorRegistry) -> Iterator[None]:
     Parameters
     ----------
     port : int
-        To listen on.
+        To listen on; EndpointError where it is taken, or may not be used.
     registry : CollectorRegistry
         Collected at each scrape.
-
-    Raises
-    ------
-    EndpointError
-        The port is taken, or may not be used.
     """
     try:
         server = make_server(HOST, port, _guarded(make_wsgi_app(registry)), _Server, _Handler)

@@ -46,7 +46,7 @@ HANDSHAKE = re.compile(r" WARN .*zenoh_link_tls::unicast: (?P<cause>.+?)(?:\. Hi
 GROUP_SECONDS = 0.1  # chosen by hand: in which the decisions about a key that a session declares are all there
 MOST = 20  # chosen by hand: lines a second, so that who asks a thousand times a second fills no disk
 PIPE_BYTES = 1 << 20  # the largest that Linux gives to everybody: some thousand lines
-STDOUT = 1
+STDOUT = 1  # file descriptor, by POSIX
 
 
 @dataclass
@@ -66,16 +66,10 @@ class DenialReader:
 
     Of a key that a session declares zenoh decides everything at once, whatever it is declared for; what it may use in
     some way is then no denial.
-
-    Parameters
-    ----------
-    logger : Logger
-    monotonic : callable
-        Clock, s.
     """
 
     logger: Logger
-    monotonic: Callable[[], float] = time.monotonic
+    monotonic: Callable[[], float] = time.monotonic  # clock, s
     _open: dict[tuple[str, str], _Decisions] = field(default_factory=dict)
     _linked_last: str = ""
     _began: float = float("-inf")
@@ -189,16 +183,13 @@ def route(
         zenoh's, JSON5, with mode "router".
     stop : threading.Event
     on_ready : callable, optional
-        Called once it routes.
     logger : Logger, optional
         Standard error by default.
 
     Raises
     ------
-    DataError
-        The configuration cannot be read, or is not a router's.
-    EndpointError
-        The address is taken or cannot be used.
+    DataError, EndpointError
+        The configuration cannot be read, or is not a router's; the address is taken or cannot be used.
     """
     config = read_config(config_file)
     if config.get_json("mode") != '"router"':

@@ -76,9 +76,8 @@ def _access_rules(namespace: str) -> dict[str, Any]:
         for name, flows, messages, keys in (*_rights(user, namespace), *_ros_rights(user)):
             if keys:
                 ids.append(f"{user} {name}")
-                rules.append(
-                    {"id": ids[-1], "permission": "allow", "flows": flows, "messages": messages, "key_exprs": keys}
-                )
+                rule = {"id": ids[-1], "permission": "allow", "flows": flows, "messages": messages, "key_exprs": keys}
+                rules.append(rule)
         policies.append({"rules": ids, "subjects": [user]})
     # Nobody may delete. The rule gives a subject to those whose certificate and password do not go together, by which
     # zenoh names them where it denies.
@@ -151,23 +150,12 @@ OWNER_ONLY = 0o600  # mode of files
 
 @dataclass(frozen=True)
 class Site:
-    """What to secure.
+    """What to secure."""
 
-    Parameters
-    ----------
-    host : str
-        Name or number of the router's machine, as clients write it.
-    port : int
-    namespace : str
-        First part of every key.
-    days : int
-        Validity of certificates.
-    """
-
-    host: str = "localhost"
+    host: str = "localhost"  # name or number of the router's machine, as clients write it
     port: int = 7450
-    namespace: str = "gpcorrect"
-    days: int = 365
+    namespace: str = "gpcorrect"  # first part of every key
+    days: int = 365  # validity of certificates
 
     @property
     def endpoint(self) -> str:
@@ -181,37 +169,34 @@ def secure_site(folder: Path, site: Site, now: datetime.datetime) -> None:
     Parameters
     ----------
     folder : path
-        Made.
     site : Site
     now : datetime
         From which certificates are valid.
 
     Raises
     ------
-    DataError
-        The folder holds a secured site already.
-    GpCorrectError
-        It cannot be written.
+    DataError, GpCorrectError
+        The folder holds a secured site already; it cannot be written.
     """
     if (folder / "ca.pem").exists():
         raise DataError(
             f"{folder} holds a certificate authority already.", hint="Name a new folder; then hand out all its files."
         )
     make_folder(folder)
-    authority = _Authority.new(f"{site.namespace} authority", now, site.days)
+    authority = _Authority(f"{site.namespace} authority", now, site.days)
     _write_pair(folder, "ca", authority.certificate, authority.key)
     hosts = tuple(dict.fromkeys((site.host, "localhost", "127.0.0.1")))
-    _write_pair(folder, "router", *authority.sign("router", hosts, now, site.days))
+    _write_pair(folder, "router", *authority.signed("router", hosts))
     passwords = {user: secrets.token_urlsafe(PASSWORD_BYTES) for user in USERS}
     for user in USERS:
-        _write_pair(folder, user, *authority.sign(user, (), now, site.days))
-        _write_private(folder / f"{user}.json5", _json(_client_config(folder, site, user, passwords[user])))
+        _write_pair(folder, user, *authority.signed(user))
+        _write_private(folder / f"{user}.json5", _client_config(folder, site, user, passwords[user]))
     listed = "".join(f"{user}:{password}\n" for user, password in passwords.items())
     _write_private(folder / "passwords.txt", listed.encode())
-    _write_private(folder / "router.json5", _json(_router_config(folder, site)))
+    _write_private(folder / "router.json5", _router_config(folder, site))
 
 
-def _router_config(folder: Path, site: Site) -> dict[str, Any]:
+def _router_config(folder: Path, site: Site) -> bytes:
     own = folder.resolve()
     return _nested(
         {
@@ -232,7 +217,7 @@ def _router_config(folder: Path, site: Site) -> dict[str, Any]:
     )
 
 
-def _client_config(folder: Path, site: Site, user: str, password: str) -> dict[str, Any]:
+def _client_config(folder: Path, site: Site, user: str, password: str) -> bytes:
     own = folder.resolve()
     return _nested(
         {
@@ -253,8 +238,8 @@ def _client_config(folder: Path, site: Site, user: str, password: str) -> dict[s
     )
 
 
-def _nested(flat: dict[str, Any]) -> dict[str, Any]:
-    """Turn zenoh's paths, as `listen/endpoints`, into nested mappings."""
+def _nested(flat: dict[str, Any]) -> bytes:
+    """Return JSON in which zenoh's paths, as `listen/endpoints`, are nested mappings."""
     nested: dict[str, Any] = {}
     for path, value in flat.items():
         *outer, last = path.split("/")
@@ -262,53 +247,32 @@ def _nested(flat: dict[str, Any]) -> dict[str, Any]:
         for name in outer:
             inner = inner.setdefault(name, {})
         inner[last] = value
-    return nested
+    return json.dumps(nested, indent=2).encode()
 
 
-def _json(value: dict[str, Any]) -> bytes:
-    return json.dumps(value, indent=2).encode()
-
-
-@dataclass(frozen=True)
 class _Authority:
-    """Signs certificates; its key is needed again only to sign more of them."""
+    """Signs certificates that are valid from now on; its key is needed again only to sign more of them."""
 
-    certificate: x509.Certificate
-    key: ec.EllipticCurvePrivateKey
-
-    @classmethod
-    def new(cls, name: str, now: datetime.datetime, days: int) -> _Authority:
-        """Make one that is valid from now on.
-
-        Parameters
-        ----------
-        name : str
-        now : datetime
-        days : int
-        """
-        key = ec.generate_private_key(ec.SECP256R1())
-        builder = _builder(name, name, key, now, days).add_extension(
-            x509.BasicConstraints(ca=True, path_length=0), critical=True
-        )
+    def __init__(self, name: str, now: datetime.datetime, days: int) -> None:
+        self._name, self._now, self._days = name, now, days
+        self.key = ec.generate_private_key(ec.SECP256R1())
         usage = x509.KeyUsage(True, False, False, False, False, True, True, False, False)
-        builder = builder.add_extension(usage, critical=True)
-        return cls(builder.sign(key, hashes.SHA256()), key)
+        builder = (
+            self._builder(name, self.key)
+            .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+            .add_extension(usage, critical=True)
+        )
+        self.certificate = builder.sign(self.key, hashes.SHA256())
 
-    def sign(
-        self, name: str, hosts: tuple[str, ...], now: datetime.datetime, days: int
-    ) -> tuple[x509.Certificate, ec.EllipticCurvePrivateKey]:
+    def signed(self, name: str, hosts: tuple[str, ...] = ()) -> tuple[x509.Certificate, ec.EllipticCurvePrivateKey]:
         """Return a certificate and its key.
 
         Parameters
         ----------
-        name : str
-        hosts : tuple of str
-            Of a server; empty for a client.
-        now : datetime
-        days : int
+        name, hosts : str and tuple of str
+            Whose; names and numbers of a server, none for a client.
         """
         key = ec.generate_private_key(ec.SECP256R1())
-        issuer = str(self.certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value)
         uses = [ExtendedKeyUsageOID.CLIENT_AUTH, *([ExtendedKeyUsageOID.SERVER_AUTH] if hosts else [])]
         names: list[x509.GeneralName] = []
         for host in hosts or (name,):
@@ -317,12 +281,24 @@ class _Authority:
             except ValueError:
                 names.append(x509.DNSName(host))
         builder = (
-            _builder(name, issuer, key, now, days)
+            self._builder(name, key)
             .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
             .add_extension(x509.ExtendedKeyUsage(uses), critical=False)
             .add_extension(x509.SubjectAlternativeName(names), critical=False)
         )
         return builder.sign(self.key, hashes.SHA256()), key
+
+    def _builder(self, name: str, key: ec.EllipticCurvePrivateKey) -> x509.CertificateBuilder:
+        subject, issuer = (x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, one)]) for one in (name, self._name))
+        return (
+            x509.CertificateBuilder()
+            .subject_name(subject)
+            .issuer_name(issuer)
+            .public_key(key.public_key())
+            .serial_number(x509.random_serial_number())
+            .not_valid_before(self._now - datetime.timedelta(minutes=5))  # clocks of the machines differ a little
+            .not_valid_after(self._now + datetime.timedelta(days=self._days))
+        )
 
 
 def _write_private(path: Path, data: bytes) -> None:
@@ -339,20 +315,3 @@ def _write_pair(folder: Path, name: str, certificate: x509.Certificate, key: ec.
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )
     _write_private(folder / f"{name}.key", encoded)
-
-
-def _builder(
-    name: str, issuer: str, key: ec.EllipticCurvePrivateKey, now: datetime.datetime, days: int
-) -> x509.CertificateBuilder:
-    def _common(text: str) -> x509.Name:
-        return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
-
-    return (
-        x509.CertificateBuilder()
-        .subject_name(_common(name))
-        .issuer_name(_common(issuer))
-        .public_key(key.public_key())
-        .serial_number(x509.random_serial_number())
-        .not_valid_before(now - datetime.timedelta(minutes=5))  # clocks of the machines differ a little
-        .not_valid_after(now + datetime.timedelta(days=days))
-    )

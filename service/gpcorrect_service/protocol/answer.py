@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -15,54 +15,54 @@ from gpcorrect.types import FloatArray
 
 UNKNOWN = np.empty(0)
 
-Command = TypeVar("Command")  # numbers that all exist
-Sizes = TypeVar("Sizes")  # numbers, or null where one does not exist
-Flag = TypeVar("Flag")
-Text = TypeVar("Text")
-Code = TypeVar("Code")
-A = TypeVar("A", bound="Answer[Any, Any, Any, Any, Any]")
 
-
-class Answer(msgspec.Struct, Generic[Command, Sizes, Flag, Text, Code], frozen=True, kw_only=True):
-    """A :class:`gpcorrect.correction.Correction` as it travels: one answer, or the columns of n.
+class Single(msgspec.Struct, frozen=True, kw_only=True):
+    """A :class:`gpcorrect.correction.Correction` of one question as it travels.
 
     `status` and `reason` are for people; `flags` holds the same reasons as bits, for programs.
     """
 
-    position: Command | UnsetType = UNSET
-    quaternion: Command | UnsetType | None = UNSET
-    joints: Sizes | UnsetType = UNSET
-    std: Sizes
-    interval95: Sizes
-    in_domain: Flag
-    status: Text
-    reason: Text
-    flags: Code
+    position: list[float] | UnsetType = UNSET
+    quaternion: list[float] | UnsetType | None = UNSET
+    joints: list[float | None] | UnsetType = UNSET
+    std: list[float | None]
+    interval95: list[float | None]
+    in_domain: bool
+    status: str
+    reason: str
+    flags: int
 
 
-class _Single(Answer[list[float], list[float | None], bool, str, int], frozen=True, kw_only=True):
-    """One answer."""
+class Rows(msgspec.Struct, frozen=True, kw_only=True):
+    """The columns of n answers, as in :class:`Single`."""
+
+    position: list[list[float]] | UnsetType = UNSET
+    quaternion: list[list[float]] | UnsetType | None = UNSET
+    joints: list[list[float | None]] | UnsetType = UNSET
+    std: list[list[float | None]]
+    interval95: list[list[float | None]]
+    in_domain: list[bool]
+    status: list[str]
+    reason: list[str]
+    flags: list[int]
 
 
-class _Rows(
-    Answer[list[list[float]], list[list[float | None]], list[bool], list[str], list[int]], frozen=True, kw_only=True
-):
-    """The columns of n answers."""
+A = TypeVar("A", bound=Single | Rows)
 
 
-class PoseAnswer(_Single, frozen=True, kw_only=True):
+class PoseAnswer(Single, frozen=True, kw_only=True):
     """Answer of `correct`."""
 
 
-class PathAnswer(_Rows, frozen=True, kw_only=True, rename={"position": "positions", "quaternion": "quaternions"}):
+class PathAnswer(Rows, frozen=True, kw_only=True, rename={"position": "positions", "quaternion": "quaternions"}):
     """Answer of `correct_path`."""
 
 
-class JointsAnswer(_Rows, frozen=True, kw_only=True, rename={"joints": "q"}):
+class JointsAnswer(Rows, frozen=True, kw_only=True, rename={"joints": "q"}):
     """Answer of `correct_joints`."""
 
 
-class EstimateAnswer(_Single, frozen=True, kw_only=True, rename={"joints": "position", "position": "tool_position"}):
+class EstimateAnswer(Single, frozen=True, kw_only=True, rename={"joints": "position", "position": "tool_position"}):
     """One sample of the stream `estimate`: `stamp` and `session` of the robot's sample, and which model answered."""
 
     stamp: float
@@ -100,12 +100,12 @@ def pack(form: type[A], answer: Correction, **beside: Any) -> A:
     )
 
 
-def unpack(message: Answer[Any, Any, Any, Any, Any]) -> Correction:
+def unpack(message: Single | Rows) -> Correction:
     """Return the correction in a message.
 
     Parameters
     ----------
-    message : Answer
+    message : Single or Rows
     """
     flags = message.flags
     return Correction(

@@ -17,18 +17,10 @@ BURST_SECONDS = 0.1  # chosen by hand: of the rate that may come at once, for cl
 
 @dataclass(frozen=True)
 class CorrectionBound:
-    """The largest learned correction that may leave a server: command against the registration's reference pose.
+    """The largest learned correction that may leave a server: command against the registration's reference pose."""
 
-    Parameters
-    ----------
-    position : float
-        m; infinite for none.
-    rotation : float
-        rad; infinite for none.
-    """
-
-    position: float = np.inf
-    rotation: float = np.inf
+    position: float = np.inf  # m; infinite for none
+    rotation: float = np.inf  # rad; infinite for none
 
     def __post_init__(self) -> None:
         if not (self.position > 0 and self.rotation > 0):
@@ -40,18 +32,11 @@ class CorrectionBound:
         return bool(np.isfinite(self.position) or np.isfinite(self.rotation))
 
     def apply(self, reference: FloatArray, command: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Shorten the way from a reference to its command: a straight line, and a turn about one axis.
+        """Shorten the way from reference to command, straight and in one turn; tell which (n,) were cut.
 
         Parameters
         ----------
         reference, command : (n, 7) or (n, 3) arrays
-
-        Returns
-        -------
-        bounded : array
-            Commands no further from their references than the bounds.
-        cut : (n,) bool array
-            Which were shortened.
         """
         shift, short = _shortened(command[:, :3] - reference[:, :3], self.position)
         position = np.where(short[:, None], reference[:, :3] + shift, command[:, :3])
@@ -73,13 +58,7 @@ def _shortened(vectors: FloatArray, bound: float) -> tuple[FloatArray, BoolArray
 
 
 class RateBound:
-    """Bounds how fast a streamed correction changes, component by component; one object a stream.
-
-    Parameters
-    ----------
-    limit : (k,) array
-        Largest change a second.
-    """
+    """Bounds how fast a streamed correction changes, by a limit (k,) a second, of each component; one a stream."""
 
     def __init__(self, limit: FloatArray) -> None:
         self._limit = np.array(limit, dtype=np.float64)
@@ -92,36 +71,28 @@ class RateBound:
         self._last: tuple[float, FloatArray] | None = None
 
     def step(self, time: float, correction: FloatArray) -> tuple[FloatArray, bool]:
-        """Return the correction as near to the wanted one as the rate allows, and whether it acted.
+        """Return the correction (k,) as near to the wanted one as the rate allows, and whether it acted.
 
         Parameters
         ----------
         time : float
             s.
         correction : (k,) array
-            What is wanted.
         """
         if not np.isfinite(correction).all():
             self.reset()
             return correction, False
-        if self._last is None:
-            self._last = time, correction
-            return correction, False
-        then, before = self._last
-        most = self._limit * max(time - then, 0.0)
-        bounded = before + np.clip(correction - before, -most, most)
+        bounded = correction
+        if self._last is not None:
+            then, before = self._last
+            most = self._limit * max(time - then, 0.0)
+            bounded = before + np.clip(correction - before, -most, most)
         self._last = time, bounded
         return bounded, bool((np.abs(correction - bounded) > 1e-15).any())
 
 
 class Throttle:
-    """A token bucket: lets `rate` queries a second pass, a tenth of it at once; from any thread.
-
-    Parameters
-    ----------
-    rate : float
-        Queries a second; infinite for no limit.
-    """
+    """A token bucket: lets `rate` queries a second pass (infinite for all), a tenth of it at once; from any thread."""
 
     def __init__(self, rate: float) -> None:
         self._rate = rate

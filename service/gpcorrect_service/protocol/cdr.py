@@ -15,11 +15,11 @@ from gpcorrect_service.protocol.answer import PoseAnswer
 from gpcorrect_service.protocol.errors import bad_input
 from gpcorrect_service.protocol.messages import Numbers
 
-POSE_STAMPED = "geometry_msgs/msg/PoseStamped"  # name of the ROS type
-OPERATING_STATE = "crtk_msgs/msg/OperatingState"  # name of the ROS type
-STRING_STAMPED = "crtk_msgs/msg/StringStamped"  # name of the ROS type
-TF_MESSAGE = "tf2_msgs/msg/TFMessage"  # name of the ROS type
-CORRECT = "gpcorrect_msgs/srv/Correct"  # name of the ROS service type, whose definition is in the folder `ros`
+POSE_STAMPED = "geometry_msgs/msg/PoseStamped"  # this and the next are names of ROS types
+OPERATING_STATE = "crtk_msgs/msg/OperatingState"  # crtk_msgs, ROS 2
+STRING_STAMPED = "crtk_msgs/msg/StringStamped"  # crtk_msgs, ROS 2
+TF_MESSAGE = "tf2_msgs/msg/TFMessage"  # what `/tf` carries
+CORRECT = "gpcorrect_msgs/srv/Correct"  # the ROS service, whose definition is in the folder `ros`
 CDR_ENCODING = f"application/cdr;{POSE_STAMPED}"
 CALL_ENCODING = f"application/cdr;{CORRECT}"
 # https://github.com/collaborative-robotics/crtk_msgs, ROS 2
@@ -43,13 +43,7 @@ class StampedPose:
 
 @lru_cache(maxsize=1)
 def ros_types() -> Any:
-    """Return rosbags' types with CRTK's own.
-
-    Raises
-    ------
-    MissingExtraError
-        rosbags is not installed.
-    """
+    """Return rosbags' types with CRTK's own; MissingExtraError where rosbags is not installed."""
     if find_spec("rosbags") is None:
         raise MissingExtraError("rosbags", extra="ros", purpose="Speaking with ROS 2")
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -63,16 +57,7 @@ def ros_types() -> Any:
 
 
 def _register_service(store: Any, name: str, text: str) -> None:
-    """Register a service's question and answer, and the type that its hash is of: both, and the event that logs them.
-
-    Parameters
-    ----------
-    store : Typestore
-    name : str
-        As `gpcorrect_msgs/srv/Correct`.
-    text : str
-        Of its .srv file.
-    """
+    """Register a service's question and answer, and the type that its hash is of: both, and the event of both."""
     from rosbags.interfaces import Nodetype
     from rosbags.typesys import get_types_from_msg
 
@@ -94,7 +79,7 @@ def _register_service(store: Any, name: str, text: str) -> None:
 
 
 def decode_cdr(data: bytes, ros_type: str) -> Any:
-    """Read one ROS message.
+    """Read one ROS message; BAD_INPUT where the bytes are none, or rosbags is not installed here.
 
     Parameters
     ----------
@@ -102,11 +87,6 @@ def decode_cdr(data: bytes, ros_type: str) -> Any:
         CDR with its 4-byte header.
     ros_type : str
         As `geometry_msgs/msg/PoseStamped`.
-
-    Raises
-    ------
-    ServiceError
-        BAD_INPUT: the bytes are no such message, or rosbags is not installed here.
     """
     try:
         store = ros_types()
@@ -131,7 +111,6 @@ def ros_pose(pose: tuple[float, ...], sec: int, nanosec: int, frame_id: str) -> 
     pose : 7 float
         x y z in m, then the quaternion w x y z.
     sec, nanosec : int
-        Stamp.
     frame_id : str
     """
     kinds = ros_types().types
@@ -145,17 +124,12 @@ def ros_pose(pose: tuple[float, ...], sec: int, nanosec: int, frame_id: str) -> 
 
 
 def read_pose(data: bytes) -> StampedPose:
-    """Read the question of `correct`.
+    """Read the question of `correct`; BAD_INPUT as :func:`decode_cdr`, and where its stamp is 0.
 
     Parameters
     ----------
     data : bytes
         A PoseStamped in CDR.
-
-    Raises
-    ------
-    ServiceError
-        BAD_INPUT: as :func:`decode_cdr`, or its stamp is 0.
     """
     return _stamped(decode_cdr(data, POSE_STAMPED))
 
@@ -180,17 +154,12 @@ def write_pose(stamped: StampedPose) -> bytes:
 
 
 def read_call(data: bytes) -> tuple[StampedPose, Numbers | None]:
-    """Read the question of the ROS service: the desired pose, and its twist where that is known.
+    """Read the ROS service's question: desired pose, and its twist where known; BAD_INPUT as :func:`read_pose`.
 
     Parameters
     ----------
     data : bytes
         A Correct_Request in CDR.
-
-    Raises
-    ------
-    ServiceError
-        BAD_INPUT: as :func:`read_pose`.
     """
     message = decode_cdr(data, f"{CORRECT}_Request")
     v, w = message.twist.linear, message.twist.angular
@@ -204,11 +173,9 @@ def write_answer(command: StampedPose, answer: PoseAnswer, model_hash: str) -> b
     Parameters
     ----------
     command : StampedPose
-        What to send to the robot.
     answer : PoseAnswer
-        How sure that is.
+        How sure the command is.
     model_hash : str
-        Which model says so.
     """
     std, interval = (np.array(row, dtype=np.float64) for row in (answer.std, answer.interval95))
     posed = ros_pose(command.pose, command.sec, command.nanosec, command.frame_id)
@@ -216,7 +183,7 @@ def write_answer(command: StampedPose, answer: PoseAnswer, model_hash: str) -> b
 
 
 def write_refusal(status: str, message: str) -> bytes:
-    """Write a refusal of the ROS service: ROS nodes are told nothing of zenoh's own error replies.
+    """Write a refusal of the ROS service: ROS nodes never see zenoh's own error replies.
 
     Parameters
     ----------

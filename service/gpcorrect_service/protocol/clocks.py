@@ -35,10 +35,8 @@ class StreamClock:
 
         Parameters
         ----------
-        stamp : float
-            Of the message, s of its clock.
-        now : float
-            When it came, s of ours.
+        stamp, now : float
+            s of its clock; s of ours, when it came.
         """
         apart = now - stamp / self._rate
         if self._apart is None or self._was_set(stamp, now):

@@ -16,17 +16,7 @@ S = TypeVar("S", bound=msgspec.Struct)
 
 
 class Codec:
-    """One of the two ways to write messages.
-
-    Parameters
-    ----------
-    name : str
-        "json" or "msgpack".
-    encode : callable
-        From a message to bytes.
-    decoder : type
-        msgspec's decoder class.
-    """
+    """One of the two ways to write messages: its name, what encodes a message, and msgspec's decoder class."""
 
     def __init__(self, name: str, encode: Callable[[Any], bytes], decoder: Callable[[type], Any]) -> None:
         self.name = name
@@ -49,18 +39,12 @@ class Codec:
         return self._encodings[form]
 
     def decode(self, message: type[S], data: bytes) -> S:
-        """Read one message.
+        """Read one message; BAD_INPUT where the bytes are not it.
 
         Parameters
         ----------
         message : type
-            Its class.
         data : bytes
-
-        Raises
-        ------
-        ServiceError
-            BAD_INPUT: the bytes are not this message.
         """
         decode = self._decode.get(message)
         if decode is None:
@@ -98,17 +82,13 @@ def error_codec(encoding: str) -> Codec | None:
 def codec_of(encoding: str, form: Form) -> Codec:
     """Return how a message is written; a bare media type is the newest schema.
 
+    BAD_INPUT where the encoding is not known here, is of another message, or of a newer schema.
+
     Parameters
     ----------
     encoding : str
         As zenoh names it.
     form : str
-        The message that is expected.
-
-    Raises
-    ------
-    ServiceError
-        BAD_INPUT: the encoding is another one, of another message, or of a newer schema.
     """
     codec, named = KNOWN.get(encoding, (None, None))
     if codec is not None and named == form:

@@ -17,10 +17,8 @@ class ServiceError(GpCorrectError):
     status : str
         BAD_INPUT, STALE, BUSY, NO_MODEL or INTERNAL when a server said so; NO_SERVICE when none answered,
         OTHER_MODEL when the only answers came from another model than the stream is held to.
-    message : str
-        The cause, in one sentence.
-    hint : str, optional
-        The next step.
+    message, hint : str
+        Cause and next step, a sentence each.
     request_id : str, optional
         The request as the server's log names it.
     """
@@ -39,24 +37,14 @@ def bad_input(cause: str, next_step: str = "") -> ServiceError:
 
     Parameters
     ----------
-    cause : str
-        One sentence.
-    next_step : str, optional
-        Another one.
+    cause, next_step : str
+        A sentence each.
     """
     return ServiceError("BAD_INPUT", cause, hint=next_step)
 
 
 class EndpointError(GpCorrectError):
-    """A network address that cannot be used.
-
-    Parameters
-    ----------
-    endpoint : str
-        The address, as `tcp/127.0.0.1:7449`.
-    message, hint : str
-        See :class:`gpcorrect.errors.GpCorrectError`.
-    """
+    """A network address, as `tcp/127.0.0.1:7449`, that cannot be used."""
 
     def __init__(self, endpoint: str, message: str, *, hint: str = "") -> None:
         super().__init__(f"{endpoint}: {message}", hint=hint)

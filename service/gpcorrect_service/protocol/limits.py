@@ -14,48 +14,30 @@ from gpcorrect.types import QUATERNION_TOLERANCE, FloatArray
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.protocol.messages import Row
 
-POSITION, POSE, TWIST = 3, 7, 6
+POSITION, POSE, TWIST = 3, 7, 6  # how many numbers each has
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Beyond these a number is a mistake of units or a broken message; chosen by hand, each for the reason given.
+    """Beyond these a number is a mistake of units or a broken message; chosen by hand, each for the reason given."""
 
-    Parameters
-    ----------
-    quaternion : float
-        Norm of a quaternion off one: as for recorded samples; more is a mistake, not rounding.
-    command_quaternion : float
-        The same for commands: a model's own quaternion is normalised.
-    room : float
-        m from the origin: no tabletop robot or tracker of its workspace measures further, and 5 mm sent as metres is 5.
-    reach : float
-        Times the reach of the training data: millimetres for metres are a thousand times.
-    speed, turning : float
-        m/s and rad/s of a twist: faster than any robot arm.
-    shortest_step : float
-        s between rows: no robot is asked more often, and velocities over less are rounding.
-    latest : float
-        s: three thousand years; nanoseconds since 1970 are ten million times more.
-    rows : int
-        Of a path: about a minute at 100 Hz; question and answer stay below the largest message in JSON too.
-    sliding, turned : float
-        m and rad of a joint: no arm inserts 2 m, and 20 rad are over three turns; more are millimetres or degrees.
-    learned : float
-        m between a command and what registration alone commands: no arm here misses by a third of it.
-    """
-
+    # norm of a quaternion off one: as for recorded samples; more is a mistake, not rounding
     quaternion: float = QUATERNION_TOLERANCE
-    command_quaternion: float = 1e-6
+    command_quaternion: float = 1e-6  # the same for commands: a model's own quaternion is normalised
+    # m from the origin: no tabletop robot or tracker of its workspace measures further, and 5 mm sent as metres is 5
     room: float = 5.0
-    reach: float = 10.0
+    reach: float = 10.0  # times the reach of the training data: millimetres for metres are a thousand times
+    # m/s and rad/s of a twist: faster than any robot arm
     speed: float = 20.0
     turning: float = 200.0
-    shortest_step: float = 1e-6
-    latest: float = 1e11
+    shortest_step: float = 1e-6  # s between rows: no robot is asked more often, and velocities over less are rounding
+    latest: float = 1e11  # s: three thousand years; nanoseconds since 1970 are ten million times more
+    # of a path: about a minute at 100 Hz; question and answer stay below the largest message in JSON too
     rows: int = 5000
+    # m and rad of a joint: no arm inserts 2 m, and 20 rad are over three turns; more are millimetres or degrees
     sliding: float = 2.0
     turned: float = 20.0
+    # m between a command and what registration alone commands: no arm here misses by a third of it
     learned: float = 0.1
 
 
@@ -78,17 +60,12 @@ def position_limit(info: Mapping[str, Any]) -> float:
 
 
 def checked_stamp(stamp: float) -> float:
-    """Return a stamp that says when.
+    """Return a stamp; BAD_INPUT where it is 0, negative, not finite, or of another unit.
 
     Parameters
     ----------
     stamp : float
         s.
-
-    Raises
-    ------
-    ServiceError
-        BAD_INPUT: it is 0, negative, not finite, or of another unit.
     """
     if not 0 < stamp <= LIMITS.latest:
         raise bad_input(f"the stamp is {stamp}.", "Stamp messages with the robot's clock, in s and not in ns.")
@@ -96,7 +73,7 @@ def checked_stamp(stamp: float) -> float:
 
 
 def checked_pose(pose: Sequence[float], limit: float) -> FloatArray:
-    """Return one pose (7,) or (3,) that is worth correcting.
+    """Return one pose (7,) or (3,); BAD_INPUT for a wrong length, NaN, no unit quaternion, or one too far away.
 
     Parameters
     ----------
@@ -104,11 +81,6 @@ def checked_pose(pose: Sequence[float], limit: float) -> FloatArray:
         x y z in m, then the quaternion w x y z.
     limit : float
         Largest believed distance from the origin, m.
-
-    Raises
-    ------
-    ServiceError
-        BAD_INPUT: wrong length, not finite, no unit quaternion, or too far away.
     """
     if len(pose) not in (POSE, POSITION):
         raise bad_input(
@@ -130,17 +102,12 @@ def checked_pose(pose: Sequence[float], limit: float) -> FloatArray:
 
 
 def checked_twist(twist: Sequence[float] | None) -> FloatArray | None:
-    """Return a twist (6,), or None where none was sent.
+    """Return a twist (6,), or None where none was sent; BAD_INPUT where it is incomplete, not finite, or too fast.
 
     Parameters
     ----------
     twist : 6 float or None
         m/s, then rad/s.
-
-    Raises
-    ------
-    ServiceError
-        BAD_INPUT: wrong length, not finite, or no speed of a robot.
     """
     if twist is None:
         return None
@@ -161,7 +128,7 @@ def checked_twist(twist: Sequence[float] | None) -> FloatArray | None:
 def checked_path(
     poses: Sequence[Sequence[float]], times: Sequence[float], limit: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return poses (n, 7) or (n, 3) and strictly increasing times (n,).
+    """Return poses (n, 7) or (n, 3) and increasing times (n,); BAD_INPUT as for poses and times, naming the row.
 
     Parameters
     ----------
@@ -170,11 +137,6 @@ def checked_path(
         s.
     limit : float
         As for :func:`checked_pose`.
-
-    Raises
-    ------
-    ServiceError
-        BAD_INPUT: as for one pose, naming the row; or times that do not increase.
     """
     if not 0 < len(poses) <= LIMITS.rows:
         raise bad_input(
@@ -193,17 +155,12 @@ def checked_path(
 
 
 def check_times(times: Sequence[float]) -> FloatArray:
-    """Return times (n,) of a path.
+    """Return times (n,) of a path; BAD_INPUT where they are not finite, not increasing, too close, or of another unit.
 
     Parameters
     ----------
     times : n float
         s.
-
-    Raises
-    ------
-    ServiceError
-        BAD_INPUT: not finite, not increasing, closer than a microsecond, or of another unit.
     """
     _check_finite("times", times)
     stamps = np.array(times, dtype=np.float64)
@@ -219,7 +176,7 @@ def check_times(times: Sequence[float]) -> FloatArray:
 
 
 def checked_rows(rows: Sequence[Row], dof: int, what: str) -> FloatArray:
-    """Return rows (n, dof) of joints or efforts, NaN where null or infinite.
+    """Return rows (n, dof) of joints or efforts, NaN where null or infinite; BAD_INPUT for rows of another length.
 
     Parameters
     ----------
@@ -228,11 +185,6 @@ def checked_rows(rows: Sequence[Row], dof: int, what: str) -> FloatArray:
         Joints of the model.
     what : str
         Name for messages.
-
-    Raises
-    ------
-    ServiceError
-        BAD_INPUT: rows of another length.
     """
     wrong = next((len(row) for row in rows if len(row) != dof), None)
     if wrong is not None:
@@ -242,7 +194,7 @@ def checked_rows(rows: Sequence[Row], dof: int, what: str) -> FloatArray:
 
 
 def checked_joints(rows: Sequence[Row], types: str) -> FloatArray:
-    """Return joints (n, d), NaN where null.
+    """Return joints (n, d), NaN where null; BAD_INPUT for another number of joints, and where a unit is mistaken.
 
     Parameters
     ----------
@@ -250,11 +202,6 @@ def checked_joints(rows: Sequence[Row], types: str) -> FloatArray:
         rad and m.
     types : str
         "R" or "P" for each joint.
-
-    Raises
-    ------
-    ServiceError
-        BAD_INPUT: other joints than the model's, or numbers that cannot be radians and metres.
     """
     q = checked_rows(rows, len(types), "joints")
     for joint, kind in enumerate(types):
@@ -271,19 +218,17 @@ def check_command(
     position: Sequence[float],
     quaternion: Sequence[float] | None,
     limit: float,
-    reference: Callable[[], Sequence[float]] | None = None,
+    reference: Callable[[], Sequence[float]],
 ) -> None:
     """Refuse to pass on a command that no robot should be given.
 
     Parameters
     ----------
-    position : 3 float
-        m.
-    quaternion : 4 float or None
-        wxyz.
+    position, quaternion : 3 float, 4 float or None
+        m and wxyz.
     limit : float
         As for :func:`checked_pose`.
-    reference : callable, optional
+    reference : callable
         Gives the position that registration alone commands, m.
 
     Raises
@@ -298,7 +243,7 @@ def check_command(
     elif quaternion is not None and abs(math.hypot(*quaternion) - 1) > LIMITS.command_quaternion:
         trouble = "has a quaternion that is no rotation"
     elif math.hypot(*position) > limit:
-        if reference is not None and math.dist(position, reference()) <= LIMITS.learned:
+        if math.dist(position, reference()) <= LIMITS.learned:
             raise bad_input(
                 f"the pose lies {math.hypot(*position):.4g} m from the base, beyond {limit:.3g} m.",
                 "Check frame and unit (metres).",
@@ -311,16 +256,11 @@ def check_command(
 
 
 def check_inside(answer: Correction) -> None:
-    """Refuse an answer of which any row lies outside the training region.
+    """Refuse, as BAD_INPUT, an answer of which any row lies outside the training region.
 
     Parameters
     ----------
     answer : Correction
-
-    Raises
-    ------
-    ServiceError
-        BAD_INPUT: one does.
     """
     outside = np.flatnonzero(np.atleast_1d(answer.reasons & Reason.OUTSIDE))
     if outside.size:
@@ -329,19 +269,12 @@ def check_inside(answer: Correction) -> None:
 
 
 def check_frame(frame: str, expected: str) -> None:
-    """Refuse a pose that says it is in another frame; one without a name is taken as it is.
+    """Refuse, as BAD_INPUT, a pose that names another frame than the model; where either has no name, any is taken.
 
     Parameters
     ----------
-    frame : str
-        As the pose says.
-    expected : str
-        As the model does; empty takes any.
-
-    Raises
-    ------
-    ServiceError
-        BAD_INPUT: the two differ.
+    frame, expected : str
+        As the pose and as the model say.
     """
     if frame and expected and frame.strip("/") != expected.strip("/"):
         raise bad_input(

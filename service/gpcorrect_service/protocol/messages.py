@@ -183,25 +183,16 @@ class RequestMeta(msgspec.Struct, frozen=True):
 
 
 class ReplyMeta(msgspec.Struct, frozen=True):
-    """What travels beside a reply, and where it comes from; empty in a fallback, which comes from nowhere.
+    """What travels beside a reply, and where it comes from; empty in a fallback, which comes from nowhere."""
 
-    Parameters
-    ----------
-    request_id, model_id, model_hash, replica : str
-        The request, the model file (name and SHA-256), and the server process.
-    served_at, serving_seconds : float
-        When the server answered (its clock, s since 1970), and how long it worked, s; NaN in a fallback.
-    schema_version : int
-        Of the messages.
-    bounds : str
-        The operator's: what answers of the same model may differ by from server to server; empty for none.
-    """
-
+    # the request, the model file (name and SHA-256), and the server process
     request_id: str = ""
     model_id: str = ""
     model_hash: str = ""
     replica: str = ""
+    # when the server answered (its clock, s since 1970), and how long it worked, s; NaN in a fallback
     served_at: float = math.nan
     serving_seconds: float = math.nan
-    schema_version: int = SCHEMA_VERSION
+    schema_version: int = SCHEMA_VERSION  # of the messages
+    # the operator's: what answers of the same model may differ by from server to server; empty for none
     bounds: str = ""

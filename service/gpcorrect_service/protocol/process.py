@@ -54,13 +54,7 @@ def is_forked() -> bool:
 
 
 def require_own_process() -> None:
-    """Refuse to speak zenoh in a process that cannot.
-
-    Raises
-    ------
-    ServiceError
-        NO_SERVICE: this process was forked from one that had opened a session.
-    """
+    """Refuse, as NO_SERVICE, to speak zenoh in a process that was forked from one that had opened a session."""
     if _PROCESS.forked:
         raise ServiceError(
             "NO_SERVICE",
@@ -70,20 +64,11 @@ def require_own_process() -> None:
 
 
 def open_zenoh(config: zenoh.Config) -> zenoh.Session:
-    """Open a session; the only place that does.
+    """Open a session; the only place that does. Raises as the two checks do, and ZError where it cannot be opened.
 
     Parameters
     ----------
     config : zenoh.Config
-
-    Raises
-    ------
-    ServiceError
-        As :func:`require_own_process`.
-    ExpiredError
-        A certificate is not valid now: zenoh would try again and again, and not say why.
-    zenoh.ZError
-        It cannot be opened.
     """
     require_own_process()
     require_valid(config)
@@ -92,16 +77,11 @@ def open_zenoh(config: zenoh.Config) -> zenoh.Session:
 
 
 def require_valid(config: zenoh.Config) -> None:
-    """Raise unless every certificate of a configuration is valid now.
+    """Raise ExpiredError unless every certificate of a configuration is valid now: zenoh would not say why it fails.
 
     Parameters
     ----------
     config : zenoh.Config
-
-    Raises
-    ------
-    ExpiredError
-        One is not.
     """
     if json.loads(config.get_json("transport/link/tls")):
         check_certificates(config, datetime.datetime.now(datetime.UTC))
@@ -123,23 +103,12 @@ def wait_for(stop: threading.Event, look: Callable[[], None] = lambda: None) -> 
         look()
 
 
-USED = ("root_ca_certificate", "listen_certificate", "connect_certificate")
-
-
 class ExpiredError(DataError):
     """A certificate is not valid now."""
 
 
-def _certificate_files(config: zenoh.Config) -> list[Path]:
-    """Return the certificate files that a configuration names and that are there."""
-    tls = json.loads(config.get_json("transport/link/tls")) or {}
-    return [path for path in (Path(tls[name]) for name in USED if tls.get(name)) if path.is_file()]
-
-
 def check_certificates(config: zenoh.Config, now: datetime.datetime) -> datetime.datetime | None:
-    """Return when the first certificate expires; None where the configuration names none.
-
-    What is no certificate is left to zenoh, which says so.
+    """Return when the first certificate expires, None where there is none; what is no certificate is left to zenoh.
 
     Parameters
     ----------
@@ -153,8 +122,11 @@ def check_certificates(config: zenoh.Config, now: datetime.datetime) -> datetime
     """
     from cryptography import x509  # slow to import, and seldom needed
 
-    ends = []
-    for path in _certificate_files(config):
+    tls, ends = json.loads(config.get_json("transport/link/tls")) or {}, []
+    for name in ("root_ca_certificate", "listen_certificate", "connect_certificate"):
+        path = Path(tls.get(name) or "")
+        if not path.is_file():
+            continue
         try:
             certificate = x509.load_pem_x509_certificate(path.read_bytes())
         except (OSError, ValueError):

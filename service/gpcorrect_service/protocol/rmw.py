@@ -51,12 +51,9 @@ def attachment(sequence: int, stamp_ns: int, gid: bytes) -> bytes:
 
     Parameters
     ----------
-    sequence : int
-        Its number, from 1.
-    stamp_ns : int
-        Its time, ns since 1970.
+    sequence, stamp_ns : int
+        Its number, from 1, and its time, ns since 1970.
     gid : 16 bytes
-        Its sender.
     """
     return ATTACHMENT.pack(sequence, stamp_ns, GID_BYTES, gid)
 
@@ -79,24 +76,13 @@ def reply_attachment(asked: bytes, stamp_ns: int) -> bytes:
 
 @dataclass(frozen=True)
 class RmwNode:
-    """A node as the ROS graph shows it.
+    """A node as the ROS graph shows it."""
 
-    Parameters
-    ----------
-    domain : int
-        ROS_DOMAIN_ID.
-    zid : str
-        Of the zenoh session.
-    name : str
-        Of the node.
-    distro : str
-        ROS distribution of the nodes that see it.
-    """
-
-    domain: int
+    domain: int  # ROS_DOMAIN_ID
+    # of the zenoh session, and of the node
     zid: str
     name: str
-    distro: RosDistro
+    distro: RosDistro  # ROS distribution of the nodes that see it
 
     def node_token(self) -> str:
         """Return the liveliness key that shows the node."""
@@ -127,7 +113,6 @@ def gid_of(token: str) -> bytes:
     Parameters
     ----------
     token : str
-        Its liveliness key.
     """
     return hashlib.blake2b(token.encode(), digest_size=GID_BYTES).digest()
 

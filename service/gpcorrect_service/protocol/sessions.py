@@ -57,31 +57,25 @@ def open_server(settings: ServerSettings) -> zenoh.Session:
     try:
         return open_zenoh(config)
     except zenoh.ZError as error:
-        where = ", ".join(listen_endpoints(config)) or settings.endpoint
         raise EndpointError(
-            where,
+            ", ".join(listen_endpoints(config)) or settings.endpoint,
             f"cannot listen here ({first_sentence(error)}).",
             hint="Another server may hold this address: stop it, or choose another endpoint.",
         ) from error
 
 
 def server_config(settings: ServerSettings) -> zenoh.Config:
-    """Return the zenoh configuration of a server.
+    """Return the zenoh configuration of a server; raises as :func:`open_server`.
 
     Parameters
     ----------
     settings : ServerSettings
-
-    Raises
-    ------
-    EndpointError, DataError
-        As :func:`open_server`.
     """
     if settings.config_file is None:
         config = make_config({**COMMON, "listen/endpoints": [settings.endpoint]})
     else:
         config = read_config(settings.config_file)
-    _default_namespace(config, settings.namespace)
+    config.insert_json5("namespace", json.dumps(namespace_of(config, settings.namespace)))
     for endpoint in listen_endpoints(config):
         check_loopback(endpoint, allow_remote=settings.allow_remote)
     return config
@@ -113,22 +107,17 @@ def open_client(settings: ClientSettings) -> zenoh.Session:
 
 
 def client_config(settings: ClientSettings) -> zenoh.Config:
-    """Return the zenoh configuration of a client.
+    """Return the zenoh configuration of a client; DataError where its file cannot be read.
 
     Parameters
     ----------
     settings : ClientSettings
-
-    Raises
-    ------
-    DataError
-        The configuration file cannot be read.
     """
     if settings.config_file is None:
         config = make_config({**COMMON, **CLIENT, "connect/endpoints": list(settings.endpoints)})
     else:
         config = read_config(settings.config_file)
-    _default_namespace(config, settings.namespace)
+    config.insert_json5("namespace", json.dumps(namespace_of(config, settings.namespace)))
     return config
 
 
@@ -147,17 +136,12 @@ def make_config(values: dict[str, Any]) -> zenoh.Config:
 
 
 def read_config(path: Path) -> zenoh.Config:
-    """Read a zenoh configuration.
+    """Read a zenoh configuration; DataError where it is not there, or not one.
 
     Parameters
     ----------
     path : path
         JSON5.
-
-    Raises
-    ------
-    DataError
-        It is not there, or not one.
     """
     try:
         return zenoh.Config.from_file(path)
@@ -168,18 +152,13 @@ def read_config(path: Path) -> zenoh.Config:
         ) from error
 
 
-def _default_namespace(config: zenoh.Config, namespace: str) -> None:
-    config.insert_json5("namespace", json.dumps(namespace_of(config, namespace)))
-
-
 def namespace_of(config: zenoh.Config, given: str) -> str:
-    """Return the namespace that a configuration names, else the one that is given.
+    """Return the namespace that a configuration names, else the one that is given, by the user or as the default.
 
     Parameters
     ----------
     config : zenoh.Config
     given : str
-        By the user, or the default.
 
     Raises
     ------
@@ -220,9 +199,8 @@ def first_sentence(error: zenoh.ZError) -> str:
     return str(error).split(" at /", maxsplit=1)[0].strip()
 
 
-LIVE_KEYS = "live/**"  # of an arm
+LIVE_KEYS = "live/**"  # of an arm: the tokens of its servers, as `live_key` makes them
 PREFILTER = "prefilter"  # of an arm: the tokens of those that correct its commands, of whom there is one
-NO_MODEL = "none"
 
 
 def live_key(arm: str, replica: str, pose_hash: str, joint_hash: str) -> str:
@@ -234,7 +212,7 @@ def live_key(arm: str, replica: str, pose_hash: str, joint_hash: str) -> str:
     pose_hash, joint_hash : str
         SHA-256 of the models; empty for none.
     """
-    return f"{arm}/live/{replica}/{pose_hash or NO_MODEL}/{joint_hash or NO_MODEL}"
+    return f"{arm}/live/{replica}/{pose_hash or 'none'}/{joint_hash or 'none'}"
 
 
 def differing(keys: Iterable[str]) -> dict[str, list[str]]:

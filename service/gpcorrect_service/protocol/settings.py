@@ -15,7 +15,7 @@ from gpcorrect_service.protocol.errors import EndpointError
 from gpcorrect_service.protocol.messages import Kind
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7449"  # on this machine only; 7447 is that of ROS 2's router, rmw_zenohd
-DEFAULT_NAMESPACE = "gpcorrect"
+DEFAULT_NAMESPACE = "gpcorrect"  # the package's name, which nobody else takes
 MAX_MESSAGE_BYTES = 4 * 1024 * 1024  # holds the longest path in JSON; what is larger is no query of ours
 
 OnFailure = Literal["raise", "identity"]
@@ -31,70 +31,33 @@ ENDPOINT = re.compile(
 
 @dataclass(frozen=True)
 class ServerSettings:
-    """How one server process serves one arm.
+    """How one server process serves one arm."""
 
-    Parameters
-    ----------
-    endpoint : str
-        Address to listen on.
-    arm : str
-        CRTK name of the arm, the second part of every key.
-    namespace : str
-        zenoh namespace, the first part of every key.
-    workers : int
-        Threads that answer `correct`. One answers fastest: corrections hold the interpreter, a second
-        thread only trades places with the first (0.05 ms a query).
-    queue_capacity : int
-        Requests that may wait for a worker; the next one is answered BUSY.
-    drain_seconds : float
-        How long stopping waits for the requests that are queued.
-    replica : str
-        Name of this process in replies; empty makes it from host and process number.
-    allow_remote : bool
-        Whether an address other than loopback may be listened on.
-    config_file : Path or None
-        A zenoh JSON5 configuration instead of `endpoint`; its `namespace`, where given, wins over the default.
-    bound : CorrectionBound
-        What no correction may exceed; the model's own bounds hold as well.
-    max_rate : float
-        Corrections a second that are answered; the others hear BUSY.
-    stream_key : str
-        The robot's joints come under this key of the arm.
-    stream_max_age : float
-        Seconds after which an estimate of the stream is called STALE.
-    stream_rate : float
-        Largest change of a streamed joint correction, rad/s and m/s.
-    strict : bool
-        Whether what lies outside the training region is refused instead of answered as EXTRAPOLATING.
-    frame : str
-        Name of the frame that ROS poses come in; empty for the model's own name of it.
-    metrics_port : int or None
-        Port of 127.0.0.1 where Prometheus finds `/metrics`; None for none.
-    ros_domain : int or None
-        ROS_DOMAIN_ID in which `correct` is a ROS 2 service too, on rmw_zenoh's keys; None for no ROS.
-    ros_distro : str
-        ROS distribution of the nodes there.
-    """
-
-    endpoint: str = DEFAULT_ENDPOINT
-    arm: str = "arm1"
-    namespace: str = DEFAULT_NAMESPACE
+    endpoint: str = DEFAULT_ENDPOINT  # address to listen on
+    arm: str = "arm1"  # CRTK name of the arm, the second part of every key
+    namespace: str = DEFAULT_NAMESPACE  # zenoh namespace, the first part of every key
+    # threads that answer `correct`. One answers fastest: corrections hold the interpreter, a second thread only
+    # trades places with the first (0.05 ms a query)
     workers: int = 1
-    queue_capacity: int = 64
-    drain_seconds: float = 1.5
-    replica: str = ""
-    allow_remote: bool = False
+    queue_capacity: int = 64  # requests that may wait for a worker; the next one is answered BUSY
+    drain_seconds: float = 1.5  # how long stopping waits for the requests that are queued
+    replica: str = ""  # name of this process in replies; empty makes it from host and process number
+    allow_remote: bool = False  # whether an address other than loopback may be listened on
+    # a zenoh JSON5 configuration instead of `endpoint`; its `namespace`, where given, wins over the default
     config_file: Path | None = None
+    # what no correction may exceed; the model's own bounds hold as well
     bound: CorrectionBound = field(default_factory=CorrectionBound)
-    max_rate: float = math.inf
-    stream_key: str = "measured_js"
-    stream_max_age: float = 0.05
-    stream_rate: float = math.inf
+    max_rate: float = math.inf  # corrections a second that are answered; the others hear BUSY
+    stream_key: str = "measured_js"  # the robot's joints come under this key of the arm
+    stream_max_age: float = 0.05  # seconds after which an estimate of the stream is called STALE
+    stream_rate: float = math.inf  # largest change of a streamed joint correction, rad/s and m/s
+    # whether what lies outside the training region is refused instead of answered as EXTRAPOLATING
     strict: bool = False
-    frame: str = ""
-    metrics_port: int | None = None
+    frame: str = ""  # name of the frame that ROS poses come in; empty for the model's own name of it
+    metrics_port: int | None = None  # port of 127.0.0.1 where Prometheus finds `/metrics`; None for none
+    # ROS_DOMAIN_ID in which `correct` is a ROS 2 service too, on rmw_zenoh's keys; None for no ROS
     ros_domain: int | None = None
-    ros_distro: RosDistro = "jazzy"
+    ros_distro: RosDistro = "jazzy"  # ROS distribution of the nodes there
 
     @property
     def bounds(self) -> str:
@@ -118,39 +81,23 @@ class ServerSettings:
 
 @dataclass(frozen=True)
 class ClientSettings:
-    """Whom a planner asks, and how long it waits.
+    """Whom a planner asks, and how long it waits."""
 
-    Parameters
-    ----------
-    endpoints : tuple of str
-        Addresses of the servers; all of them are connected to.
-    arm, namespace : str
-        As in :class:`ServerSettings`.
-    timeout : float
-        Seconds for one `correct`, `model` or `health`, its one retry included.
-    path_timeout : float
-        The same for `correct_path`.
-    connect_timeout : float
-        Seconds to wait for a server to appear, before the first query only.
-    config_file : Path or None
-        A zenoh JSON5 configuration instead of `endpoints` (through a router: mode "client").
-    """
-
-    endpoints: tuple[str, ...] = (DEFAULT_ENDPOINT,)
-    arm: str = "arm1"
+    endpoints: tuple[str, ...] = (DEFAULT_ENDPOINT,)  # addresses of the servers; all of them are connected to
+    arm: str = "arm1"  # and the namespace: as the server has them
     namespace: str = DEFAULT_NAMESPACE
-    timeout: float = 0.5
-    path_timeout: float = 10.0
-    connect_timeout: float = 3.0
+    timeout: float = 0.5  # seconds for one `correct`, `model` or `health`, its one retry included
+    path_timeout: float = 10.0  # the same for `correct_path`
+    connect_timeout: float = 3.0  # seconds to wait for a server to appear, before the first query only
+    # a zenoh JSON5 configuration instead of `endpoints` (through a router: mode "client")
     config_file: Path | None = None
 
     def timeout_of(self, kind: Kind) -> float:
-        """Return the seconds for one answer.
+        """Return the seconds for one answer of a key.
 
         Parameters
         ----------
         kind : str
-            The key that is asked.
         """
         return self.path_timeout if kind in ("correct_path", "correct_joints") else self.timeout
 
@@ -165,35 +112,27 @@ class ClientSettings:
 
 
 def refuse_two_places(config_file: Path | None, *, given: bool) -> None:
-    """Refuse an address beside a configuration, which names one too: only one of them would be followed.
+    """Refuse, with a DataError, an address beside a configuration, which names one too: only one would be followed.
 
     Parameters
     ----------
     config_file : Path or None
     given : bool
         Whether an address was given, other than the default.
-
-    Raises
-    ------
-    DataError
-        Both were.
     """
     if config_file is not None and given:
         raise DataError(f"an address and {config_file} both say where to go.", hint="Give one of them.")
 
 
 def check_loopback(endpoint: str, *, allow_remote: bool) -> None:
-    """Refuse an address that other machines can reach, unless that was asked for; pipes and Unix sockets stay at home.
+    """Refuse, with an EndpointError, an address that other machines can reach, unless that was asked for.
+
+    Pipes and Unix sockets stay at home.
 
     Parameters
     ----------
     endpoint : str
     allow_remote : bool
-
-    Raises
-    ------
-    EndpointError
-        The address is not loopback and `allow_remote` is false.
     """
     if endpoint.startswith(("unixsock-stream/", "unixpipe/")):
         return

@@ -11,38 +11,9 @@ from msgspec.structs import asdict
 
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.types import FloatArray
+from gpcorrect_service.protocol import cdr, limits, messages
 from gpcorrect_service.protocol.answer import JointsAnswer, PathAnswer, PoseAnswer, pack
-from gpcorrect_service.protocol.bounds import CorrectionBound
-from gpcorrect_service.protocol.cdr import (
-    CALL_ENCODING,
-    CDR_ENCODING,
-    StampedPose,
-    read_call,
-    read_pose,
-    write_answer,
-    write_pose,
-)
 from gpcorrect_service.protocol.errors import bad_input
-from gpcorrect_service.protocol.limits import (
-    LIMITS,
-    check_command,
-    check_frame,
-    check_inside,
-    check_times,
-    checked_joints,
-    checked_path,
-    checked_pose,
-    checked_rows,
-    checked_twist,
-)
-from gpcorrect_service.protocol.messages import (
-    CorrectJointsRequest,
-    CorrectPathRequest,
-    CorrectRequest,
-    Kind,
-    ModelAnswer,
-    Numbers,
-)
 from gpcorrect_service.server.models import JointModel, Model
 from gpcorrect_service.server.requests import Handler, Parsed, RequestParser, Response, plain_response
 
@@ -50,30 +21,13 @@ BESIDE_CDR = ("std", "interval95", "in_domain", "status", "reason", "flags")
 
 
 class Corrections:
-    """Answers requests about poses, paths, joints and their models.
+    """Answers requests about poses, paths, joints and their models, within the bounds of the parser's settings."""
 
-    Parameters
-    ----------
-    parser : RequestParser
-        Whose requests are answered.
-    bound : CorrectionBound, optional
-        What no correction may exceed; the model's own bounds hold as well.
-    strict : bool
-        Whether what lies outside the training region is refused.
-    frame : str
-        Name of the frame that ROS poses come in; empty for the model's own.
-    """
+    def __init__(self, parser: RequestParser) -> None:
+        self._parser, self._active, self._settings = parser, parser.active, parser.settings
+        self._bound = parser.settings.bound if parser.settings.bound.acts else None
 
-    def __init__(
-        self, parser: RequestParser, bound: CorrectionBound | None = None, *, strict: bool = False, frame: str = ""
-    ) -> None:
-        self._parser = parser
-        self._strict = strict
-        self._frame = frame
-        self._active = parser.active
-        self._bound = bound if bound is not None and bound.acts else None
-
-    def handlers(self) -> dict[Kind, Handler]:
+    def handlers(self) -> dict[messages.Kind, Handler]:
         """Return which key is answered by what."""
         handler = self._parser.handler
         return {
@@ -86,11 +40,11 @@ class Corrections:
     def _correct(self, parsed: Parsed) -> Response:
         """Answer one desired pose, in the encoding in which it came."""
         request, codec = parsed.request, parsed.codec
-        if request.encoding.startswith(CDR_ENCODING):
+        if request.encoding.startswith(cdr.CDR_ENCODING):
             return self._correct_cdr(parsed)
-        if request.encoding.startswith(CALL_ENCODING):
+        if request.encoding.startswith(cdr.CALL_ENCODING):
             return self._correct_call(parsed)
-        asked = codec.decode(CorrectRequest, request.payload)
+        asked = codec.decode(messages.CorrectRequest, request.payload)
         model = self._active.pose_model()
         message = self._corrected(model, asked.pose, asked.twist)
         return Response(
@@ -103,58 +57,62 @@ class Corrections:
 
     def _correct_cdr(self, parsed: Parsed) -> Response:
         model = self._active.pose_model()
-        command, message = self._stamped(model, read_pose(parsed.request.payload), None)
+        command, message = self._stamped(model, cdr.read_pose(parsed.request.payload), None)
         # What a PoseStamped cannot carry travels beside it.
         beside = {**asdict(self._parser.meta(parsed, model)), **{name: getattr(message, name) for name in BESIDE_CDR}}
         return Response(
-            write_pose(command),
-            CDR_ENCODING,
+            cdr.write_pose(command),
+            cdr.CDR_ENCODING,
             parsed.codec.encode(beside),
             message.status,
             outside=not message.in_domain,
         )
 
     def _correct_call(self, parsed: Parsed) -> Response:
-        asked, twist = read_call(parsed.request.payload)
+        asked, twist = cdr.read_call(parsed.request.payload)
         model = self._active.pose_model()
         command, message = self._stamped(model, asked, twist)
-        payload = write_answer(command, message, model.hash)
-        return Response(payload, CALL_ENCODING, b"", message.status, outside=not message.in_domain)
+        payload = cdr.write_answer(command, message, model.hash)
+        return Response(payload, cdr.CALL_ENCODING, b"", message.status, outside=not message.in_domain)
 
-    def _stamped(self, model: Model, asked: StampedPose, twist: Numbers | None) -> tuple[StampedPose, PoseAnswer]:
+    def _stamped(
+        self, model: Model, asked: cdr.StampedPose, twist: messages.Numbers | None
+    ) -> tuple[cdr.StampedPose, PoseAnswer]:
         """Correct a pose of ROS, in whose frame it must be; the command has the same stamp."""
         taken, given = model.frames
-        check_frame(asked.frame_id, self._frame or taken)
+        limits.check_frame(asked.frame_id, self._settings.frame or taken)
         message = self._corrected(model, asked.pose, twist)
         quaternion: Any = message.quaternion or asked.pose[3:]
         return replace(asked, pose=(*message.position, *quaternion), frame_id=given or asked.frame_id), message  # type: ignore[misc]  # a pose's
 
     def _correct_path(self, parsed: Parsed) -> Response:
         """Answer a timed path."""
-        asked = parsed.codec.decode(CorrectPathRequest, parsed.request.payload)
+        asked = parsed.codec.decode(messages.CorrectPathRequest, parsed.request.payload)
         model = self._active.pose_model()
-        poses, times = checked_path(asked.poses, asked.times, model.limit)
+        poses, times = limits.checked_path(asked.poses, asked.times, model.limit)
         answer = model.corrector.correct_path(poses, times)
         self._check(answer)
         message = pack(PathAnswer, self._bounded(model, poses, answer))
         positions: Any = message.position
         quaternions: Any = message.quaternion or [None] * len(poses)
         for pose, position, quaternion in zip(poses, positions, quaternions, strict=True):
-            check_command(position, quaternion, model.limit, partial(model.reference_position, pose))
+            limits.check_command(position, quaternion, model.limit, partial(model.reference_position, pose))
         return self._rows(parsed, "correct_path", model, message)
 
     def _correct_joints(self, parsed: Parsed) -> Response:
         """Answer a timed path of joints; each request is a path of its own, at rest before its first row."""
-        asked = parsed.codec.decode(CorrectJointsRequest, parsed.request.payload)
+        asked = parsed.codec.decode(messages.CorrectJointsRequest, parsed.request.payload)
         model = self._active.joint_model()
         n, types = len(asked.q), model.corrector.types
-        if not 0 < n <= LIMITS.rows:
-            raise bad_input(f"a path has 1 to {LIMITS.rows} rows, got {n}.", "Cut longer paths where the robot rests.")
+        if not 0 < n <= limits.LIMITS.rows:
+            raise bad_input(
+                f"a path has 1 to {limits.LIMITS.rows} rows, got {n}.", "Cut longer paths where the robot rests."
+            )
         for what, given in (("times", asked.times), ("efforts", asked.efforts), ("sessions", asked.sessions)):
             if given is not None and len(given) != n:
                 raise bad_input(f"{n} rows of joints came with {len(given)} {what}.", f"Send one of {what} a row.")
-        times, q = check_times(asked.times), checked_joints(asked.q, types)
-        efforts = None if asked.efforts is None else checked_rows(asked.efforts, len(types), "efforts")
+        times, q = limits.check_times(asked.times), limits.checked_joints(asked.q, types)
+        efforts = None if asked.efforts is None else limits.checked_rows(asked.efforts, len(types), "efforts")
         answer = model.corrector.correct_path(q, times, efforts, asked.sessions)
         self._check(answer)
         message = pack(JointsAnswer, answer)
@@ -166,22 +124,24 @@ class Corrections:
         model = now.pose or now.joints or self._active.pose_model()
         info, rigid = dict(model.corrector.info()), getattr(model.corrector, "rigid", None)
         registration = None if rigid is None else rigid.to_dict()
-        message = ModelAnswer(model.id, model.hash, self._parser.arm, self._parser.replica, info, registration)
+        message = messages.ModelAnswer(
+            model.id, model.hash, self._settings.arm, self._settings.replica, info, registration
+        )
         return plain_response(parsed, "model", message)
 
-    def _corrected(self, model: Model, pose: Numbers, twist: Numbers | None) -> PoseAnswer:
-        asked = checked_pose(pose, model.limit)
-        answer = model.corrector.correct(asked, checked_twist(twist))
+    def _corrected(self, model: Model, pose: messages.Numbers, twist: messages.Numbers | None) -> PoseAnswer:
+        asked = limits.checked_pose(pose, model.limit)
+        answer = model.corrector.correct(asked, limits.checked_twist(twist))
         self._check(answer)
         message = pack(PoseAnswer, self._bounded(model, asked, answer))
         position: Any = message.position
         quaternion: Any = message.quaternion
-        check_command(position, quaternion, model.limit, partial(model.reference_position, asked))
+        limits.check_command(position, quaternion, model.limit, partial(model.reference_position, asked))
         return message
 
     def _check(self, answer: Correction) -> None:
-        if self._strict:
-            check_inside(answer)
+        if self._settings.strict:
+            limits.check_inside(answer)
 
     def _bounded(self, model: Model, asked: FloatArray, answer: Correction) -> Correction:
         """Cut one answer, or each of n, to the operator's bound."""
@@ -199,7 +159,7 @@ class Corrections:
         return replace(answer, position=command[..., :3], quaternion=quaternion).because(Reason.BOUNDED, cut)
 
     def _rows(
-        self, parsed: Parsed, kind: Kind, model: Model | JointModel, message: PathAnswer | JointsAnswer
+        self, parsed: Parsed, kind: messages.Kind, model: Model | JointModel, message: PathAnswer | JointsAnswer
     ) -> Response:
         """Return n answers, counted under the first status that is not OK."""
         return Response(

@@ -1,10 +1,11 @@
-"""The models of a server: the names that replies carry, and how they are read; threads ask them at once."""
+"""The models of a server: how they are read, the names that replies carry, and which of them answer now, if any."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,21 +13,21 @@ import numpy as np
 from gpcorrect.calibration import CommandCorrector, JointCorrector, load_with_hash
 from gpcorrect.errors import ArtifactError
 from gpcorrect.types import FloatArray, PoseSignal
+from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.limits import position_limit
+from gpcorrect_service.protocol.messages import State
 
 ONE_OF_SEVERAL = re.compile(r"(.*?)(\d+|left|right)", re.IGNORECASE)
 """The name of an arm that has sisters: PSM1, raven2_left."""
 
+FAULTS_IN_A_ROW = 10  # chosen by hand: after so many failures without one answer a model is not asked any more
 CHECK_TOLERANCE = 1e-7  # m and rad: as when a model file is read
 
 
 class Check:
     """A model's answers to its own check queries, as they were when it was loaded.
 
-    Parameters
-    ----------
-    corrector
-        With a method `check_answers`, as every fitted model has; without one nothing is known.
+    Every fitted model has a method `check_answers`; of one without nothing is known.
     """
 
     def __init__(self, corrector: object) -> None:
@@ -82,7 +83,7 @@ class Model:
         mapped = rigid.apply(PoseSignal(poses[:, :3], poses[:, 3:] if poses.shape[1] == 7 else None))
         return mapped.position if mapped.quaternion is None else np.hstack([mapped.position, mapped.quaternion])
 
-    def reference_position(self, pose: FloatArray) -> Sequence[float]:
+    def reference_position(self, pose: FloatArray) -> list[float]:
         """Return where registration alone commands one pose to be, m.
 
         Parameters
@@ -127,17 +128,12 @@ def load_model(path: str | Path, name: str = "", expected: str = "") -> Model:
 
 
 def load_joint_model(path: str | Path, name: str = "", expected: str = "") -> JointModel:
-    """Read and verify a model file of joints, once.
+    """Read and verify a model file of joints, once; raises as :func:`load_model`.
 
     Parameters
     ----------
     path, name, expected
         As for :func:`load_model`.
-
-    Raises
-    ------
-    ArtifactError
-        As :func:`load_model`.
     """
     corrector, digest = load_with_hash(path, JointCorrector)
     return JointModel(corrector, name or Path(path).stem, _as_added(path, digest, expected))
@@ -153,18 +149,13 @@ def _as_added(path: str | Path, digest: str, expected: str) -> str:
 
 
 def check_arm(arm: str, *models: Model | JointModel | None) -> None:
-    """Refuse models that were learned on another arm than each other, or on a sister of the arm that is served.
+    """Refuse, with an ArtifactError, models of different arms, or of a sister of the arm that is served.
 
     Parameters
     ----------
     arm : str
         CRTK name. A model that was learned on PSM2 is refused for PSM1; what a model calls raven2_left may be arm1.
     *models : Model, JointModel or None
-
-    Raises
-    ------
-    ArtifactError
-        They were.
     """
     learned = [(model.id, name) for model in models if model and (name := model.corrector.info().get("arm", ""))]
     for model, name in learned:
@@ -180,3 +171,112 @@ def check_arm(arm: str, *models: Model | JointModel | None) -> None:
                 f"model {model} was learned on {name}, and the arm here is {arm}.",
                 hint=f"Name a model of {arm}, or the arm: --arm {name}",
             )
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """The models of one moment; a query is answered by one snapshot from its first byte to its last."""
+
+    pose: Model | None = None
+    joints: JointModel | None = None
+
+
+class Active:
+    """Holds the snapshot, and swaps it whole; safe to use from several threads."""
+
+    def __init__(self, pose: Model | None = None, joints: JointModel | None = None) -> None:
+        self._now = Snapshot(pose, joints)
+        self._paused = False
+        self._failures = 0
+        self._lock = threading.Lock()
+
+    @property
+    def now(self) -> Snapshot:
+        """The models of this moment."""
+        return self._now
+
+    @property
+    def hashes(self) -> tuple[str, str]:
+        """SHA-256 of the models of poses and of joints; empty where there is none, or it has none."""
+        now = self._now
+        return now.pose.hash if now.pose else "", now.joints.hash if now.joints else ""
+
+    @property
+    def state(self) -> State:
+        """The CRTK state: DISABLED without any model, PAUSED by an operator, FAULT when the model keeps failing."""
+        if self._failures >= FAULTS_IN_A_ROW:
+            return "FAULT"
+        if self._paused:
+            return "PAUSED"
+        return "DISABLED" if self._now == Snapshot() else "ENABLED"
+
+    def activate(self, model: Model | JointModel) -> None:
+        """Answer with another model from the next query on; those under way end with what they began with.
+
+        Parameters
+        ----------
+        model : Model or JointModel
+        """
+        with self._lock:
+            part = "joints" if isinstance(model, JointModel) else "pose"
+            self._now = replace(self._now, **{part: model})  # type: ignore[arg-type]  # its own part
+            self._failures = 0
+
+    def pause(self, paused: bool) -> None:
+        """Stop answering, or go on; going on also leaves FAULT.
+
+        Parameters
+        ----------
+        paused : bool
+        """
+        with self._lock:
+            self._paused = paused
+            self._failures = 0 if not paused else self._failures
+
+    def failed(self) -> None:
+        """Note that the model failed on a query."""
+        with self._lock:
+            self._failures += 1
+
+    def answered(self) -> None:
+        """Note that the model answered."""
+        if self._failures:
+            with self._lock:
+                self._failures = 0 if self._failures < FAULTS_IN_A_ROW else self._failures
+
+    def pose_model(self) -> Model:
+        """Return the model that answers poses; NO_MODEL where there is none, BUSY while paused, INTERNAL in FAULT."""
+        self._check_enabled()
+        model = self._now.pose
+        if model is None:
+            raise _no_model("for poses", "gpcorrect serve MODEL")
+        return model
+
+    def joint_model(self) -> JointModel:
+        """Return the model that answers joints; raises as :meth:`pose_model`."""
+        self._check_enabled()
+        model = self._now.joints
+        if model is None:
+            raise _no_model("for joints", "gpcorrect serve --joints JOINT_MODEL")
+        return model
+
+    def _check_enabled(self) -> None:
+        if not (self._paused or self._failures):
+            return
+        state = self.state
+        if state == "PAUSED":
+            raise ServiceError(
+                "BUSY",
+                "this server is PAUSED by its operator.",
+                hint="Ask a replica, or: gpcorrect models state ENABLED",
+            )
+        if state == "FAULT":
+            raise ServiceError(
+                "INTERNAL",
+                f"this server is in FAULT: its model failed {FAULTS_IN_A_ROW} times in a row.",
+                hint="Activate another model, or look into the server's log and then: gpcorrect models state ENABLED",
+            )
+
+
+def _no_model(what: str, start: str) -> ServiceError:
+    return ServiceError("NO_MODEL", f"this server holds no model {what}.", hint=f"Start it with one: {start}")

@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 
 class WorkerQueue(Generic[T]):
-    """Items enter from any thread without waiting and are worked on in order.
+    """Items enter from any thread without waiting and are worked on in order; what fails is logged only.
 
     Parameters
     ----------
@@ -37,7 +37,6 @@ class WorkerQueue(Generic[T]):
     workers, capacity : int
         Threads, and items that may wait; threads that offer at the same instant may each pass the bound.
     logger : Logger
-        Where a failing item is written.
     """
 
     def __init__(
@@ -137,19 +136,7 @@ class Job(msgspec.Struct, frozen=True, eq=False):
 
 
 class Dispatcher:
-    """Answers jobs; used by worker threads only, for replying may wait for the network.
-
-    Parameters
-    ----------
-    settings : ServerSettings
-        Arm, replica name, and the queue's bound that a refusal quotes.
-    counters : Counters
-        Where answers are counted.
-    logger : Logger
-        Where replies that cannot be sent are written.
-    monotonic : callable
-        Clock, s.
-    """
+    """Answers and counts jobs; used by worker threads only, for replying may wait for the network."""
 
     def __init__(
         self, settings: ServerSettings, counters: Counters, logger: Logger, monotonic: Callable[[], float]

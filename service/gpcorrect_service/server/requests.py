@@ -14,8 +14,8 @@ from gpcorrect_service.protocol.cdr import CALL_ENCODING, CDR_ENCODING
 from gpcorrect_service.protocol.codec import JSON, MSGPACK, Codec, codec_of
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.protocol.messages import SCHEMA_VERSION, ErrorAnswer, Kind, ReplyMeta, RequestMeta
-from gpcorrect_service.server.active import Active
-from gpcorrect_service.server.models import JointModel, Model
+from gpcorrect_service.protocol.settings import ServerSettings
+from gpcorrect_service.server.models import Active, JointModel, Model
 
 CORRECTIONS: frozenset[Kind] = frozenset({"correct", "correct_path", "correct_joints"})
 
@@ -65,28 +65,12 @@ Work = Callable[[Parsed], Response]
 class RequestParser:
     """Reads requests and turns what goes wrong into refusals; safe to use from several threads.
 
-    Parameters
-    ----------
-    active : Active
-        The models, and whether they may answer.
-    arm, replica : str
-        Names that the answers carry.
-    logger : Logger
-        Where failures of the model are written.
-    clock : Clock
-    bounds : str
-        The operator's, in words that the answers carry.
+    Answers carry the names and bounds of the settings; failures of the model are logged.
     """
 
-    def __init__(
-        self, active: Active, *, arm: str, replica: str, logger: Logger, clock: Clock, bounds: str = ""
-    ) -> None:
-        self.active = active
-        self.arm = arm
-        self.replica = replica
-        self._bounds = bounds
-        self._logger = logger
-        self._clock = clock
+    def __init__(self, active: Active, settings: ServerSettings, logger: Logger, clock: Clock) -> None:
+        self.active, self.settings, self.logger, self.clock = active, settings, logger, clock
+        self._bounds = settings.bounds
 
     def handler(self, kind: Kind, work: Work) -> Handler:
         """Return what answers the requests of a key.
@@ -106,13 +90,14 @@ class RequestParser:
         ----------
         parsed : Parsed
         model : Model or JointModel
-            Which one answered.
         """
-        now, serving = self._clock.wall(), self._clock.monotonic() - parsed.started
-        return ReplyMeta(parsed.meta.request_id, model.id, model.hash, self.replica, now, serving, bounds=self._bounds)
+        now, serving = self.clock.wall(), self.clock.monotonic() - parsed.started
+        return ReplyMeta(
+            parsed.meta.request_id, model.id, model.hash, self.settings.replica, now, serving, bounds=self._bounds
+        )
 
     def _answer(self, kind: Kind, work: Work, request: Request) -> Response:
-        started = self._clock.monotonic()
+        started = self.clock.monotonic()
         codec, meta = JSON, RequestMeta()
         try:
             # What travels beside CDR is JSON.
@@ -130,21 +115,17 @@ class RequestParser:
         except ServiceError as error:
             if error.status == "INTERNAL":
                 self._failed(kind)
-                self._logger.error(
-                    "unsafe command withheld", kind=kind, request_id=meta.request_id, cause=error.message
-                )
-            return _error_response(codec, error, self.replica, meta.request_id)
+                facts = {"kind": kind, "request_id": meta.request_id, "cause": error.message}
+                self.logger.error("unsafe command withheld", **facts)
+            return _error_response(codec, error, self.settings.replica, meta.request_id)
         except DataError as error:
-            return _error_response(codec, bad_input(error.message, error.hint), self.replica, meta.request_id)
+            return _error_response(codec, bad_input(error.message, error.hint), self.settings.replica, meta.request_id)
         except BaseException as error:  # SystemExit and panics of compiled code are failures like others
             self._failed(kind)
-            self._logger.error("query failed inside", kind=kind, request_id=meta.request_id, exc_info=error)
-            fault = ServiceError(
-                "INTERNAL",
-                f"the server failed on this request ({type(error).__name__}).",
-                hint="Look the request id up in the server's log.",
-            )
-            return _error_response(codec, fault, self.replica, meta.request_id)
+            self.logger.error("query failed inside", kind=kind, request_id=meta.request_id, exc_info=error)
+            cause = f"the server failed on this request ({type(error).__name__})."
+            fault = ServiceError("INTERNAL", cause, hint="Look the request id up in the server's log.")
+            return _error_response(codec, fault, self.settings.replica, meta.request_id)
         if kind in CORRECTIONS:
             self.active.answered()
         return response
@@ -177,7 +158,6 @@ def refusal(request: Request, error: ServiceError, replica: str) -> Response:
     request : Request
     error : ServiceError
     replica : str
-        Who refuses.
     """
     codec = MSGPACK if request.encoding.startswith(MSGPACK.media_type) else JSON
     try:
@@ -193,19 +173,12 @@ def _read_meta(codec: Codec, attachment: bytes) -> RequestMeta:
         return RequestMeta()
     meta = codec.decode(RequestMeta, attachment)
     if not 1 <= meta.schema_version <= SCHEMA_VERSION:
-        raise ServiceError(
-            "BAD_INPUT",
-            f"the request has schema {meta.schema_version}; this server speaks up to {SCHEMA_VERSION}.",
-            hint="Upgrade the server, or use the client of its version.",
-            request_id=meta.request_id,
-        )
+        cause = f"the request has schema {meta.schema_version}; this server speaks up to {SCHEMA_VERSION}."
+        hint = "Upgrade the server, or use the client of its version."
+        raise ServiceError("BAD_INPUT", cause, hint=hint, request_id=meta.request_id)
     if meta.deadline is not None and not meta.deadline > 0:
-        raise ServiceError(
-            "BAD_INPUT",
-            f"deadline {meta.deadline} s is no time span.",
-            hint="Send seconds above zero.",
-            request_id=meta.request_id,
-        )
+        cause, hint = f"deadline {meta.deadline} s is no time span.", "Send seconds above zero."
+        raise ServiceError("BAD_INPUT", cause, hint=hint, request_id=meta.request_id)
     return meta
 
 

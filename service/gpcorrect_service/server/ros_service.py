@@ -48,16 +48,7 @@ def open_ros(settings: ServerSettings) -> zenoh.Session:
 
 
 class RosService:
-    """Answers the service `<arm>/correct` of type gpcorrect_msgs/srv/Correct.
-
-    Parameters
-    ----------
-    settings : ServerSettings
-        Arm, domain and distribution.
-    correct : Handler
-        What answers the native key `correct`.
-    clock : Clock
-    """
+    """Answers the service `<arm>/correct`, of type gpcorrect_msgs/srv/Correct, by what answers the native key."""
 
     def __init__(self, settings: ServerSettings, correct: Handler, clock: Clock) -> None:
         assert settings.ros_domain is not None
@@ -70,7 +61,7 @@ class RosService:
     def declare(
         self, session: zenoh.Session, receive: Callable[[zenoh.Query], None], stack: ExitStack, logger: Logger
     ) -> None:
-        """Answer from now on, and show node and service in the ROS graph.
+        """Answer from now on, and show node and service in the ROS graph, until the stack ends.
 
         Parameters
         ----------
@@ -78,9 +69,7 @@ class RosService:
             Without a namespace.
         receive : callable
             Takes a query; must not wait.
-        stack : ExitStack
-            Ends both.
-        logger : Logger
+        stack, logger
         """
         s = self._settings
         assert s.ros_domain is not None
@@ -106,10 +95,8 @@ class RosService:
 
         Parameters
         ----------
-        request : Request
-        error : ServiceError
-        replica : str
-            Who refuses.
+        request, error, replica
+            As for :func:`refusal`.
         """
         return self._in_ros(request, refusal(Request(b"", "", b"", request.arrived), error, replica))
 

@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from types import FrameType
 from typing import Any, Self
 
 import zenoh
@@ -30,14 +29,13 @@ from gpcorrect_service.protocol.messages import Kind
 from gpcorrect_service.protocol.process import wait_for
 from gpcorrect_service.protocol.sessions import live_key, open_server
 from gpcorrect_service.protocol.settings import ServerSettings
-from gpcorrect_service.server.active import Active
 from gpcorrect_service.server.admin import Admin, Health, load_entry
 from gpcorrect_service.server.corrections import Corrections
-from gpcorrect_service.server.models import JointModel, Model, check_arm, load_joint_model, load_model
+from gpcorrect_service.server.models import Active, JointModel, Model, check_arm, load_joint_model, load_model
 from gpcorrect_service.server.queues import Dispatcher, Job, WorkerQueue
 from gpcorrect_service.server.requests import CORRECTIONS, Clock, Handler, Request, RequestParser, Response, refusal
 from gpcorrect_service.server.ros_service import RosService, open_ros
-from gpcorrect_service.server.stream import stream_queue
+from gpcorrect_service.server.stream import Estimator, stream_queue
 
 REFUSALS = 4096  # chosen by hand: BUSY answers that may wait to be sent; beyond it queries end without one
 # s, a tenth of Python's own: a thread that loads a model hands the interpreter over when a query waits for it.
@@ -56,16 +54,13 @@ class Server:
     ----------
     corrector : CommandCorrector, Model or None
         What answers poses; None answers NO_MODEL.
-    settings : ServerSettings
-        Address, names and bounds.
+    settings : ServerSettings, optional
     joints : JointModel, optional
-        What answers joints.
     store : ModelStore, optional
         From where models can be activated.
     logger : Logger, optional
-        Where the server logs; standard error by default.
+        Standard error by default.
     clock : Clock, optional
-        Where the time comes from.
 
     Raises
     ------
@@ -96,14 +91,8 @@ class Server:
         self._counters = Counters()
         self._queues: dict[str, WorkerQueue[Any]] = {}
         self._dispatcher = Dispatcher(self.settings, self._counters, self._logger, self._clock.monotonic)
-        self._refusals = WorkerQueue(
-            "refusals",
-            self._dispatcher.refuse,
-            self._dispatcher.drop,
-            workers=1,
-            capacity=REFUSALS,
-            logger=self._logger,
-        )
+        refuse, drop = self._dispatcher.refuse, self._dispatcher.drop
+        self._refusals = WorkerQueue("refusals", refuse, drop, workers=1, capacity=REFUSALS, logger=self._logger)
         self._throttle = Throttle(self.settings.max_rate)
         self._token: Any = None
         self._queryables = ExitStack()
@@ -117,29 +106,24 @@ class Server:
         self.stop()
 
     def start(self) -> None:
-        """Listen, and answer from now on.
-
-        Raises
-        ------
-        EndpointError
-            The address is taken or cannot be used.
-        """
+        """Listen, and answer from now on; EndpointError where the address is taken or cannot be used."""
         self.follow_store()
         with ExitStack() as stack:
             stack.enter_context(threadpool_limits(limits=1))
             session = stack.enter_context(open_server(self.settings))
-            s, clock = self.settings, self._clock
-            parser = RequestParser(
-                self.active, arm=s.arm, replica=s.replica, logger=self._logger, clock=clock, bounds=s.bounds
-            )
+            s = self.settings
+            parser = RequestParser(self.active, s, self._logger, self._clock)
             ros_session = None if s.ros_domain is None else stack.enter_context(open_ros(s))
-            health = Health(parser, self._counters, self._queues, clock.monotonic)
+            health = Health(parser, self._counters, self._queues)
             if s.metrics_port is not None:
                 stack.enter_context(metrics_over_http(s.metrics_port, health.metrics))
             stack.callback(self._drain)
             self._declare(session, ros_session, parser, health)
             self._stack = stack.pop_all()
-        self._logger.info("serving", endpoint=self.settings.endpoint, **self._identity())
+        now = self.active.now
+        named = (("model", now.pose), ("joint_model", now.joints))
+        facts = {f"{what}_{part}": getattr(m, part) for what, m in named if m for part in ("id", "hash")}
+        self._logger.info("serving", endpoint=self.settings.endpoint, **(facts or {"model_id": ""}))
 
     def follow_store(self) -> None:
         """Pause, or go on, where the store says so since the last look: while this server was down or hung, for one."""
@@ -173,12 +157,6 @@ class Server:
         if not all(in_time):
             self._logger.warning("did not finish in time", hanging=ended.count(False))
 
-    def _identity(self) -> dict[str, str]:
-        now = self.active.now
-        named = (("model", now.pose), ("joint_model", now.joints))
-        found = [(f"{what}_{part}", getattr(m, part)) for what, m in named if m for part in ("id", "hash")]
-        return dict(found) or {"model_id": ""}
-
     def _declare(
         self, session: zenoh.Session, ros_session: zenoh.Session | None, parser: RequestParser, health: Health
     ) -> None:
@@ -186,15 +164,17 @@ class Server:
         self._refusals.start()
         if self._store is not None or self.active.now.joints is not None:
             self._declare_stream(session)
-        handlers = self._handlers(session, parser, health)
-        for kind, handler in handlers.items():
+        s = self.settings
+        corrections = Corrections(parser).handlers()
+        admin = Admin(parser, self._store, lambda: self._announce(session))
+        for kind, handler in {**corrections, **health.handlers(), **admin.handlers()}.items():
             self._declare_key(session, kind, handler)
         if ros_session is not None:
-            ros = RosService(self.settings, handlers["correct"], self._clock)
+            ros = RosService(s, corrections["correct"], self._clock)
             receive = self._receiver("correct", ros.key, ros.answer, ros.refuse)
             ros.declare(ros_session, receive, self._queryables, self._logger)
         self._announce(session)
-        self._queryables.callback(self._conceal)
+        self._queryables.callback(lambda: self._token.undeclare())  # noqa: PLW0108  # that of the moment
 
     def _announce(self, session: zenoh.Session) -> None:
         """Show that this server lives, and which models it holds."""
@@ -203,18 +183,6 @@ class Server:
         self._token = session.liveliness().declare_token(key)
         if before is not None:
             before.undeclare()
-
-    def _conceal(self) -> None:
-        self._token.undeclare()
-
-    def _handlers(self, session: zenoh.Session, parser: RequestParser, health: Health) -> dict[Kind, Handler]:
-        """Return which key is answered by what; the monitor's and the operator's come last."""
-        s = self.settings
-        corrections, admin = (
-            Corrections(parser, s.bound, strict=s.strict, frame=s.frame),
-            Admin(parser, self._store, self._logger, lambda: self._announce(session)),
-        )
-        return {**corrections.handlers(), **health.handlers(), **admin.handlers()}
 
     def _declare_key(self, session: zenoh.Session, kind: Kind, handler: Handler) -> None:
         s = self.settings
@@ -250,7 +218,8 @@ class Server:
     def _declare_stream(self, session: zenoh.Session) -> None:
         """Listen to the robot's joints, and publish estimates."""
         s = self.settings
-        queue, receive = stream_queue(session, self.active, s, self._counters, self._logger, self._clock.monotonic)
+        estimator = Estimator(self.active, s, self._counters, self._logger, self._clock.monotonic)
+        queue, receive = stream_queue(session, estimator)
         queue.start()
         self._queues["estimate"] = queue
         callback = zenoh.handlers.Callback(receive, indirect=False)
@@ -273,11 +242,9 @@ def serve(
     model_path : path or None
         What `gpcorrect fit` wrote; None takes the active one of the store.
     settings : ServerSettings, optional
-        Address, names and bounds.
     stop_event : threading.Event, optional
         Ends the service when set. Without it SIGTERM and SIGINT do, which needs the main thread.
     on_ready : callable, optional
-        Called once queries are answered.
     joint_path : path, optional
         What `gpcorrect joint fit` wrote; without it the active one of the store, where there is one.
     store : path, optional
@@ -285,12 +252,8 @@ def serve(
 
     Raises
     ------
-    ArtifactError
-        A model file is refused.
-    DataError
-        There is nothing to serve.
-    EndpointError
-        The address is taken or cannot be used.
+    ArtifactError, DataError, EndpointError
+        A model file is refused; there is nothing to serve; the address is taken or cannot be used.
     """
     models = None if store is None else ModelStore(store)
     pose = load_model(model_path) if model_path is not None else _stored(models, "pose")
@@ -328,7 +291,6 @@ def run(
     # What the process has loaded by now it keeps: the collector need not walk through it while a planner waits.
     gc.collect()
     gc.freeze()
-    # A thread that loads a model hands the interpreter over after this long, s, when a query waits for it.
     sys.setswitchinterval(SWITCH_SECONDS)
     with _stop_signal(stop_event) as stop, Server(corrector, settings, joints=joints, store=store) as server:
         if on_ready is not None:
@@ -339,15 +301,11 @@ def run(
 @contextmanager
 def _stop_signal(given: threading.Event | None) -> Iterator[threading.Event]:
     """Give the event that ends the service; without a given one the usual signals set it."""
-    stop = given or threading.Event()
     if given is not None:
-        yield stop
+        yield given
         return
-
-    def _on_signal(number: int, frame: FrameType | None) -> None:
-        stop.set()
-
-    before = {number: signal.signal(number, _on_signal) for number in (signal.SIGTERM, signal.SIGINT)}
+    stop = threading.Event()
+    before = {n: signal.signal(n, lambda *_: stop.set()) for n in (signal.SIGTERM, signal.SIGINT)}
     try:
         yield stop
     finally:

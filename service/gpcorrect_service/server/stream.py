@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-import msgspec
 import numpy as np
 import zenoh
 
@@ -22,38 +21,19 @@ from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.protocol.limits import check_inside, checked_joints, checked_rows, checked_stamp
 from gpcorrect_service.protocol.messages import JointState
 from gpcorrect_service.protocol.settings import ServerSettings
-from gpcorrect_service.server.active import Active
-from gpcorrect_service.server.models import JointModel
+from gpcorrect_service.server.models import Active, JointModel
 from gpcorrect_service.server.queues import WorkerQueue
+from gpcorrect_service.server.requests import Request
 
 CLOCK_STEP = 1.0  # chosen by hand: s that a stamp may lie behind the one before and be late; more is another clock
 SAMPLES_WAITING = 1000  # a second of a fast robot: the slack needs every sample, and a late one says that it is
 LOG_EVERY = 1000  # refused samples between two lines about them in the log
 
 
-class StreamSample(msgspec.Struct, frozen=True):
-    """A sample as it came: bytes, zenoh encoding, and when it arrived (s, monotonic)."""
-
-    payload: bytes
-    encoding: str
-    arrived: float
-
-
 class Estimator:
     """Answers the samples of one arm's stream, one after the other, in one thread.
 
-    Parameters
-    ----------
-    active : Active
-        The models, and whether they may answer.
-    settings : ServerSettings
-        Replica, age after which an estimate is STALE, and the largest change of a correction.
-    counters : Counters
-        Where samples are counted.
-    logger : Logger
-        Where refused samples are written, the first and every thousandth.
-    monotonic : callable
-        Clock, s.
+    Of refused samples the first and every thousandth are logged.
     """
 
     def __init__(
@@ -64,11 +44,8 @@ class Estimator:
         logger: Logger,
         monotonic: Callable[[], float],
     ) -> None:
-        self._active = active
-        self._settings = settings
-        self._counters = counters
-        self._logger = logger
-        self._monotonic = monotonic
+        self.active, self.settings, self.counters, self.logger = active, settings, counters, logger
+        self.monotonic = monotonic
         self._refused = 0
         self._model: JointModel | None = None
         self._stream: JointStream | None = None
@@ -76,12 +53,13 @@ class Estimator:
         self._last: JointState | None = None
         self._clock = StreamClock()
 
-    def estimate(self, sample: StreamSample) -> tuple[bytes, str] | None:
+    def estimate(self, sample: Request) -> tuple[bytes, str] | None:
         """Return the estimate's bytes and encoding, or None for a sample that is refused, which is counted.
 
         Parameters
         ----------
-        sample : StreamSample
+        sample : Request
+            Bytes, zenoh encoding, and when it arrived.
         """
         try:
             codec = codec_of(sample.encoding, "joint_state")
@@ -90,38 +68,32 @@ class Estimator:
         except (ServiceError, DataError) as error:
             self._refuse(error, sample.arrived)
             return None
-        seconds = self._monotonic() - sample.arrived
-        self._counters.add("estimate", message.status, seconds, outside=not message.in_domain)
+        seconds = self.monotonic() - sample.arrived
+        self.counters.add("estimate", message.status, seconds, outside=not message.in_domain)
         return codec.encode(message), codec.encoding("estimate")
 
     def _answer(self, state: JointState, arrived: float) -> EstimateAnswer:
-        model = self._active.joint_model()
+        model = self.active.joint_model()
         q = checked_joints((state.position,), model.corrector.types)[0]
         effort = None if state.effort is None else checked_rows((state.effort,), len(q), "efforts")[0]
         stream = self._stream_for(model, state)
         answer = stream.correct(state.stamp, q, effort)
         self._last = state
-        if self._settings.strict:
+        if self.settings.strict:
             check_inside(answer)
         assert answer.joints is not None
         if self._bound is not None:
             correction, cut = self._bound.step(state.stamp, answer.joints - q)
             answer = replace(answer, joints=q + correction).because(Reason.RATE_LIMITED, cut)
         # What waited outside of this process, in a socket while it was stopped, came fresh by its arrival alone.
-        age = self._clock.delay(state.stamp, arrived) + self._monotonic() - arrived
-        answer = answer.because(Reason.STALE, age > self._settings.stream_max_age)
-        return pack(
-            EstimateAnswer,
-            answer,
-            stamp=state.stamp,
-            session=state.session,
-            model_hash=model.hash,
-            replica=self._settings.replica,
-        )
+        age = self._clock.delay(state.stamp, arrived) + self.monotonic() - arrived
+        answer = answer.because(Reason.STALE, age > self.settings.stream_max_age)
+        beside = {"stamp": state.stamp, "session": state.session, "model_hash": model.hash}
+        return pack(EstimateAnswer, answer, replica=self.settings.replica, **beside)
 
     def _stream_for(self, model: JointModel, state: JointState) -> JointStream:
         """Return the path that this sample goes on with; it begins anew with a model, a session or another clock."""
-        last, rate = self._last, self._settings.stream_rate
+        last, rate = self._last, self.settings.stream_rate
         checked_stamp(state.stamp)
         if self._stream is None or model is not self._model:
             _check_estimates(model)
@@ -141,9 +113,9 @@ class Estimator:
 
     def _refuse(self, error: ServiceError | DataError, arrived: float) -> None:
         status = error.status if isinstance(error, ServiceError) else "BAD_INPUT"
-        self._counters.add("estimate", status, self._monotonic() - arrived)
+        self.counters.add("estimate", status, self.monotonic() - arrived)
         if self._refused % LOG_EVERY == 0:
-            self._logger.warning("sample refused", status=status, cause=error.message, refused=self._refused + 1)
+            self.logger.warning("sample refused", status=status, cause=error.message, refused=self._refused + 1)
         self._refused += 1
 
 
@@ -161,41 +133,33 @@ def _check_estimates(model: JointModel) -> None:
 
 
 def stream_queue(
-    session: zenoh.Session,
-    active: Active,
-    settings: ServerSettings,
-    counters: Counters,
-    logger: Logger,
-    monotonic: Callable[[], float],
-) -> tuple[WorkerQueue[StreamSample], Callable[[zenoh.Sample], None]]:
+    session: zenoh.Session, estimator: Estimator
+) -> tuple[WorkerQueue[Request], Callable[[zenoh.Sample], None]]:
     """Return the queue that answers samples and publishes estimates, and the callback that fills it.
 
     Parameters
     ----------
     session : zenoh.Session
-    active, settings, counters, logger, monotonic
-        As for :class:`Estimator`.
+    estimator : Estimator
     """
-    estimator = Estimator(active, settings, counters, logger, monotonic)
     # Not express: a packet for every estimate fills the two packets that zenoh holds, and more would be dropped.
     drop = zenoh.CongestionControl.DROP
-    publisher = session.declare_publisher(f"{settings.arm}/estimate", congestion_control=drop)
+    publisher = session.declare_publisher(f"{estimator.settings.arm}/estimate", congestion_control=drop)
 
-    def _publish(sample: StreamSample) -> None:
+    def _publish(sample: Request) -> None:
         answer = estimator.estimate(sample)
         if answer is not None:
             publisher.put(answer[0], encoding=answer[1])
 
     def _receive(sample: zenoh.Sample) -> None:
-        if active.now.joints is not None:
-            queue.offer(StreamSample(sample.payload.to_bytes(), str(sample.encoding), monotonic()))
+        if estimator.active.now.joints is not None:
+            now = estimator.monotonic()
+            queue.offer(Request(sample.payload.to_bytes(), str(sample.encoding), b"", now))
 
-    queue: WorkerQueue[StreamSample] = WorkerQueue(
-        "estimate",
-        _publish,
-        lambda _: counters.add("estimate", "DROPPED"),
-        workers=1,
-        capacity=SAMPLES_WAITING,
-        logger=logger,
+    def _dropped(_: Request) -> None:
+        estimator.counters.add("estimate", "DROPPED")
+
+    queue: WorkerQueue[Request] = WorkerQueue(
+        "estimate", _publish, _dropped, workers=1, capacity=SAMPLES_WAITING, logger=estimator.logger
     )
     return queue, _receive

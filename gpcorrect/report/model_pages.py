@@ -1,0 +1,256 @@
+"""Pages of models of any task: fitted, evaluated, compared and aged; how well they hold, where, what was dropped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gpcorrect.calibration import Ageing, Detection, Evaluation, Experiment, SideBySide, part_errors
+from gpcorrect.report import aggregates, trajectories
+from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
+from gpcorrect.report.page import Page, Section, TableData, write_page
+from gpcorrect.report.paths import METHOD_WORDS, Line, Shown, path_charts, words_of
+from gpcorrect.report.recordings import clocks_section, dropped_section, registration_sections
+from gpcorrect.report.trajectories import LEAVES, inside95, leaves, listed, typical_trajectory
+from gpcorrect.types import CalibrationLog, FloatArray
+
+MOST_PARTS = 3  # that the first sentence names; chosen by hand
+BAND = (2.5, 97.5)  # percentiles of the training's scores that are shaded: 95 % of them
+COMPARED = (Role.RAW, Role.CORRECTED)  # of two models
+
+
+def write_fit_report(experiment: Experiment, path: Path) -> None:
+    """Write the self-contained page of an experiment.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    path : Path
+    """
+    fit, evaluation, test = experiment.fit, experiment.evaluation, experiment.test
+    sections: list[Section] = []
+    verdict = "Fitted; nothing was held out, so nothing is known of its error on new trajectories."
+    held_out, chosen = "nothing", ""
+    if evaluation is not None and test is not None:
+        verdict = f"Mean error on held-out trajectories: {_verdict(evaluation)}."
+        held_out = f"{experiment.n_test} samples that pass cleaning, {len(test.trajectory_ids)} whole trajectories"
+        chosen = "" if test.static else str(typical_trajectory(evaluation.clean))
+        sections = [*_measured(evaluation, test, (fit.log, fit.cleaning))]
+    sections += [*registration_sections(fit), clocks_section(fit.clocks)]
+    if evaluation is not None and test is not None:
+        sections.append(dropped_section("Dropped from the held-out recording", test, evaluation.cleaning))
+    sections.append(dropped_section("Dropped from the training recording", fit.log, fit.cleaning))
+    summary: Any = experiment.corrector.summary
+    facts = [
+        ("recording", summary["data"]["source"]),
+        ("trained on", f"{fit.n_train} samples of {summary['fit']['n_trajectories']} trajectories"),
+        ("held out", held_out),
+        ("features", ", ".join(summary["features"])),
+        ("time", f"{experiment.seconds:.1f} s, seed {summary['fit']['seed']}"),
+        *(("note", remark) for remark in fit.remarks),
+        *(("caution", caution) for caution in (evaluation.cautions if evaluation else ())),
+    ]
+    sources = _model_sources("model", experiment.corrector)
+    write_page(Page(_title("fit", experiment.corrector), verdict, facts, sections, sources, chosen), path)
+
+
+def write_evaluation_report(
+    evaluation: Evaluation, log: CalibrationLog, path: Path, notes: Sequence[str] = (), name: str = "model"
+) -> None:
+    """Write the self-contained page of a model measured on recordings.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+    log : CalibrationLog
+    path : Path
+    notes : sequence of str
+        What the command noticed.
+    name : str
+    """
+    corrector, clean = evaluation.corrector, evaluation.clean
+    facts = [
+        ("model", name),
+        ("recording", log.name),
+        ("measured on", f"{len(clean.rows)} samples that pass cleaning, of {len(log)}"),
+        *(("note", note) for note in notes),
+        *(("caution", caution) for caution in evaluation.cautions),
+    ]
+    sections = [*_measured(evaluation, log, None), dropped_section("Rejected samples", log, evaluation.cleaning)]
+    sources = [*_model_sources(name, corrector), *_recording_sources(log)]
+    chosen = "" if log.static else str(typical_trajectory(clean))
+    verdict = f"Mean error: {_verdict(evaluation)}."
+    write_page(Page(_title("evaluate", corrector), verdict, facts, sections, sources, chosen), path)
+
+
+def _measured(evaluation: Evaluation, log: CalibrationLog, training: Any) -> list[Section]:
+    """Return what was measured; `training` is the training's log and cleaning, where they are known."""
+    measured, corrector = evaluation.clean, evaluation.corrector
+    shown = Shown(corrector, measured, evaluation.cleaning, log)
+    sections = [
+        trajectories.trajectories_section(shown),
+        aggregates.errors_section(shown, evaluation.dirty),
+        aggregates.intervals_section(shown),
+    ]
+    if log.tracker_cp is not None and measured.raw.shape[1] in (3, 6) and corrector.TASK != "joints":
+        position = log.tracker_cp.position[measured.rows]
+        charts = [aggregates.map_chart(shown, position)]
+        if training is not None:
+            train, cleaning = training
+            charts.append(
+                aggregates.coverage_chart(train.tracker_cp.position[cleaning.keep], position, measured.in_domain)
+            )
+        sections.insert(2, Section("Where in the workspace", (), (), charts))
+    return sections
+
+
+def _title(what: str, corrector: Any) -> str:
+    room = {"pose": "", "joints": "joint ", "tool_position": "vision "}[corrector.TASK]
+    return f"gpcorrect {room}{what}"
+
+
+def _verdict(evaluation: Evaluation) -> str:
+    first, *_, last = evaluation.corrector.METHODS
+    rows = {(row.part, row.method): row for row in part_errors(evaluation.corrector, evaluation.clean)}
+    parts = list(dict.fromkeys(part for part, _ in rows))
+    words = [
+        f"{part} {rows[part, first].mean:.3g} {rows[part, first].unit} {METHOD_WORDS[first]}, "
+        f"{rows[part, last].mean:.3g} {rows[part, last].unit} {METHOD_WORDS[last]}"
+        for part in parts[:MOST_PARTS]
+    ]
+    return "; ".join(words) + (f"; {len(parts) - MOST_PARTS} more below" if len(parts) > MOST_PARTS else "")
+
+
+def _model_sources(name: str, corrector: Any) -> list[tuple[str, str]]:
+    """Return what a model remembers of its making, for the foot of a page."""
+    return [
+        (
+            f"{name}, {step.what}",
+            f"{step.date}, {step.source}, SHA-256 {step.sha256 or 'none: not a file'}: {step.command}",
+        )
+        for step in corrector.history
+    ]
+
+
+def _recording_sources(log: CalibrationLog) -> list[tuple[str, str]]:
+    """Return the digests of a recording's files, for the foot of a page."""
+    return [("recording", f"{log.name}, SHA-256 {digest}") for digest in log.recordings or (log.digest,) if digest]
+
+
+def write_compare_report(both: SideBySide, names: tuple[str, str], notes: Sequence[str], path: Path) -> None:
+    """Write the self-contained page of two models on one recording.
+
+    Parameters
+    ----------
+    both : SideBySide
+    names : (str, str)
+    notes : sequence of str
+        What the command noticed.
+    path : Path
+    """
+    one, other = both.evaluations
+    reasons = [np.asarray(e.cleaning.reason) for e in both.evaluations]
+    cleaning = replace(one.cleaning, reason=np.where(reasons[0] != "", reasons[0], reasons[1]))
+    shown = Shown(one.corrector, both.measured[0], cleaning, both.log)
+    words = [d.sentence(names) for d in both.differences()]
+    facts = [
+        ("recording", both.log.name),
+        ("measured on", f"{len(both.measured[0].rows)} samples that pass the cleaning of both, of {len(both.log)}"),
+        *(("difference", sentence) for sentence in words[1:]),
+        *(("note", note) for note in notes),
+        *((f"caution, {name}", c) for name, e in zip(names, both.evaluations, strict=True) for c in e.cautions),
+    ]
+    sections = [
+        _overall(both, names),
+        _both_trajectories(both, names, shown),
+        dropped_section("Rejected", both.log, cleaning),
+    ]
+    sources = [
+        *_model_sources(names[0], one.corrector),
+        *_model_sources(names[1], other.corrector),
+        *_recording_sources(both.log),
+    ]
+    chosen = "" if both.log.static else str(typical_trajectory(both.measured[1]))
+    write_page(Page("gpcorrect compare", f"Mean error, {words[0]}.", facts, sections, sources, chosen), path)
+
+
+def _overall(both: SideBySide, names: tuple[str, str]) -> Section:
+    rows = []
+    for name, e, m in zip(names, both.evaluations, both.measured, strict=True):
+        last = e.corrector.METHODS[2]
+        certain = (f"{100 * replace(e, clean=m).coverage95:.1f} %", f"{100 * m.in_domain.mean():.1f} %")
+        for r in part_errors(e.corrector, m):
+            more = certain if r.method == last else ("", "")
+            rows.append([name, f"{r.part}, {METHOD_WORDS[r.method]}", *leaves(r), r.unit, *more])
+    head = ["model", "error", *LEAVES, "unit", "inside 95 %", "in domain"]
+    table = TableData(head, rows, "On the samples that pass the cleaning of both models.", text=(1,))
+    sizes = [
+        (f"{p.name} error [{p.unit}]", {n: p.sizes(m.corrected) for n, m in zip(names, both.measured, strict=True)})
+        for p in both.parts
+    ]
+    return Section("Overall", (), (table,), (aggregates.distribution_chart(sizes, COMPARED),))
+
+
+def _both_trajectories(both: SideBySide, names: tuple[str, str], shown: Shown) -> Section:
+    words = words_of(shown.corrector)
+    roles = list(zip(names, COMPARED, both.measured, strict=True))
+    paths = [Line(name, Mark.LINE, role, m.corrected) for name, role, m in roles]
+    errors = [Line(name, Mark.LINE, role, m.corrected, m.interval95, folded=True) for name, role, m in roles]
+    charts = path_charts(shown, paths, errors)
+    if both.log.static:
+        return Section("Static poses", (words.errors,), (), charts)
+    head = ["trajectory", "samples", *(f"{p.name} {name} [{p.unit}]" for p in both.parts for name in names)]
+    head += [f"{what}, {name}" for what in ("inside 95 %", "in domain") for name in names]
+    rows = []
+    for key, index in shown.groups().items():
+        means = [np.nanmean(p.sizes(m.corrected[index])) for p in both.parts for m in both.measured]
+        inside = [inside95(m, index) for m in both.measured]
+        near = [f"{100 * m.in_domain[index].mean():.0f} %" for m in both.measured]
+        rows.append([key, str(len(index)), *(f"{mean:.3f}" for mean in means), *inside, *near])
+    table = TableData(head, rows, "Mean length of the error of each part.", keys=list(shown.groups()))
+    return Section("Trajectory by trajectory", (words.errors, listed(shown)), (table,), charts)
+
+
+def write_drift_report(
+    baseline: FloatArray, found: Detection, ageing: Ageing, names: Sequence[str], words: Sequence[str], path: Path
+) -> None:
+    """Write the self-contained page of `gpcorrect drift`: scores of trajectories, and the evidence that they grew.
+
+    Parameters
+    ----------
+    baseline : (m,) array
+        Scores of left-out training trajectories.
+    found : Detection
+        Scores and evidence of n trajectories, oldest first.
+    ageing : Ageing
+        With the score at which a model is worn out.
+    names : sequence of str
+        Of each trajectory's recording.
+    words : sequence of str
+        What was found, the verdict first.
+    path : Path
+    """
+    number = np.arange(1, len(found.scores) + 1)
+    ends = np.array([0.5, len(number) + 0.5])
+    low, high = (np.full(2, np.percentile(baseline, end)) for end in BAND)
+    spans = [] if found.alarm is None else [(found.alarm + 0.5, len(number) + 0.5, "after the alarm")]
+    scores = [
+        Series("95 % of left-out training", Mark.BAND, Role.QUIET, ends, low, y2=high),
+        Series("worn out", Mark.DASH, Role.RAW, ends, np.full(2, ageing.limit)),
+        Series("trajectories", Mark.DOTS, Role.CORRECTED, number, found.scores, size=8.0, text=names),
+    ]
+    evidence = [
+        Series("alarm", Mark.DASH, Role.RAW, ends, np.full(2, found.threshold)),
+        Series("evidence", Mark.LINE, Role.CORRECTED, number, found.evidence),
+    ]
+    order, whole = "trajectory, in order of recording", (0.0, len(number) + 1.0)
+    panels = [
+        Panel(order, "error over its standard deviation", scores, spans=spans, x_range=whole, height=240),
+        Panel(order, "evidence of drift", evidence, spans=spans, x_range=whole, log_y=True, height=200),
+    ]
+    chart = Chart("Scores, about 1 while the model holds, and the evidence that they grew.", panels, shared=True)
+    write_page(Page("gpcorrect drift", words[0], (), [Section("Over time", words[1:], (), (chart,))]), path)
