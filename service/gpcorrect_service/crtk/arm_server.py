@@ -30,17 +30,32 @@ BEHIND = 0.5  # chosen by hand: s of wall time after which lost ticks are given 
 
 @dataclass(frozen=True)
 class ArmServerSettings:
-    """How an arm is served."""
+    """How an arm is served.
 
-    rate_hz: float = 100.0  # state messages a second of the arm's clock
-    tracker_hz: float = 100.0  # of the tracker and the outside encoders
-    # seconds of the arm's clock in one of the wall's: above 1 a simulated arm runs faster than a real one
+    Parameters
+    ----------
+    rate_hz : float
+        State messages a second of the arm's clock.
+    tracker_hz : float
+        Of the tracker and the outside encoders.
+    time_scale : float
+        Seconds of the arm's clock in one of the wall's: above 1 a simulated arm runs faster than a real one.
+    corrected : bool
+        Take Cartesian commands from the pre-filter (`corrected/servo_cp`) and not from planners (`servo_cp`).
+    frame : str
+        Name of the arm's base frame.
+    tracker_frame : str
+    command_age : float
+        s of wall time after which a corrected pose no longer moves the arm.
+    """
+
+    rate_hz: float = 100.0
+    tracker_hz: float = 100.0
     time_scale: float = 1.0
-    # take Cartesian commands from the pre-filter (`corrected/servo_cp`) and not from planners (`servo_cp`)
     corrected: bool = False
-    frame: str = "base"  # name of the arm's base frame
+    frame: str = "base"
     tracker_frame: str = "tracker"
-    command_age: float = OLDEST  # s of wall time after which a corrected pose no longer moves the arm
+    command_age: float = OLDEST
 
 
 class ArmServer:

@@ -30,20 +30,36 @@ DEFAULT_ROBOT = "tcp/127.0.0.1:7448"  # on this machine only
 
 @dataclass(frozen=True)
 class BusSettings:
-    """Where an arm's topics are."""
+    """Where an arm's topics are.
 
-    endpoint: str = DEFAULT_ROBOT  # address to listen on, or to connect to
-    # second and first part of every native key
+    Parameters
+    ----------
+    endpoint : str
+        Address to listen on, or to connect to.
+    arm, namespace : str
+        Second and first part of every native key.
+    role : "hub" or "client"
+        A hub listens and passes messages between its clients, as a router does; a client connects to it.
+    ros_domain : int or None
+        ROS_DOMAIN_ID to speak in as well, on rmw_zenoh's keys; None for native keys alone.
+    ros_distro : str
+        ROS distribution of the nodes there.
+    allow_remote : bool
+        Whether a hub may listen on an address that other machines reach.
+    patience : float
+        Seconds in which a client waits for its hub to appear.
+    config_file : Path or None
+        A zenoh JSON5 configuration that replaces `endpoint`, of a client; its `namespace`, where given, wins.
+    """
+
+    endpoint: str = DEFAULT_ROBOT
     arm: str = "arm1"
     namespace: str = DEFAULT_NAMESPACE
-    # a hub listens and passes messages between its clients, as a router does; a client connects to it
     role: Literal["hub", "client"] = "client"
-    # ROS_DOMAIN_ID to speak in as well, on rmw_zenoh's keys; None for native keys alone
     ros_domain: int | None = None
-    ros_distro: RosDistro = "jazzy"  # ROS distribution of the nodes there
-    allow_remote: bool = False  # whether a hub may listen on an address that other machines reach
-    patience: float = 5.0  # seconds in which a client waits for its hub to appear
-    # a zenoh JSON5 configuration that replaces `endpoint`, of a client; its `namespace`, where given, wins
+    ros_distro: RosDistro = "jazzy"
+    allow_remote: bool = False
+    patience: float = 5.0
     config_file: Path | None = None
 
     def __post_init__(self) -> None:

@@ -150,12 +150,23 @@ OWNER_ONLY = 0o600  # mode of files
 
 @dataclass(frozen=True)
 class Site:
-    """What to secure."""
+    """What to secure.
 
-    host: str = "localhost"  # name or number of the router's machine, as clients write it
+    Parameters
+    ----------
+    host : str
+        Name or number of the router's machine, as clients write it.
+    port : int
+    namespace : str
+        First part of every key.
+    days : int
+        Validity of certificates.
+    """
+
+    host: str = "localhost"
     port: int = 7450
-    namespace: str = "gpcorrect"  # first part of every key
-    days: int = 365  # validity of certificates
+    namespace: str = "gpcorrect"
+    days: int = 365
 
     @property
     def endpoint(self) -> str:

@@ -31,33 +31,70 @@ ENDPOINT = re.compile(
 
 @dataclass(frozen=True)
 class ServerSettings:
-    """How one server process serves one arm."""
+    """How one server process serves one arm.
 
-    endpoint: str = DEFAULT_ENDPOINT  # address to listen on
-    arm: str = "arm1"  # CRTK name of the arm, the second part of every key
-    namespace: str = DEFAULT_NAMESPACE  # zenoh namespace, the first part of every key
-    # threads that answer `correct`. One answers fastest: corrections hold the interpreter, a second thread only
-    # trades places with the first (0.05 ms a query)
+    Parameters
+    ----------
+    endpoint : str
+        Address to listen on.
+    arm : str
+        CRTK name of the arm, the second part of every key.
+    namespace : str
+        zenoh namespace, the first part of every key.
+    workers : int
+        Threads that answer `correct`. One answers fastest: corrections hold the interpreter, a second
+        thread only trades places with the first (0.05 ms a query).
+    queue_capacity : int
+        Requests that may wait for a worker; the next one is answered BUSY.
+    drain_seconds : float
+        How long stopping waits for the requests that are queued.
+    replica : str
+        Name of this process in replies; empty makes it from host and process number.
+    allow_remote : bool
+        Whether an address other than loopback may be listened on.
+    config_file : Path or None
+        A zenoh JSON5 configuration instead of `endpoint`; its `namespace`, where given, wins over the default.
+    bound : CorrectionBound
+        What no correction may exceed; the model's own bounds hold as well.
+    max_rate : float
+        Corrections a second that are answered; the others hear BUSY.
+    stream_key : str
+        The robot's joints come under this key of the arm.
+    stream_max_age : float
+        Seconds after which an estimate of the stream is called STALE.
+    stream_rate : float
+        Largest change of a streamed joint correction, rad/s and m/s.
+    strict : bool
+        Whether what lies outside the training region is refused instead of answered as EXTRAPOLATING.
+    frame : str
+        Name of the frame that ROS poses come in; empty for the model's own name of it.
+    metrics_port : int or None
+        Port of 127.0.0.1 where Prometheus finds `/metrics`; None for none.
+    ros_domain : int or None
+        ROS_DOMAIN_ID in which `correct` is a ROS 2 service too, on rmw_zenoh's keys; None for no ROS.
+    ros_distro : str
+        ROS distribution of the nodes there.
+    """
+
+    endpoint: str = DEFAULT_ENDPOINT
+    arm: str = "arm1"
+    namespace: str = DEFAULT_NAMESPACE
     workers: int = 1
-    queue_capacity: int = 64  # requests that may wait for a worker; the next one is answered BUSY
-    drain_seconds: float = 1.5  # how long stopping waits for the requests that are queued
-    replica: str = ""  # name of this process in replies; empty makes it from host and process number
-    allow_remote: bool = False  # whether an address other than loopback may be listened on
-    # a zenoh JSON5 configuration instead of `endpoint`; its `namespace`, where given, wins over the default
+    queue_capacity: int = 64
+    drain_seconds: float = 1.5
+    replica: str = ""
+    allow_remote: bool = False
     config_file: Path | None = None
-    # what no correction may exceed; the model's own bounds hold as well
     bound: CorrectionBound = field(default_factory=CorrectionBound)
-    max_rate: float = math.inf  # corrections a second that are answered; the others hear BUSY
-    stream_key: str = "measured_js"  # the robot's joints come under this key of the arm
-    stream_max_age: float = 0.05  # seconds after which an estimate of the stream is called STALE
-    stream_rate: float = math.inf  # largest change of a streamed joint correction, rad/s and m/s
-    # whether what lies outside the training region is refused instead of answered as EXTRAPOLATING
+    max_rate: float = math.inf
+    stream_key: str = "measured_js"
+    stream_max_age: float = 0.05
+    stream_rate: float = math.inf
     strict: bool = False
-    frame: str = ""  # name of the frame that ROS poses come in; empty for the model's own name of it
-    metrics_port: int | None = None  # port of 127.0.0.1 where Prometheus finds `/metrics`; None for none
-    # ROS_DOMAIN_ID in which `correct` is a ROS 2 service too, on rmw_zenoh's keys; None for no ROS
+    frame: str = ""
+    metrics_port: int | None = None
     ros_domain: int | None = None
-    ros_distro: RosDistro = "jazzy"  # ROS distribution of the nodes there
+    ros_distro: RosDistro = "jazzy"
 
     @property
     def bounds(self) -> str:
@@ -81,15 +118,30 @@ class ServerSettings:
 
 @dataclass(frozen=True)
 class ClientSettings:
-    """Whom a planner asks, and how long it waits."""
+    """Whom a planner asks, and how long it waits.
 
-    endpoints: tuple[str, ...] = (DEFAULT_ENDPOINT,)  # addresses of the servers; all of them are connected to
-    arm: str = "arm1"  # and the namespace: as the server has them
+    Parameters
+    ----------
+    endpoints : tuple of str
+        Addresses of the servers; all of them are connected to.
+    arm, namespace : str
+        As in :class:`ServerSettings`.
+    timeout : float
+        Seconds for one `correct`, `model` or `health`, its one retry included.
+    path_timeout : float
+        The same for `correct_path`.
+    connect_timeout : float
+        Seconds to wait for a server to appear, before the first query only.
+    config_file : Path or None
+        A zenoh JSON5 configuration instead of `endpoints` (through a router: mode "client").
+    """
+
+    endpoints: tuple[str, ...] = (DEFAULT_ENDPOINT,)
+    arm: str = "arm1"
     namespace: str = DEFAULT_NAMESPACE
-    timeout: float = 0.5  # seconds for one `correct`, `model` or `health`, its one retry included
-    path_timeout: float = 10.0  # the same for `correct_path`
-    connect_timeout: float = 3.0  # seconds to wait for a server to appear, before the first query only
-    # a zenoh JSON5 configuration instead of `endpoints` (through a router: mode "client")
+    timeout: float = 0.5
+    path_timeout: float = 10.0
+    connect_timeout: float = 3.0
     config_file: Path | None = None
 
     def timeout_of(self, kind: Kind) -> float:
