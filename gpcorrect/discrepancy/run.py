@@ -23,7 +23,6 @@ from gpcorrect.discrepancy.outcome.provenance import provenance_of
 from gpcorrect.discrepancy.outcome.result import DiscrepancyResult, NamedEffect, UnnamedEffect, Verdict
 from gpcorrect.discrepancy.outcome.store import StageStore, inputs_key, load_or_name, load_or_search
 from gpcorrect.discrepancy.outcome.verdict import headline, place_verdicts, verdict_level
-from gpcorrect.discrepancy.recording.stated_noise import samples_a_row
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates, describe
 from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.needs import split_by_needs
@@ -123,7 +122,7 @@ def _find(
         found, unsure = _with_numbers(state, named, fitted, train)
     progress.step("numbers", 1.0)
     noises = estimate_noises(dataset, state.residual(fitted), train)
-    level = np.array([n.std for n in noises]) * np.sqrt(samples_a_row(dataset.group))
+    level = np.array([n.std for n in noises]) * np.sqrt(dataset.samples_a_row)
     on_noise = noise_effects(dataset, [f.effect for f in fitted], level)
     effects = sorted(found.values(), key=lambda e: -e.nats)
     effects += [NamedEffect.of(e.named, e.parameters) for e in on_noise if e.named.may_be_named]

@@ -118,7 +118,7 @@ def covariates_of(scene: Scene, joint_index: int | None) -> Covariates:
     values: dict[Variable, FloatArray] = {}
     primary: list[Variable] = []
     columns = range(len(scene.joints)) if joint_index is None else [joint_index]
-    speed = scene.layout.gather(scene.motion.velocity, len(scene))
+    speed = scene.layout.gather(scene.motion.velocity)
     for j in columns:
         joint = scene.joints[j]
         direction = travel_direction(motor[:, j], label)
@@ -155,7 +155,7 @@ def _memories(scene: Scene, j: int) -> list[FloatArray]:
     span = float(np.ptp(scene.motor_path()[:, j]))
     states = [path - play(path, radius * span) for radius in PLAYS]
     states += [x - lag(x, motion.time, seconds, motion.session) for x in (path, load) for seconds in LAGS]
-    return [scene.layout.gather(state, len(scene)) for state in states]
+    return [scene.layout.gather(state) for state in states]
 
 
 def _unit(variable: Variable, scene: Scene) -> str:
@@ -189,7 +189,7 @@ def _acceleration(time: FloatArray, speed: FloatArray, run: IntArray) -> FloatAr
 def _times(scene: Scene) -> dict[Variable, FloatArray]:
     first = np.r_[True, scene.trajectory[1:] != scene.trajectory[:-1]]
     start = np.maximum.accumulate(np.where(first, np.arange(len(scene)), 0))
-    clock = scene.layout.gather(scene.motion.time, len(scene))
+    clock = scene.layout.gather(scene.motion.time)
     values = {
         Variable(Quantity.TIME_IN_TRAJECTORY): scene.time - scene.time[start],
         Variable(Quantity.SESSION_TIME): clock,

@@ -231,7 +231,7 @@ def _grown(dataset: Dataset, effects: Sequence[Effect], coarse: set[int | str]) 
             groups.setdefault(channel.joint or "tool", []).append(i)
     residual, seen = scene.residual(effects), dataset.group >= 0
     seen[seen] = dataset.training[dataset.group[seen]]
-    speeds = scene.layout.gather(scene.motion.velocity, len(scene))
+    speeds = scene.layout.gather(scene.motion.velocity)
     found, known = [], of_kind(scene.model.effects, SpeedNoise)
     for joint, indices in groups.items():
         own = residual[:, indices]
@@ -285,7 +285,7 @@ def _growth(
         return None
     levels = np.exp(np.mean([np.log(level) for level, _, _ in every], axis=0))
     errors = np.mean([error for _, _, error in every], axis=0) / np.sqrt(len(every))
-    clock = scene.layout.gather(scene.motion.time, len(scene))
+    clock = scene.layout.gather(scene.motion.time)
     moments = [clock[scene.trajectory == k] for k in numbers]
     start, end = np.array([m.min() for m in moments]), np.array([m.max() for m in moments])
     known = [stated_noises(scene)[i] for i in indices]

@@ -1,4 +1,4 @@
-"""What a log lets us compare with the simulator: its channels, and the motor side that is replayed."""
+"""What a log lets us compare with the simulator: its channels, and what was measured in them."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ import numpy as np
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body
-from gpcorrect.types import CalibrationLog, FloatArray, IntArray
-
-EVEN = 0.02  # relative spread of the time steps of a clock that a servo loop can be run on
+from gpcorrect.types import CalibrationLog, FloatArray
 
 
 @dataclass(frozen=True)
@@ -39,9 +37,7 @@ class Channel:
 
 
 def joint_columns(log: CalibrationLog, signal: str, joints: tuple[int, ...]) -> FloatArray:
-    """Return the columns `(n, k)` of a joint signal for these joint numbers.
-
-    A log with just as many columns has them in this order.
+    """Return the columns `(n, k)` of a joint signal for these joint numbers, in whose order just k columns stand.
 
     Parameters
     ----------
@@ -65,70 +61,6 @@ def joint_columns(log: CalibrationLog, signal: str, joints: tuple[int, ...]) -> 
             hint="Name the recorded joints in the model's `joints`.",
         )
     return values[:, [j - 1 for j in joints]]
-
-
-def motor_side(log: CalibrationLog) -> str:
-    """Return the name of the signal that says where the motors were: measured, else commanded.
-
-    Parameters
-    ----------
-    log : CalibrationLog
-
-    Raises
-    ------
-    DataError
-        The log has neither.
-    """
-    for name in ("measured_jp", "setpoint_jp"):
-        if getattr(log, name) is not None:
-            return name
-    raise DataError(
-        "the log has neither measured_jp nor setpoint_jp: nothing says where the motors were.",
-        hint="Log measured_jp (joint positions from the motor encoders) or setpoint_jp.",
-    )
-
-
-def continuous_runs(log: CalibrationLog, motor: FloatArray) -> IntArray:
-    """Return the label `(n,)` of the continuous motion each row belongs to.
-
-    Play and hysteresis remember across trajectory numbers.
-
-    Two trajectories of a session are one motion when time and motors `(n, k)` step from one to the next no further than
-    they ever do inside a trajectory.
-
-    Parameters
-    ----------
-    log : CalibrationLog
-    motor : (n, k) array
-        rad or m.
-    """
-    change = np.diff(log.trajectory) != 0
-    if not change.any():
-        return np.zeros(len(log), dtype=np.int64)
-    step, moved = np.diff(log.time), np.abs(np.diff(motor, axis=0))
-    inside = ~change
-    if not inside.any():
-        return np.arange(len(log), dtype=np.int64)
-    near = (moved <= np.nanmax(moved[inside], axis=0)).all(axis=1)
-    joined = (step > 0) & (step <= step[inside].max()) & near & (np.diff(log.session) == 0)
-    breaks = change & ~joined
-    return np.concatenate([[0], np.cumsum(breaks)]).astype(np.int64)
-
-
-def sampling_is_even(time: FloatArray, run: IntArray) -> bool:
-    """Return whether a servo loop can be run on this clock: all steps inside the runs agree.
-
-    Parameters
-    ----------
-    time : (n,) array
-        s.
-    run : (n,) int array
-        Continuous motion of each row.
-    """
-    steps = np.diff(time)[np.diff(run) == 0]
-    if len(steps) == 0:
-        return False
-    return bool(np.abs(steps / np.median(steps) - 1.0).max() < EVEN)
 
 
 def compared_channels(
@@ -160,15 +92,16 @@ def compared_channels(
             + ": nothing says where the arm really was.",
             hint="Log external_jp, or tracker_cp with an arm that has kinematics.",
         )
-    channels: list[Channel] = []
-    columns: list[FloatArray] = []
-    outside = [] if log.external_jp is None else ["external_jp"]
-    for signal in ([source] if loop and source == "measured_jp" else []) + outside:
-        values = joint_columns(log, signal, body.joints)
-        for i, (joint, kind) in enumerate(zip(body.joints, body.types, strict=True)):
-            channels.append(Channel(f"{signal}_{joint}", signal, i, joint, "m" if kind == "P" else "rad"))
-            columns.append(values[:, i])
-    return tuple(channels), np.stack(columns, axis=1) if columns else np.zeros((len(log), 0))
+    signals = ["measured_jp"] if loop and source == "measured_jp" else []
+    signals += [] if log.external_jp is None else ["external_jp"]
+    units = ["m" if kind == "P" else "rad" for kind in body.types]
+    channels = tuple(
+        Channel(f"{signal}_{joint}", signal, i, joint, unit)
+        for signal in signals
+        for i, (joint, unit) in enumerate(zip(body.joints, units, strict=True))
+    )
+    observed = [joint_columns(log, signal, body.joints) for signal in signals]
+    return channels, np.concatenate([np.zeros((len(log), 0)), *observed], axis=1)
 
 
 def tracker_channels(n_axes: int) -> tuple[Channel, ...]:

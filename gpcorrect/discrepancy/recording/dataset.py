@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, outliers
 from gpcorrect.discrepancy.recording.quantisation import quantisation_of
 from gpcorrect.discrepancy.recording.scene import Scene
-from gpcorrect.discrepancy.recording.split import Parts, Split
+from gpcorrect.discrepancy.recording.split import Split
 from gpcorrect.sim.effects import Effect
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
@@ -23,13 +22,13 @@ STILL = 1e-4  # of a joint's travel between samples: slower is standing still
 
 
 class SignalMemory:
-    """Condensed simulated channels of the sets asked for last, each channel by what it depends on."""
+    """Condensed simulated channels of the sets asked for last, by what they depend on."""
 
     def __init__(self) -> None:
         self._keys: dict[tuple[Effect, ...], list[Hashable]] = {}
-        self._columns: dict[Hashable, FloatArray] = {}
+        self._means: dict[Hashable, FloatArray] = {}
 
-    def columns(self, dataset: Dataset, effects: tuple[Effect, ...]) -> FloatArray:
+    def channels(self, dataset: Dataset, effects: tuple[Effect, ...]) -> FloatArray:
         """Return the channels `(m, c)` of a set, simulated where they are not known.
 
         Parameters
@@ -39,29 +38,21 @@ class SignalMemory:
         effects : tuple of Effect
             Beyond the model's own.
         """
-        if effects not in self._keys:
-            _make_room(self._keys, REMEMBERED_SETS)
-            self._keys[effects] = self._simulated(dataset, effects)
-        if any(k not in self._columns for k in self._keys[effects]):
-            self._simulated(dataset, effects)
-        return np.stack([self._columns[k] for k in self._keys[effects]], axis=1)
-
-    def _simulated(self, dataset: Dataset, effects: tuple[Effect, ...]) -> list[Hashable]:
-        signals = dataset.scene.signals(effects)
-        _make_room(self._columns, REMEMBERED_BYTES // (8 * len(dataset)))
-        for signal in signals:
-            if signal.key not in self._columns:
-                self._columns[signal.key] = dataset.means(signal.rows())
-        return [signal.key for signal in signals]
-
-
-def _make_room(memory: dict[Any, Any], most: int) -> None:
-    while len(memory) > most:
-        memory.pop(next(iter(memory)))
+        if effects not in self._keys or any(key not in self._means for key in self._keys[effects]):
+            signals = dataset.scene.signals(effects)
+            while len(self._keys) > REMEMBERED_SETS:
+                self._keys.pop(next(iter(self._keys)))
+            while sum(means.nbytes for means in self._means.values()) > REMEMBERED_BYTES:
+                self._means.pop(next(iter(self._means)))
+            for signal in signals:
+                if signal.key not in self._means:
+                    self._means[signal.key] = dataset.means(signal.rows())
+            self._keys[effects] = [signal.key for signal in signals]
+        return np.concatenate([self._means[key] for key in self._keys[effects]], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
-class Dataset(Parts):
+class Dataset:
     """Condensed rows: each the mean over consecutive samples of one block.
 
     Parameters
@@ -92,6 +83,26 @@ class Dataset(Parts):
     def __len__(self) -> int:
         return len(self.time)
 
+    @property
+    def discovery(self) -> BoolArray:
+        """(m,) rows in which effects are looked for."""
+        return np.asarray(self.part == 0)
+
+    @property
+    def confirmation(self) -> BoolArray:
+        """(m,) rows on which what was found must hold again."""
+        return np.asarray(self.part == 1)
+
+    @property
+    def training(self) -> BoolArray:
+        """(m,) rows of discovery and confirmation."""
+        return np.asarray(self.part != 2)
+
+    @property
+    def test(self) -> BoolArray:
+        """(m,) rows that only the final figures see."""
+        return np.asarray(self.part == 2)
+
     def means(self, values: FloatArray) -> FloatArray:
         """Return means `(m, ...)` over the samples of each condensed row.
 
@@ -105,6 +116,11 @@ class Dataset(Parts):
         sums = np.stack([np.bincount(index, weights=column, minlength=len(self)) for column in flat.T], axis=1)
         result: FloatArray = (sums / count[:, None]).reshape(len(self), *values.shape[1:])
         return result
+
+    @property
+    def samples_a_row(self) -> int:
+        """How many samples a condensed row is usually the mean of."""
+        return int(np.median(self._grouping[2]))
 
     @cached_property
     def _grouping(self) -> tuple[IntArray, IntArray, IntArray]:
@@ -138,7 +154,7 @@ class Dataset(Parts):
         effects : sequence of Effect
             Beyond the model's own.
         """
-        return self.memory.columns(self, tuple(effects))
+        return self.memory.channels(self, tuple(effects))
 
     def strict(self) -> Dataset:
         """Return the dataset with all of the residual in account, for what is reported of it."""
@@ -147,16 +163,13 @@ class Dataset(Parts):
         return replace(self, scene=self.scene.strict(), memory=SignalMemory())
 
     def tolerated(self, noises: Sequence[ChannelNoise]) -> dict[str, float]:
-        """Return what the tolerance of table and registration takes up; empty where there is none.
+        """Return what the tolerance of table and registration takes up of each channel, RMS over its noise.
+
+        Empty where there is none.
 
         Parameters
         ----------
         noises : sequence of ChannelNoise
-
-        Returns
-        -------
-        dict of str to float
-            Of each channel, root mean square over the standard deviation of its noise.
         """
         if self.scene.slack is None:
             return {}
@@ -192,11 +205,6 @@ class Dataset(Parts):
         used, index, _ = self._grouping
         return self.scene.trajectory[used[np.unique(index, return_index=True)[1]]]
 
-    @property
-    def training(self) -> BoolArray:
-        """(m,) rows of discovery and confirmation."""
-        return np.asarray(self.part != 2)
-
 
 def build_dataset(scene: Scene, split: Split, max_rows: int) -> Dataset:
     """Condense a scene to about `max_rows` rows.
@@ -218,19 +226,17 @@ def build_dataset(scene: Scene, split: Split, max_rows: int) -> Dataset:
         rows = np.flatnonzero(split.block == k)
         group[rows] = count + np.arange(len(rows)) // stride
         count = int(group[rows[-1]]) + 1
-    first = np.flatnonzero(np.r_[True, np.diff(group[used]) != 0])
-    rows = np.flatnonzero(used)[first]
+    first = np.flatnonzero(used)[np.r_[True, np.diff(group[used]) != 0]]
     error = scene.residual()
     spikes = np.stack([outliers(column, split.block) for column in error.T], axis=1)
-    moved = np.abs(np.diff(scene.motor_path(), axis=0, prepend=np.nan))
-    still = (moved < STILL * np.ptp(scene.motor_path(), axis=0)).all(axis=1).astype(np.float64)
-    dataset = Dataset(
+    motor = scene.motor_path()
+    still = (np.abs(np.diff(motor, axis=0, prepend=np.nan)) < STILL * np.ptp(motor, axis=0)).all(axis=1)
+    return Dataset(
         scene=scene,
         group=group,
         good=np.isfinite(error) & ~spikes,
-        time=np.zeros(count),
-        block=np.unique(split.block[rows], return_inverse=True)[1].astype(np.int64),
-        part=split.part[rows],
-        still=np.zeros(count, dtype=np.bool_),
+        time=np.bincount(group[used], scene.time[used]) / np.bincount(group[used]),
+        block=np.unique(split.block[first], return_inverse=True)[1].astype(np.int64),
+        part=split.part[first],
+        still=np.bincount(group[used], ~still[used]) == 0.0,
     )
-    return replace(dataset, time=dataset.means(scene.time), still=dataset.means(still) == 1.0)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +33,7 @@ LOOP_STAGES = (Stage.LOAD, Stage.CHAIN, Stage.TORQUE, Stage.FRICTION)
 
 
 class Signal(NamedTuple):
-    """One channel as simulated: two of a scene with the same key say the same."""
+    """One or more channels as simulated: two of a scene with the same key have the same rows `(n, k)`."""
 
     key: Hashable
     rows: Callable[[], FloatArray]
@@ -108,22 +108,15 @@ class Scene:
 
     def run_of_row(self) -> IntArray:
         """Run `(n,)` that each of the log's rows stands in."""
-        columns = np.broadcast_to(np.arange(self.layout.rows.shape[1], dtype=np.float64), self.layout.rows.shape)
-        return self.layout.gather(columns, len(self)).astype(np.int64)
+        return self.layout.gather(np.broadcast_to(np.arange(len(self.payload)), self.layout.rows.shape))
 
     def motor_path(self) -> FloatArray:
         """Replayed motor path `(n, k)` of the log's rows."""
-        return self.layout.gather(self.motion.position, len(self))
+        return self.layout.gather(self.motion.position)
 
-    def load(self, effects: Sequence[Effect] = ()) -> FloatArray:
-        """Return the load `(n, k)` of each joint at the log's rows, N m or N.
-
-        Parameters
-        ----------
-        effects : sequence of Effect
-            Beyond the model's own.
-        """
-        return self.layout.gather(self._replay(self._machine(effects)).load, len(self))
+    def load(self) -> FloatArray:
+        """Load `(n, k)` of each joint of the nominal model at the log's rows, N m or N."""
+        return self.layout.gather(self._replay(self._machine(())).load)
 
     def peak_torque(self) -> FloatArray | None:
         """Largest torque `(k,)` that the controllers ask for, N m or N; None where the closed loop cannot be run."""
@@ -136,22 +129,20 @@ class Scene:
         Parameters
         ----------
         effects : sequence of Effect
-            Beyond the model's own.
 
         Raises
         ------
         DataError
             An effect does not fit the machine.
         """
-        return np.stack([signal.rows() for signal in self.signals(effects)], axis=1)
+        return np.concatenate([signal.rows() for signal in self.signals(effects)], axis=1)
 
     def signals(self, effects: Sequence[Effect] = ()) -> list[Signal]:
-        """Return the same channel by channel, each with what it depends on.
+        """Return the same joint by joint, and for the tracker as a whole, each with what it depends on.
 
         Parameters
         ----------
         effects : sequence of Effect
-            Beyond the model's own.
 
         Raises
         ------
@@ -159,44 +150,23 @@ class Scene:
             An effect does not fit the machine.
         """
         machine = self._machine(effects)
-        inside = _inside(machine)
-        loop, columns = (
-            self._loop(machine),
-            self.memory.paths.joint_columns(machine.effects, self._replay(machine), inside),
-        )
+        inside, loop, motion = _inside(machine), self._loop(machine), self._replay(machine)
+        numbers, paths = self.memory.joint_paths(machine.effects, motion, inside)
         measured = self.motion.position if loop is None else loop.motion.position
-        joints = [
-            Signal((c.name, columns[c.index].number), self._rows_of(columns[c.index].path))
-            if c.signal == "external_jp"
-            else Signal((c.name, inside), self._rows_of(measured[..., c.index]))
-            for c in self.channels
-            if c.joint
-        ]
-        return joints + self._tracked_signals(effects, machine)
+        found = []
+        for c in self.channels:
+            if c.joint:
+                outside = c.signal == "external_jp"
+                made, path = (numbers[c.index], paths[c.index]) if outside else (inside, measured[..., c.index])
+                found.append(Signal((c.name, made), partial(self.layout.gather, path[..., None])))
+        if self.tracker is not None:
+            found.append(Signal(("tracker", machine.effects), partial(self._tracked_rows, self.tracker, effects)))
+        return found
 
-    def _rows_of(self, grid: FloatArray) -> Callable[[], FloatArray]:
-        return lambda: self.layout.gather(grid, len(self))
-
-    def _tracked_signals(self, effects: Sequence[Effect], machine: Machine) -> list[Signal]:
-        """Signals of the tracker, each of which depends on every effect."""
-        if self.tracker is None:
-            return []
-
-        @cache
-        def together() -> FloatArray:
-            return self._tracked_rows(effects)
-
-        def one(i: int) -> Callable[[], FloatArray]:
-            return lambda: together()[:, i]
-
-        first = len(self.channels) - self.tracker.observed.shape[1]
-        return [Signal((c.name, machine.effects), one(i)) for i, c in enumerate(self.channels[first:])]
-
-    def _tracked_rows(self, effects: Sequence[Effect]) -> FloatArray:
+    def _tracked_rows(self, tracker: Tracker, effects: Sequence[Effect]) -> FloatArray:
         """Return what the tracker says `(n, a)`."""
-        assert self.tracker is not None
-        predicted = self.tracker.predicted(self.marker_poses(effects))
-        return predicted if self.slack is None else predicted + self.slack.part(self.tracker.observed - predicted)
+        predicted = tracker.predicted(self.marker_poses(effects))
+        return predicted if self.slack is None else predicted + self.slack.part(tracker.observed - predicted)
 
     def marker_poses(self, effects: Sequence[Effect] = ()) -> FloatArray:
         """Return the marker's poses `(n, 4, 4)` in the tracker's frame as far as the model states it.
@@ -208,10 +178,10 @@ class Scene:
         """
         machine = self._machine(effects)
         replay = self._replay(machine)
-        q = self.memory.paths.joint_path(machine.effects, replay, _inside(machine))
+        q = np.stack(self.memory.joint_paths(machine.effects, replay, _inside(machine))[1], axis=-1)
         tip = tip_path(machine.effects, machine.actual_body(self.payload).forward(q), replay)
         assert tip is not None
-        return self.layout.gather(se3.compose(machine.T_tracker_base, tip, machine.T_tip_marker), len(self))
+        return self.layout.gather(se3.compose(machine.T_tracker_base, tip, machine.T_tip_marker))
 
     def strict(self) -> Scene:
         """Return the scene with all of the residual in account, also what is within the tolerance of the table."""
@@ -231,6 +201,7 @@ class Scene:
         return self.machine.with_effects(*in_order((*self.model.effects, *effects)))
 
     def _replay(self, machine: Machine) -> Motion:
+        """Motion and load of the motors, as measured where they are."""
         loop = self._loop(machine)
         if loop is not None:
             made = loop.motion
@@ -247,11 +218,6 @@ class Scene:
         if self.plan is None:
             return None
         return self.memory.loop(machine.with_effects(*_inside(machine)), self.plan)
-
-    @property
-    def tracked(self) -> bool:
-        """Whether the arm is seen by a tracker."""
-        return self.tracker is not None
 
 
 def _inside(machine: Machine) -> tuple[Effect, ...]:

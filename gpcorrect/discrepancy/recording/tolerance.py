@@ -20,12 +20,7 @@ from gpcorrect.discrepancy.settings import NOISE
 from gpcorrect.types import BoolArray, FloatArray
 
 STEP = 1e-5  # rad or m, for slopes
-ROW_TERMS = {
-    "alpha": NOISE.table_angle,
-    "a": NOISE.table_length,
-    "d": NOISE.table_length,
-    "theta": NOISE.table_angle,
-}
+ROW_TERMS = {"alpha": NOISE.table_angle, "a": NOISE.table_length, "d": NOISE.table_length, "theta": NOISE.table_angle}
 
 
 @dataclass(frozen=True, eq=False)

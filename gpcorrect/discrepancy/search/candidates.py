@@ -33,7 +33,7 @@ def watched(scene: Scene, session: int) -> tuple[float, float]:
     session : int
         Index of the session, from 0.
     """
-    here, time = scene.session == session, scene.layout.gather(scene.motion.time, len(scene))
+    here, time = scene.session == session, scene.layout.gather(scene.motion.time)
     motions = [time[here & (scene.trajectory == t)] for t in np.unique(scene.trajectory[here])]
     n = SEARCH.watched
     if len(motions) < 2 * n:

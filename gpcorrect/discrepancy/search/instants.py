@@ -134,7 +134,7 @@ def _cuts(whitener: DatasetWhitener, others: Sequence[FittedEffect], fit: Fitted
     dataset = whitener.dataset
     bounds = fit.candidate.coordinates[_place(fit)].bounds
     first, last = (fit.candidate.coordinates[_place(fit)].value(x) for x in bounds)
-    clock = dataset.means(dataset.scene.layout.gather(dataset.scene.motion.time, len(dataset.scene)))
+    clock = dataset.means(dataset.scene.layout.gather(dataset.scene.motion.time))
     base = dataset.predict([m.effect for m in others])
     trace = dataset.predict([*(m.effect for m in others), _moved(fit, bounds[0], 1.0).effect]) - base
     rows = (clock >= first) & (clock <= last) & trace.any(axis=1)

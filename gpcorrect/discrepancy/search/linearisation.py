@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
-from gpcorrect.discrepancy.evidence.linear import fold_of, solve
+from gpcorrect.discrepancy.evidence.linear import fold_of, held_out_nats
 from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
@@ -203,13 +203,6 @@ def held_out(whitener: DatasetWhitener, reference: FloatArray, z: FloatArray, sl
     n_blocks = int(block.max()) + 1
     before, after = np.bincount(block, reference**2, n_blocks), np.bincount(block, z**2, n_blocks)
     gains: FloatArray = 0.5 * (before - after).astype(np.float64)
-    if slopes.shape[1] == 0:
-        return gains
-    sums = whitener.grams(slopes, z)
-    fold = fold_of(n_blocks)
-    numbers = np.unique(fold)
-    gram = sums.gram.sum(axis=0) - np.stack([sums.gram[fold == k].sum(axis=0) for k in numbers])
-    moment = sums.moment.sum(axis=0) - np.stack([sums.moment[fold == k].sum(axis=0) for k in numbers])
-    shift = solve(gram, moment, ridge=1e-4)[np.searchsorted(numbers, fold)]
-    gains += (shift * (sums.moment - 0.5 * (sums.gram @ shift[..., None])[..., 0])).sum(axis=1)
+    if slopes.shape[1]:
+        gains += held_out_nats(whitener.grams(slopes, z), fold_of(n_blocks), ridge=1e-4)
     return gains

@@ -72,9 +72,9 @@ def limits_of(scene: Scene) -> tuple[str, ...]:
         Recording and model.
     """
     limits = []
-    if scene.tracked and scene.model.T_tracker_base is None:
+    if scene.tracker is not None and scene.model.T_tracker_base is None:
         limits.append("of a registration error only the scale can show: the tracker is registered from this recording")
-    if scene.tracked and not any(c.signal == "tracker_rotation" for c in scene.channels):
+    if scene.tracker is not None and not any(c.signal == "tracker_rotation" for c in scene.channels):
         limits.append(
             "of the tracker, positions are compared, not orientations: a joint that does not move the tip is unseen"
         )
