@@ -135,7 +135,7 @@ def estimate_noises(dataset: Dataset, residual: FloatArray, rows: BoolArray) -> 
 
 
 def whitener_on(
-    dataset: Dataset, residual: FloatArray, rows: BoolArray, noises: tuple[ChannelNoise, ...]
+    dataset: Dataset, residual: FloatArray, rows: BoolArray, noises: tuple[ChannelNoise, ...] | None = None
 ) -> DatasetWhitener:
     """Return the whitener of some condensed rows, with weights that reduce the tails of a residual.
 
@@ -147,8 +147,10 @@ def whitener_on(
         Whose tails are reduced.
     rows : (m,) bool array
         Those to use.
-    noises : tuple of ChannelNoise
+    noises : tuple of ChannelNoise, optional
+        Estimated on these rows when None.
     """
+    noises = noises or estimate_noises(dataset, residual, rows)
     wanted = np.unique(dataset.block[rows])
     dense = np.full(int(dataset.block.max()) + 1, -1)
     dense[wanted] = np.arange(len(wanted))

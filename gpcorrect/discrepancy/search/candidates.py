@@ -1,7 +1,4 @@
-"""Every effect of the catalogue on every joint it could act on.
-
-What may be missing. Nothing here knows an effect by name.
-"""
+"""What may be missing: every effect of the catalogue on every joint it could act on. None is known here by name."""
 
 from __future__ import annotations
 
@@ -17,7 +14,7 @@ from gpcorrect.discrepancy.search.coordinates import Coordinate, coordinate_of
 from gpcorrect.discrepancy.settings import SEARCH
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import Candidate as Shape
-from gpcorrect.sim.effects import Effect, Family, Scope
+from gpcorrect.sim.effects import Effect, Family, Parameter, Scope
 from gpcorrect.sim.effects import candidates as shapes
 from gpcorrect.types import FloatArray
 
@@ -82,19 +79,28 @@ class Candidate:
         return str(self.kind.about.family)
 
     @cached_property
+    def parts(self) -> list[tuple[Parameter, range]]:
+        """Parameters that are estimated, each with the indices of its coordinates."""
+        ends = np.cumsum(self.counts).tolist()
+        parts = zip(self.kind.about.parameters, self.counts, ends, strict=True)
+        return [(parameter, range(end - count, end)) for parameter, count, end in parts if count]
+
+    @property
+    def instant(self) -> int | None:
+        """Index of the coordinate that is a change-point, if there is one."""
+        return next((i for i, c in enumerate(self.coordinates) if c.parameter.change_point), None)
+
+    @cached_property
     def key(self) -> tuple[Any, ...]:
         """What it is, whatever its numbers: two fitted of a set with one key are one."""
         return (self.name, self.joint, self.fixed)
 
     def called_like(self, other: Candidate) -> bool:
-        """Return whether a report gives both the same name.
-
-        On which side of the cable friction sits, and by which law a hysteresis is best described, are details.
+        """Return whether a report gives both the same name, whatever the cable's side or the law of a hysteresis.
 
         Parameters
         ----------
         other : Candidate
-            The other one.
         """
         own, others = ({k: v for k, v in c.fixed if k not in DETAILS} for c in (self, other))
         return (self.name, self.joint, own) == (other.name, other.joint, others)
@@ -107,8 +113,8 @@ class Candidate:
 
     @property
     def extra(self) -> int:
-        """Return how many parameters it has beyond the first; one with a value a session counts once."""
-        return sum(count > 0 for count in self.counts) - 1
+        """How many parameters it has beyond the first; one with a value a session counts once."""
+        return len(self.parts) - 1
 
     @property
     def sizes(self) -> tuple[int, ...]:
@@ -135,21 +141,16 @@ class Candidate:
         return u
 
     def build(self, u: FloatArray) -> Effect:
-        """Return the effect at these coordinates.
+        """Return the effect at coordinates.
 
         Parameters
         ----------
         u : array
-            Coordinates.
         """
         values: dict[str, Any] = {}
-        position = 0
-        for parameter, count in zip(self.kind.about.parameters, self.counts, strict=True):
-            if count == 0:
-                continue
-            numbers = [self.coordinates[i].value(float(u[i])) for i in range(position, position + count)]
-            values[parameter.name] = tuple(numbers) if count > 1 else numbers[0]
-            position += count
+        for parameter, places in self.parts:
+            numbers = [self.coordinates[i].value(float(u[i])) for i in places]
+            values[parameter.name] = tuple(numbers) if len(numbers) > 1 else numbers[0]
         return self.kind(joint=self.joint, **dict(self.fixed), **values)
 
     def scaled(self, factors: FloatArray) -> FloatArray:
@@ -168,9 +169,7 @@ class Candidate:
         for i, factor in zip(self.amplitudes, factors, strict=False):
             base = self.coordinates[i].identity
             u[i] = base + factor * (u[i] - base)
-        low, high = self.bounds
-        clipped: FloatArray = np.clip(u, low, high)
-        return clipped
+        return np.clip(u, *self.bounds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,14 +184,26 @@ class FittedEffect:
         """The effect."""
         return self.candidate.build(self.u)
 
+    def moved(self, index: int, u: float) -> FittedEffect:
+        """Return the effect with one coordinate at another place.
+
+        Parameters
+        ----------
+        index : int
+        u : float
+        """
+        moved = np.array(self.u)
+        moved[index] = u
+        return FittedEffect(self.candidate, moved)
+
     def canonical(self) -> FittedEffect:
         """Return the same effect with its numbers in the one way to write them."""
-        effect = self.effect.canonical()
-        if effect == self.effect or len(self.candidate.counts) != len(self.u):
+        effect, candidate = self.effect.canonical(), self.candidate
+        if effect == self.effect or any(count != 1 for count in candidate.counts):
             return self
-        names = [p.name for p in self.candidate.kind.about.parameters]
-        pairs = zip(self.candidate.coordinates, names, strict=True)
-        return FittedEffect(self.candidate, np.array([c.coordinate(float(getattr(effect, n))) for c, n in pairs]))
+        values = [float(getattr(effect, parameter.name)) for parameter, _ in candidate.parts]
+        pairs = zip(candidate.coordinates, values, strict=True)
+        return FittedEffect(candidate, np.array([c.coordinate(value) for c, value in pairs]))
 
     @property
     def at_edge(self) -> tuple[str, ...]:
@@ -200,12 +211,12 @@ class FittedEffect:
 
         Sizes at the edge of their physical range, and shapes at that of the narrower one of this recording.
         """
+        coordinates = self.candidate.coordinates
         names = []
-        narrowed = [i for i, c in enumerate(self.candidate.coordinates) if c.narrowed]
-        for i in (*self.candidate.sizes, *narrowed):
-            low, high = self.candidate.coordinates[i].bounds
+        for i in (*self.candidate.sizes, *(i for i, c in enumerate(coordinates) if c.narrowed)):
+            low, high = coordinates[i].bounds
             if not low + SEARCH.edge * abs(low) + 1e-9 < self.u[i] < high - SEARCH.edge * abs(high):
-                names.append(self.candidate.coordinates[i].parameter.name)
+                names.append(coordinates[i].parameter.name)
         return tuple(names)
 
 
@@ -219,43 +230,39 @@ def all_candidates(scene: Scene) -> list[Candidate]:
     scene : Scene
         Recording and simulator.
     """
-    motor = scene.motor_path()
-    body = scene.machine.body
-    clock = scene.motion.time
+    motor, body = scene.motor_path(), scene.machine.body
     scope = Scope(
         body.joints,
         body.types,
         np.stack([motor.min(axis=0), motor.max(axis=0)], axis=1),
-        float(np.ptp(clock)),
+        float(np.ptp(scene.motion.time)),
         kinematics=body.chain is not None,
         torques=scene.peak_torque(),
     )
     wanted = (s for s in shapes(scope) if s.kind.about.family != Family.NOISE)
-    found = [c for s in wanted for c in _of_shape(s, scene)]
-    return [c for c in found if _is_possible(c)]
+    return [c for s in wanted for c in _of_shape(s, scene) if _is_possible(c)]
 
 
 def _of_shape(shape: Shape, scene: Scene) -> Iterator[Candidate]:
+    """Candidates of a shape: one, or one for each session where the effect is of one session."""
     coordinates, counts, start, amplitudes = _coordinates(shape, scene.n_sessions)
     place = dict(shape.place)
     joint = place.pop("joint")
     own_session = "session" in {f.name for f in fields(shape.kind)}
+    instant = any(c.parameter.change_point for c in coordinates)
     for session in range(scene.n_sessions) if own_session else (None,):
         fixed = tuple(place.items()) + (() if session is None else (("session", session),))
-        within = _watched(coordinates, *watched(scene, session or 0))
-        if within is not None and all(
+        within = coordinates
+        if instant:
+            first, last = watched(scene, session or 0)
+            if first >= last:
+                continue
+            within = tuple(replace(c, low=first, high=last) if c.parameter.change_point else c for c in coordinates)
+        if all(
             c.bounds[0] < c.bounds[1] and (c.bounds[0] <= u <= c.bounds[1] or not c.parameter.change_point)
             for u, c in zip(start, within, strict=True)
         ):  # the rest was clipped to its bounds
             yield Candidate(shape.kind, joint, fixed, within, counts, start, amplitudes)
-
-
-def _watched(coordinates: tuple[Coordinate, ...], first: float, last: float) -> tuple[Coordinate, ...] | None:
-    """Coordinates whose change-points lie between two instants; None when there is nothing between."""
-    if not any(c.parameter.change_point for c in coordinates):
-        return coordinates
-    bounded = tuple(replace(c, low=first, high=last) if c.parameter.change_point else c for c in coordinates)
-    return bounded if first < last else None
 
 
 def _coordinates(
@@ -267,33 +274,27 @@ def _coordinates(
     start: list[float] = []
     amplitudes: list[int] = []
     grows = {p.name for p in shape.amplitudes}
+    defaults = {f.name: f.default for f in fields(shape.kind)}
     for parameter in shape.kind.about.parameters:
-        rung = shape.shape.get(parameter.name)
-        if (rung is None and parameter.name not in grows) or (
-            rung is not None and _says_nothing(shape.kind, parameter.name, rung)
-        ):
+        name, rung = parameter.name, shape.shape.get(parameter.name)
+        at_default = name not in grows if rung is None else rung == defaults[name] or np.isinf(rung)
+        if at_default:
             counts.append(0)
             continue
         count = n_sessions if parameter.per_session else 1
         coordinate = coordinate_of(parameter, shape.joint_type, amplitude=rung is None)
-        if parameter.name in shape.bounds:
-            lowest, highest = shape.bounds[parameter.name]
-            narrowed = max(coordinate.low, lowest), min(coordinate.high, highest)
-            coordinate = replace(coordinate, low=narrowed[0], high=narrowed[1], narrowed=True)
-        low, high = coordinate.bounds
+        if name in shape.bounds:
+            low, high = shape.bounds[name]
+            coordinate = replace(
+                coordinate, low=max(coordinate.low, low), high=min(coordinate.high, high), narrowed=True
+            )
         at = coordinate.coordinate(coordinate.typical if rung is None else rung)
         if rung is None:
             amplitudes += range(len(coordinates), len(coordinates) + count)
         coordinates += [coordinate] * count
-        start += [float(np.clip(at, low, high))] * count
+        start += [float(np.clip(at, *coordinate.bounds))] * count
         counts.append(count)
     return tuple(coordinates), tuple(counts), tuple(start), tuple(amplitudes)
-
-
-def _says_nothing(kind: type[Effect], name: str, value: float) -> bool:
-    """Whether a rung is the value that the field has by default."""
-    default = next(f.default for f in fields(kind) if f.name == name)
-    return bool(value == default) or bool(np.isinf(value))
 
 
 def _is_possible(candidate: Candidate) -> bool:
@@ -343,21 +344,16 @@ def describe(fit: FittedEffect, half_widths: Mapping[int, float]) -> dict[str, E
         Of the 95 % intervals of its coordinates.
     """
     result: dict[str, Estimate] = {}
-    position = 0
     candidate = fit.candidate
-    for parameter, count in zip(candidate.kind.about.parameters, candidate.counts, strict=True):
+    for parameter, places in candidate.parts:
         entries = []
-        for i in range(position, position + count):
+        for i in places:
             c, u, half = candidate.coordinates[i], float(fit.u[i]), half_widths.get(i, np.inf)
-            low, high = c.bounds
-            first, last = sorted(c.value(float(np.clip(u + side * half, low, high))) for side in (-1.0, 1.0))
+            first, last = sorted(c.value(float(np.clip(u + side * half, *c.bounds))) for side in (-1.0, 1.0))
             nothing = c.value(c.identity) if abs(u - c.identity) <= half else None
             entries.append((c.value(u), (first, last), nothing))
-        if not entries:
-            continue
-        unit, is_size = candidate.coordinates[position].unit, position in candidate.sizes
-        position += count
         values, intervals, nothings = zip(*entries, strict=True)
-        value, ci95 = (values, intervals) if count > 1 else (values[0], intervals[0])
+        value, ci95 = (values, intervals) if len(places) > 1 else (values[0], intervals[0])
+        unit, is_size = candidate.coordinates[places[0]].unit, places[0] in candidate.sizes
         result[parameter.name] = Estimate(value, ci95, unit, nothings if is_size else ())
     return result

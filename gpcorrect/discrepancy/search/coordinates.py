@@ -9,7 +9,7 @@ import numpy as np
 from gpcorrect.sim.effects import Parameter
 
 WIDEST = np.log(1e4)  # of a shape parameter's logarithm around its typical value
-PRIOR_LOG = np.log(3.0)
+PRIOR_LOG = np.log(3.0)  # standard deviation of a shape parameter's logarithm: a factor of three either way
 
 
 @dataclass(frozen=True)
@@ -95,15 +95,11 @@ class Coordinate:
             return float(np.log(max(value, 1e-300) / self.typical))
         return value / self.typical
 
-    def prior_residual(self, u: float) -> float:
-        """Return the standard score of a shape parameter under its prior; amplitudes are left free.
-
-        Parameters
-        ----------
-        u : float
-        """
+    @property
+    def prior_weight(self) -> float:
+        """One over the prior standard deviation of a shape's coordinate; 0 for amplitudes, which are left free."""
         free = self.amplitude or self.kind != "log" or self.parameter.change_point
-        return 0.0 if free else u / PRIOR_LOG
+        return 0.0 if free else 1.0 / PRIOR_LOG
 
 
 def coordinate_of(parameter: Parameter, joint_type: str, *, amplitude: bool) -> Coordinate:

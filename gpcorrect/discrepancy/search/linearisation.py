@@ -12,7 +12,7 @@ from gpcorrect.discrepancy.evidence.linear import fold_of, held_out_nats
 from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
-from gpcorrect.discrepancy.search.instants import has_instant, with_best_instant
+from gpcorrect.discrepancy.search.instants import with_best_instant
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
@@ -62,15 +62,13 @@ def _tangents(
     for i, fit in enumerate(free):
         low, high = fit.candidate.bounds
         for j, u in enumerate(fit.u):
-            if fit.candidate.coordinates[j].parameter.change_point:  # no slope
+            if j == fit.candidate.instant:  # no slope
                 columns.append(np.zeros(at.shape))
                 continue
             step = max(STEP * abs(u), SMALLEST_STEP)
-            step = step if u + step <= high[j] else -step
-            moved = np.array(fit.u)
-            moved[j] = max(u + step, low[j])
-            others = [*fixed, *free[:i], FittedEffect(fit.candidate, moved), *free[i + 1 :]]
-            columns.append((dataset.predict([f.effect for f in others]) - at) / (moved[j] - u))
+            moved = fit.moved(j, max(u + (step if u + step <= high[j] else -step), low[j]))
+            others = [*fixed, *free[:i], moved, *free[i + 1 :]]
+            columns.append((dataset.predict([f.effect for f in others]) - at) / (moved.u[j] - u))
     return at, np.stack(columns, axis=2) if columns else np.zeros((*at.shape, 0))
 
 
@@ -93,32 +91,24 @@ def refine(
         Of the set, at most.
     worth : float
         Nats of misfit, half the sum of squares, that somebody asks for: a fit that will not come there ends early.
-
-    Returns
-    -------
-    list of FittedEffect
-        The free ones with their new numbers.
     """
     dataset, free = whitener.dataset, list(free)
     for i, fit in enumerate(free):
-        if has_instant(fit):
+        if fit.candidate.instant is not None:
             free[i] = with_best_instant(whitener, [*fixed, *free[:i], *free[i + 1 :]], fit)
     coordinates = [c for f in free for c in f.candidate.coordinates]
     if not coordinates:
         return []
     low, high = np.array([c.bounds for c in coordinates]).T
-    start = np.clip(np.concatenate([f.u for f in free]), low, high)
+    prior = np.array([c.prior_weight for c in coordinates])
 
     def errors(u: FloatArray) -> FloatArray:
         at = dataset.predict([f.effect for f in (*fixed, *_at(free, u))])
-        prior = [c.prior_residual(x) for c, x in zip(coordinates, u, strict=True)]
-        return np.concatenate([whitener.whiten(dataset.observed - at), prior])
+        return np.concatenate([whitener.whiten(dataset.observed - at), prior * u])
 
     def jacobian(u: FloatArray) -> FloatArray:
-        slopes = -whitener.whiten_columns(_tangents(dataset, fixed, _at(free, u))[1])
-        prior = np.diag([1.0 if c.prior_residual(1.0) else 0.0 for c in coordinates])
-        prior *= 1.0 / np.log(3.0)
-        return np.concatenate([slopes, prior])
+        slopes = whitener.whiten_columns(_tangents(dataset, fixed, _at(free, u))[1])
+        return np.concatenate([-slopes, np.diag(prior)])
 
     costs: list[float] = []
 
@@ -127,10 +117,9 @@ def refine(
         if len(costs) > 1 and costs[-1] - HOPE * (costs[-2] - costs[-1]) > worth:
             raise StopIteration
 
-    inner = np.clip(start, np.nextafter(low, high), np.nextafter(high, low))
     found = least_squares(
         errors,
-        inner,
+        np.clip(np.concatenate([f.u for f in free]), np.nextafter(low, high), np.nextafter(high, low)),
         jac=jacobian,
         bounds=(low, high),
         max_nfev=evaluations,
@@ -175,10 +164,6 @@ def linearise(
         Data, and the rows and noise to take them with.
     free, fixed : sequences of FittedEffect
         The set; the fixed ones' numbers stay.
-
-    Returns
-    -------
-    Linearisation
     """
     at, slopes = _tangents(whitener.dataset, fixed, free)
     residual = whitener.whiten(whitener.dataset.observed - at)
