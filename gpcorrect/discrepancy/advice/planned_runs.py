@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
 
@@ -68,11 +68,6 @@ class Site:
         """(dof,) whether it is the joint in question, or all are."""
         return np.full(len(self.ranges), True) if self.column is None else np.arange(len(self.ranges)) == self.column
 
-    @property
-    def who(self) -> str:
-        """Words for what moves."""
-        return "all joints together" if self.column is None else "the joint alone"
-
     def tour(self, stops: Sequence[FloatArray], seconds: float = STROKE, rest: float = REST) -> FloatArray:
         """Return a path `(n, dof)` through stops by minimum-jerk moves, with a rest at each.
 
@@ -100,6 +95,19 @@ class Site:
             Of a move, and at a stop.
         """
         return self.tour([centre - step, centre + step, centre - step], seconds, rest)
+
+    def ladder(self) -> list[FloatArray]:
+        """Return the same stroke at ever lower speeds."""
+        return [self.sweep(self.middle, self.half * self.moving, seconds) for seconds in LADDER]
+
+    def strokes(self) -> list[FloatArray]:
+        """Return strokes to both sides, at ever smaller amplitudes."""
+        middle, paths = self.middle, []
+        for fraction in AMPLITUDES:
+            step = fraction * (self.half * self.moving)
+            low, high = middle - step, middle + step
+            paths.append(self.tour([middle, high, low, high, low, middle]))
+        return paths
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,113 +145,71 @@ def planned_runs(site: Site, wanted: Sequence[Run]) -> list[PlannedRun]:
     wanted : sequence of Run
         Kinds.
     """
-    made = [MAKERS[run](site) for run in wanted]
-    return [planned for planned in made if planned is not None]
+    made = _motion_runs(site) | _special_runs(site)
+    return [made[run] for run in wanted if run in made]
 
 
-def _ladder(site: Site) -> list[Piece]:
-    return [(site.sweep(site.middle, site.half * site.moving, seconds), None) for seconds in LADDER]
+def _motion_runs(site: Site) -> dict[Run, PlannedRun]:
+    """Return the runs that need no other gains, homings or pauses."""
+    middle, step, dof = site.middle, site.half * site.moving, len(site.ranges)
+    who = "all joints together" if site.column is None else "the joint alone"
+    fractions, seconds = ", ".join(f"{100 * a:g}" for a in AMPLITUDES), ", ".join(f"{s:g}" for s in LADDER)
+    runs = [
+        _run(site, Run.SPEED_LADDER, f": {who} over the range, strokes of {seconds} s", _bare(site.ladder())),
+        _run(site, Run.AMPLITUDES, f": {who}, {fractions} % of the range", _bare(site.strokes())),
+    ]
+    if dof > 1:
+        tours = [site.tour([middle, middle + own, middle - own, middle]) for own in np.diag(site.half)]
+        runs.append(_run(site, Run.ONE_JOINT, ": each joint in turn", _bare(tours)))
+    if dof > 1 and site.column is not None:
+        others = site.half * ~site.moving
+        sweeps = [site.sweep(centre, step) for centre in (middle - others, middle, middle + others)]
+        runs.append(_run(site, Run.POSE_SPREAD, f": {who} sweeps at three", _bare(sweeps)))
+    hold = site.sweep(middle, step, rest=HOLD)
+    loads: Sequence[float | None] = (EXTRA_LOAD, 0.0) if site.loads else (None,)
+    words = f": {who} to one end, hold {HOLD:g} s, back, hold again"
+    runs.append(_run(site, Run.HOLD_UNLOAD, words, [(hold, load) for load in loads]))
+    return {made.run: made for made in runs}
 
 
-def _strokes(site: Site) -> list[Piece]:
-    pieces: list[Piece] = []
-    for fraction in AMPLITUDES:
-        middle, step = site.middle, fraction * (site.half * site.moving)
-        low, high = middle - step, middle + step
-        pieces.append((site.tour([middle, high, low, high, low, middle]), None))
-    return pieces
+def _special_runs(site: Site) -> dict[Run, PlannedRun]:
+    """Return the runs with other payloads, gains, homings or pauses."""
+    strokes = site.strokes()[:2]
+    runs = []
+    if site.loads:
+        words = f": the same strokes without and with {EXTRA_LOAD:g} kg at the tip"
+        pieces = [(path, load) for load in (0.0, EXTRA_LOAD) for path in strokes]
+        runs.append(_run(site, Run.LOAD_SWAP, words, pieces))
+    if site.loads and "P" in site.types:
+        insertion = np.arange(len(site.ranges)) == site.types.index("P")
+        step, depth = site.half * (site.moving & ~insertion), 0.9 * site.half * insertion
+        sweeps = [site.sweep(centre, step) for centre in (site.middle - depth, site.middle + depth)]
+        runs.append(_run(site, Run.TWO_INSERTIONS, "", _bare(sweeps)))
+    if site.servo:
+        plan, seconds = _plan(site, _bare(site.ladder()))
+        words = f": the speed ladder with the present gains and with {100 * GAIN:g} % of them"
+        plans = ((plan, 1.0), (plan, GAIN))
+        runs.append(PlannedRun(Run.GAIN_CHANGE, f"{Run.GAIN_CHANGE}{words}", plans, 2 * seconds / 60 + SETUP))
+    sessions = np.repeat([0, 1], len(strokes)).tolist()
+    plan, seconds = _plan(site, _bare(strokes * 2), session=sessions)
+    words = f"{Run.REHOMING}: the same strokes before and after a homing"
+    runs.append(PlannedRun(Run.REHOMING, words, ((plan, 1.0),), seconds / 60 + SETUP, sessions=2))
+    visit = site.tour([site.middle, site.middle + WIGGLE * site.half, site.middle], 1.0)
+    plan, _ = _plan(site, _bare([visit] * RETURNS), start=[i * EVERY for i in range(RETURNS)])
+    words = f"{Run.REFERENCE_RETURNS}: {RETURNS} times, every {EVERY / 60:g} minutes, working in between"
+    runs.append(PlannedRun(Run.REFERENCE_RETURNS, words, ((plan, 1.0),), RETURNS * EVERY / 60))
+    return {made.run: made for made in runs}
 
 
-def _speed_ladder(site: Site) -> PlannedRun:
-    strokes = ", ".join(f"{s:g}" for s in LADDER)
-    return _run(site, Run.SPEED_LADDER, f": {site.who} over the range, strokes of {strokes} s", _ladder(site))
-
-
-def _amplitudes(site: Site) -> PlannedRun:
-    fractions = ", ".join(f"{100 * a:g}" for a in AMPLITUDES)
-    return _run(site, Run.AMPLITUDES, f": {site.who}, {fractions} % of the range", _strokes(site))
-
-
-def _hold_unload(site: Site) -> PlannedRun:
-    path = site.sweep(site.middle, site.half * site.moving, rest=HOLD)
-    pieces: list[Piece] = [(path, EXTRA_LOAD), (path, 0.0)] if site.loads else [(path, None)]
-    return _run(site, Run.HOLD_UNLOAD, f": {site.who} to one end, hold {HOLD:g} s, back, hold again", pieces)
-
-
-def _load_swap(site: Site) -> PlannedRun | None:
-    if not site.loads:
-        return None
-    pieces: list[Piece] = [(path, load) for load in (0.0, EXTRA_LOAD) for path, _ in _strokes(site)[:2]]
-    return _run(site, Run.LOAD_SWAP, f": the same strokes without and with {EXTRA_LOAD:g} kg at the tip", pieces)
-
-
-def _one_joint(site: Site) -> PlannedRun | None:
-    if len(site.ranges) < 2:
-        return None
-    middle = site.middle
-    steps = np.diag(site.half)
-    pieces: list[Piece] = [(site.tour([middle, middle + step, middle - step, middle]), None) for step in steps]
-    return _run(site, Run.ONE_JOINT, ": each joint in turn", pieces)
-
-
-def _pose_spread(site: Site) -> PlannedRun | None:
-    if site.column is None or len(site.ranges) < 2:
-        return None
-    others = site.half * ~site.moving
-    centres = (site.middle - others, site.middle, site.middle + others)
-    pieces: list[Piece] = [(site.sweep(centre, site.half * site.moving), None) for centre in centres]
-    return _run(site, Run.POSE_SPREAD, f": {site.who} sweeps at three", pieces)
-
-
-def _gain_change(site: Site) -> PlannedRun | None:
-    if not site.servo:
-        return None
-    plan, seconds = _plan(site, _ladder(site))
-    words = f"{Run.GAIN_CHANGE.value}: the speed ladder with the present gains and with {100 * GAIN:g} % of them"
-    return PlannedRun(Run.GAIN_CHANGE, words, ((plan, 1.0), (plan, GAIN)), 2 * seconds / 60 + SETUP)
-
-
-def _rehoming(site: Site) -> PlannedRun:
-    pieces = _strokes(site)[:2]
-    plan, seconds = _plan(site, pieces * 2, session=[i // len(pieces) for i in range(2 * len(pieces))])
-    words = f"{Run.REHOMING.value}: the same strokes before and after a homing"
-    return PlannedRun(Run.REHOMING, words, ((plan, 1.0),), seconds / 60 + SETUP, sessions=2)
-
-
-def _returns(site: Site) -> PlannedRun:
-    visit: Piece = site.tour([site.middle, site.middle + WIGGLE * site.half, site.middle], 1.0), None
-    plan, _ = _plan(site, [visit] * RETURNS, start=[i * EVERY for i in range(RETURNS)])
-    words = f"{Run.REFERENCE_RETURNS.value}: {RETURNS} times, every {EVERY / 60:g} minutes, working in between"
-    return PlannedRun(Run.REFERENCE_RETURNS, words, ((plan, 1.0),), RETURNS * EVERY / 60)
-
-
-def _two_insertions(site: Site) -> PlannedRun | None:
-    if not site.loads or "P" not in site.types:
-        return None
-    insertion = np.arange(len(site.ranges)) == site.types.index("P")
-    step, depth = site.half * (site.moving & ~insertion), 0.9 * site.half * insertion
-    pieces: list[Piece] = [(site.sweep(centre, step), None) for centre in (site.middle - depth, site.middle + depth)]
-    return _run(site, Run.TWO_INSERTIONS, "", pieces)
-
-
-MAKERS: dict[Run, Callable[[Site], PlannedRun | None]] = {
-    Run.SPEED_LADDER: _speed_ladder,
-    Run.AMPLITUDES: _amplitudes,
-    Run.HOLD_UNLOAD: _hold_unload,
-    Run.LOAD_SWAP: _load_swap,
-    Run.ONE_JOINT: _one_joint,
-    Run.POSE_SPREAD: _pose_spread,
-    Run.GAIN_CHANGE: _gain_change,
-    Run.REHOMING: _rehoming,
-    Run.REFERENCE_RETURNS: _returns,
-    Run.TWO_INSERTIONS: _two_insertions,
-}
+def _bare(paths: Sequence[FloatArray]) -> list[Piece]:
+    """Paths with the present payload."""
+    return [(path, None) for path in paths]
 
 
 def _run(site: Site, run: Run, words: str, pieces: Sequence[Piece]) -> PlannedRun:
     plan, seconds = _plan(site, pieces)
     changes = len({payload for _, payload in pieces}) - 1
-    return PlannedRun(run, f"{run.value}{words}", ((plan, 1.0),), seconds / 60 + SETUP * changes)
+    return PlannedRun(run, f"{run}{words}", ((plan, 1.0),), seconds / 60 + SETUP * changes)
 
 
 def _plan(

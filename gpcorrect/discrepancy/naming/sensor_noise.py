@@ -270,7 +270,7 @@ def _speed_noise(joint: int, growth: SpeedGrowth, channels: int) -> NoiseEffect:
     (seconds,) = SpeedNoise.about.parameters
     coordinate = coordinate_of(seconds, "R", amplitude=True)
     u = (growth.seconds / coordinate.typical,)
-    candidate = Candidate(SpeedNoise, joint, (), (coordinate,), (1,), u, (0,))
+    candidate = Candidate(SpeedNoise, joint, (), (coordinate,), u)
     numbers = {"seconds": Estimate(growth.seconds, growth.seconds_ci95, "s")}
     return NoiseEffect(_named(FittedEffect(candidate, np.array(u)), growth.nats, channels), numbers)
 
@@ -300,7 +300,7 @@ def _noise_change(channel: Channel, joint: int | str, growth: Growth, channels: 
     parameters = {p.name: p for p in NoiseChange.about.parameters}
     coordinates = tuple(coordinate_of(parameters[name], kind, amplitude=True) for name in ("std", "since"))
     u = (growth.std / coordinates[0].typical, growth.since / coordinates[1].typical)
-    candidate = Candidate(NoiseChange, joint, (), coordinates, (1, 0, 1), u, (0,))
+    candidate = Candidate(NoiseChange, joint, (), coordinates, u)
     numbers = {
         "std": Estimate(growth.std, growth.std_ci95, channel.unit),
         "since": Estimate(growth.since, growth.since_ci95, "s"),
@@ -319,7 +319,7 @@ def _rounded(scene: Scene, column: int, level: FloatArray) -> NoiseEffect | None
     (step,) = [p for p in EncoderQuantisation.about.parameters if p.name == "step"]
     coordinate = coordinate_of(step, kind, amplitude=True)
     u = (counts.step / coordinate.typical,)
-    candidate = Candidate(EncoderQuantisation, joint, (), (coordinate,), (1, 0), u, (0,))
+    candidate = Candidate(EncoderQuantisation, joint, (), (coordinate,), u)
     ends = (counts.step - counts.error, counts.step + counts.error)
     numbers = {"step": Estimate(counts.step, ends, "m" if kind == "P" else "rad")}
     # Each visited count beyond those that fix step and remainder agrees by chance in one of a hundred cases.

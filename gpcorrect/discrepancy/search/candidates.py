@@ -14,7 +14,7 @@ from gpcorrect.discrepancy.search.coordinates import Coordinate, coordinate_of
 from gpcorrect.discrepancy.settings import SEARCH
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import Candidate as Shape
-from gpcorrect.sim.effects import Effect, Family, Parameter, Scope
+from gpcorrect.sim.effects import Effect, Family, Scope
 from gpcorrect.sim.effects import candidates as shapes
 from gpcorrect.types import FloatArray
 
@@ -52,21 +52,15 @@ class Candidate:
         Fields that are no numbers to estimate, such as a coupling's source.
     coordinates : tuple of Coordinate
         Numbers to estimate, one for each session where the effect has one a session.
-    counts : tuple of int
-        How many coordinates each parameter has, in the order of its description; 0 for those left at their default.
     start : tuple of float
         Coordinates at which its signature is taken.
-    amplitudes : tuple of int
-        Indices of the coordinates that its trace simply grows with; none where its shape says all.
     """
 
     kind: type[Effect]
     joint: int | str
     fixed: tuple[tuple[str, Any], ...]
     coordinates: tuple[Coordinate, ...]
-    counts: tuple[int, ...]
     start: tuple[float, ...]
-    amplitudes: tuple[int, ...]
 
     @property
     def name(self) -> str:
@@ -79,11 +73,17 @@ class Candidate:
         return str(self.kind.about.family)
 
     @cached_property
-    def parts(self) -> list[tuple[Parameter, range]]:
-        """Parameters that are estimated, each with the indices of its coordinates."""
-        ends = np.cumsum(self.counts).tolist()
-        parts = zip(self.kind.about.parameters, self.counts, ends, strict=True)
-        return [(parameter, range(end - count, end)) for parameter, count, end in parts if count]
+    def places(self) -> dict[str, list[int]]:
+        """Indices of the coordinates of every parameter that is estimated."""
+        places: dict[str, list[int]] = {}
+        for i, coordinate in enumerate(self.coordinates):
+            places.setdefault(coordinate.parameter.name, []).append(i)
+        return places
+
+    @cached_property
+    def amplitudes(self) -> tuple[int, ...]:
+        """Indices of the coordinates that its trace simply grows with; none where its shape says all."""
+        return tuple(i for i, c in enumerate(self.coordinates) if c.amplitude)
 
     @property
     def instant(self) -> int | None:
@@ -114,7 +114,7 @@ class Candidate:
     @property
     def extra(self) -> int:
         """How many parameters it has beyond the first; one with a value a session counts once."""
-        return len(self.parts) - 1
+        return len(self.places) - 1
 
     @property
     def sizes(self) -> tuple[int, ...]:
@@ -148,9 +148,9 @@ class Candidate:
         u : array
         """
         values: dict[str, Any] = {}
-        for parameter, places in self.parts:
+        for name, places in self.places.items():
             numbers = [self.coordinates[i].value(float(u[i])) for i in places]
-            values[parameter.name] = tuple(numbers) if len(numbers) > 1 else numbers[0]
+            values[name] = tuple(numbers) if len(numbers) > 1 else numbers[0]
         return self.kind(joint=self.joint, **dict(self.fixed), **values)
 
     def scaled(self, factors: FloatArray) -> FloatArray:
@@ -198,12 +198,12 @@ class FittedEffect:
 
     def canonical(self) -> FittedEffect:
         """Return the same effect with its numbers in the one way to write them."""
-        effect, candidate = self.effect.canonical(), self.candidate
-        if effect == self.effect or any(count != 1 for count in candidate.counts):
+        effect, coordinates = self.effect.canonical(), self.candidate.coordinates
+        names = [c.parameter.name for c in coordinates]
+        if effect == self.effect or names != [p.name for p in effect.about.parameters]:
             return self
-        values = [float(getattr(effect, parameter.name)) for parameter, _ in candidate.parts]
-        pairs = zip(candidate.coordinates, values, strict=True)
-        return FittedEffect(candidate, np.array([c.coordinate(value) for c, value in pairs]))
+        u = [c.coordinate(float(getattr(effect, name))) for c, name in zip(coordinates, names, strict=True)]
+        return FittedEffect(self.candidate, np.array(u))
 
     @property
     def at_edge(self) -> tuple[str, ...]:
@@ -245,7 +245,7 @@ def all_candidates(scene: Scene) -> list[Candidate]:
 
 def _of_shape(shape: Shape, scene: Scene) -> Iterator[Candidate]:
     """Candidates of a shape: one, or one for each session where the effect is of one session."""
-    coordinates, counts, start, amplitudes = _coordinates(shape, scene.n_sessions)
+    coordinates, start = _coordinates(shape, scene.n_sessions)
     place = dict(shape.place)
     joint = place.pop("joint")
     own_session = "session" in {f.name for f in fields(shape.kind)}
@@ -262,39 +262,29 @@ def _of_shape(shape: Shape, scene: Scene) -> Iterator[Candidate]:
             c.bounds[0] < c.bounds[1] and (c.bounds[0] <= u <= c.bounds[1] or not c.parameter.change_point)
             for u, c in zip(start, within, strict=True)
         ):  # the rest was clipped to its bounds
-            yield Candidate(shape.kind, joint, fixed, within, counts, start, amplitudes)
+            yield Candidate(shape.kind, joint, fixed, within, start)
 
 
-def _coordinates(
-    shape: Shape, n_sessions: int
-) -> tuple[tuple[Coordinate, ...], tuple[int, ...], tuple[float, ...], tuple[int, ...]]:
-    """Coordinates, how many a parameter has, where they start, and which are amplitudes."""
+def _coordinates(shape: Shape, n_sessions: int) -> tuple[tuple[Coordinate, ...], tuple[float, ...]]:
+    """Coordinates of the parameters that are not left at their default, and where they start."""
     coordinates: list[Coordinate] = []
-    counts: list[int] = []
     start: list[float] = []
-    amplitudes: list[int] = []
     grows = {p.name for p in shape.amplitudes}
     defaults = {f.name: f.default for f in fields(shape.kind)}
     for parameter in shape.kind.about.parameters:
         name, rung = parameter.name, shape.shape.get(parameter.name)
-        at_default = name not in grows if rung is None else rung == defaults[name] or np.isinf(rung)
-        if at_default:
-            counts.append(0)
+        if name not in grows if rung is None else rung == defaults[name] or np.isinf(rung):
             continue
-        count = n_sessions if parameter.per_session else 1
         coordinate = coordinate_of(parameter, shape.joint_type, amplitude=rung is None)
         if name in shape.bounds:
             low, high = shape.bounds[name]
-            coordinate = replace(
-                coordinate, low=max(coordinate.low, low), high=min(coordinate.high, high), narrowed=True
-            )
+            low, high = max(coordinate.low, low), min(coordinate.high, high)
+            coordinate = replace(coordinate, low=low, high=high, narrowed=True)
         at = coordinate.coordinate(coordinate.typical if rung is None else rung)
-        if rung is None:
-            amplitudes += range(len(coordinates), len(coordinates) + count)
+        count = n_sessions if parameter.per_session else 1
         coordinates += [coordinate] * count
         start += [float(np.clip(at, *coordinate.bounds))] * count
-        counts.append(count)
-    return tuple(coordinates), tuple(counts), tuple(start), tuple(amplitudes)
+    return tuple(coordinates), tuple(start)
 
 
 def _is_possible(candidate: Candidate) -> bool:
@@ -345,7 +335,7 @@ def describe(fit: FittedEffect, half_widths: Mapping[int, float]) -> dict[str, E
     """
     result: dict[str, Estimate] = {}
     candidate = fit.candidate
-    for parameter, places in candidate.parts:
+    for name, places in candidate.places.items():
         entries = []
         for i in places:
             c, u, half = candidate.coordinates[i], float(fit.u[i]), half_widths.get(i, np.inf)
@@ -355,5 +345,5 @@ def describe(fit: FittedEffect, half_widths: Mapping[int, float]) -> dict[str, E
         values, intervals, nothings = zip(*entries, strict=True)
         value, ci95 = (values, intervals) if len(places) > 1 else (values[0], intervals[0])
         unit, is_size = candidate.coordinates[places[0]].unit, places[0] in candidate.sizes
-        result[parameter.name] = Estimate(value, ci95, unit, nothings if is_size else ())
+        result[name] = Estimate(value, ci95, unit, nothings if is_size else ())
     return result

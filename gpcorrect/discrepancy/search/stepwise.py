@@ -70,7 +70,7 @@ def rank(
         if not _is_physical(candidate, factors):
             continue
         nats = float(held_out_nats(sums, fold).sum()) - base_nats - SEARCH.complexity * candidate.extra
-        slot = candidate.key if beyond is None else (candidate.key, candidate.counts)  # fuller ones: one of each make
+        slot = candidate.key if beyond is None else (candidate.key, *candidate.places)  # fuller ones: one of each make
         if slot not in best or nats > best[slot].nats:
             best[slot] = Ranked(candidate, nats, factors)
     return sorted(best.values(), key=lambda r: -r.nats)
