@@ -67,10 +67,6 @@ def find_discrepancy(
         Folder for finished stages: a run that was killed goes on from there, a finished one is read back. Stages of
         other inputs count as absent, and are overwritten.
 
-    Returns
-    -------
-    DiscrepancyResult
-
     Raises
     ------
     DataError
@@ -111,46 +107,43 @@ def _find(
     found, unsure = _with_numbers(state, named, fitted, train)
     minor: list[NamedEffect] = []
     while gone := {*unsure, *_minor(found)}:  # the rest is estimated again without them
-        why = "its 95 % interval holds zero"
-        doubtful = [
-            replace(n, level=Level.INCONCLUSIVE, reasons=(*n.reasons, why)) for n in map(named.__getitem__, unsure)
-        ]
-        dropped = (*dropped, *doubtful)
+        doubtful = [named[i] for i in unsure]
+        dropped += tuple(
+            replace(n, level=Level.INCONCLUSIVE, reasons=(*n.reasons, "its 95 % interval holds zero")) for n in doubtful
+        )
         minor += [e for i, e in found.items() if i in gone]
-        kept = [i for i in range(len(named)) if i not in gone]
-        named, fitted = tuple(named[i] for i in kept), _refit(state, [fitted[i] for i in kept], train)
+        stay = [i for i in range(len(named)) if i not in gone]
+        named, fitted = tuple(named[i] for i in stay), _refit(state, [fitted[i] for i in stay], train)
         found, unsure = _with_numbers(state, named, fitted, train)
     progress.step("numbers", 1.0)
+    shown = [f.effect for f in fitted]
     noises = estimate_noises(dataset, state.residual(fitted), train)
-    level = np.array([n.std for n in noises]) * np.sqrt(dataset.samples_a_row)
-    on_noise = noise_effects(dataset, [f.effect for f in fitted], level)
+    on_noise = noise_effects(dataset, shown, np.array([n.std for n in noises]) * np.sqrt(dataset.samples_a_row))
+    sure = [e for e in on_noise if e.named.may_be_named]
     effects = sorted(found.values(), key=lambda e: -e.nats)
-    effects += [NamedEffect.of(e.named, e.parameters) for e in on_noise if e.named.may_be_named]
-    added = [*fitted, *(e.named.fit for e in on_noise if e.named.may_be_named)]
-    doubtful_noise = [e.named for e in on_noise if not e.named.may_be_named]
+    effects += [NamedEffect.of(e.named, e.parameters) for e in sure]
     remainder = localise_residual(prepared, fitted, noises, tolerance, rng) if before.worth_a_search or rare else None
     progress.step("what is left", 1.0)
     progress.step("test set", 0.0)
     gap = gaps_of(prepared, fitted, noises, rng)
     progress.step("test set", 1.0)
-    bursts = bursts_of(dataset, noises, [f.effect for f in fitted])
-    places = place_verdicts(effects, gap, remainder or before, bursts)
+    places = place_verdicts(effects, gap, remainder or before, bursts_of(dataset, noises, shown))
     level = headline(verdict_level(prepared, state, before, effects, fitted, dropped), effects, places)
-    verdict = Verdict(level, tuple(effects), places, tuple(minor))
     progress.step("next experiment", 0.0)
     experiment, plans = advise(dataset.scene, fitted, [*named, *dropped], noises)
     progress.step("next experiment", 1.0)
+    added = [*shown, *(e.named.fit.effect for e in sure)]
     return DiscrepancyResult(
-        verdict=verdict,
+        verdict=Verdict(level, tuple(effects), places, tuple(minor)),
         not_named=tuple(
             UnnamedEffect(n.fit.candidate.label, n.level, n.probability, n.nats, n.reasons)
-            for n in (*dropped, *doubtful_noise)
+            for n in (*dropped, *(e.named for e in on_noise if not e.named.may_be_named))
         ),
         localisation=before,
         remainder=remainder,
         gap=gap,
         next_experiment=experiment,
-        model=model.with_effects(*in_order((*model.effects, *(f.effect for f in added)))),
+        model=model.with_effects(*in_order((*model.effects, *added))),
         evidence=evidence_of(prepared, state, fitted),
         provenance=provenance_of(log, seed, prepared, state, before, lacks, time.monotonic() - started),
         advised_plans=plans,
@@ -176,14 +169,13 @@ def _refit(state: Search, fitted: Sequence[FittedEffect], rows: BoolArray) -> tu
     """Estimate all numbers anew on these rows, together where effects show in common channels."""
     if not fitted:
         return ()
-    residual = state.residual(fitted)
-    whitener = whitener_on(state.dataset, residual, rows, estimate_noises(state.dataset, residual, rows))
+    whitener = whitener_on(state.dataset, state.residual(fitted), rows)
     done = list(fitted)
     for group in _groups(state, fitted):
         fixed = [f for i, f in enumerate(done) if i not in group]
         found = [refine(whitener, fixed, start, EVALUATIONS) for start in _starts([done[i] for i in group])]
-        left = [whitener.whiten(state.residual([*fixed, *fits])) for fits in found]
-        for i, fit in zip(group, found[int(np.argmin([float((z**2).sum()) for z in left]))], strict=True):
+        left = [float((whitener.whiten(state.residual([*fixed, *fits])) ** 2).sum()) for fits in found]
+        for i, fit in zip(group, found[int(np.argmin(left))], strict=True):
             done[i] = fit.canonical()
     return tuple(done)
 
@@ -194,9 +186,8 @@ def _starts(group: Sequence[FittedEffect]) -> list[list[FittedEffect]]:
     for i, fit in enumerate(group):
         for k, coordinate in enumerate(fit.candidate.coordinates):
             for factor in BESIDE if coordinate.parameter.valleys else ():
-                u = np.array(fit.u)
-                u[k] = coordinate.coordinate(factor * coordinate.value(float(u[k])))
-                starts.append([*group[:i], FittedEffect(fit.candidate, u), *group[i + 1 :]])
+                moved = fit.moved(k, coordinate.coordinate(factor * coordinate.value(float(fit.u[k]))))
+                starts.append([*group[:i], moved, *group[i + 1 :]])
     return starts
 
 
@@ -215,19 +206,16 @@ def _with_numbers(
     """Return named effects with their estimates, by their place in the set, and those whose size may be zero."""
     if not fitted:
         return {}, set()
-    residual, nominal = state.residual(fitted), state.dataset.predict()
-    noises = estimate_noises(state.dataset, residual, rows)
-    whitener = whitener_on(state.dataset, residual, rows, noises)
+    dataset = state.dataset
+    whitener, nominal = whitener_on(dataset, state.residual(fitted), rows), dataset.predict()
     found, unsure = {}, set()
     for i, (name, fit) in enumerate(zip(named, fitted, strict=True)):
-        widths = half_widths(state, whitener, fitted, i)
-        coordinates = fit.candidate.coordinates
-        if all(abs(fit.u[k] - coordinates[k].identity) <= widths[k] for k in fit.candidate.sizes):
+        widths, candidate = half_widths(state, whitener, fitted, i), fit.candidate
+        if all(abs(fit.u[k] - candidate.coordinates[k].identity) <= widths[k] for k in candidate.sizes):
             unsure.add(i)
             continue
-        change = np.sqrt(np.mean((state.dataset.predict([fit.effect]) - nominal) ** 2, axis=0))
-        sizes = change / [n.std for n in noises]
-        shown = state.dataset.scene.channels[int(sizes.argmax())]
+        sizes = np.sqrt(np.mean((dataset.predict([fit.effect]) - nominal) ** 2, axis=0)) / whitener.std
+        shown = dataset.scene.channels[int(sizes.argmax())]
         found[i] = NamedEffect.of(
             replace(name, fit=fit), describe(fit, widths), float(sizes.max()), of_motor=shown.signal == "measured_jp"
         )

@@ -54,7 +54,6 @@ def bursts_of(dataset: Dataset, noises: Sequence[ChannelNoise], effects: Sequenc
     Parameters
     ----------
     dataset : Dataset
-        Recording and simulator.
     noises : sequence of ChannelNoise
     effects : sequence of Effect
         Beyond the model's own.

@@ -101,7 +101,6 @@ def covariates_of(scene: Scene, joint_index: int | None, rows: IntArray) -> Cova
     Parameters
     ----------
     scene : Scene
-        Recording and simulator.
     joint_index : int or None
         Column of the channel's joint; None for a channel of all joints.
     rows : (m,) int array

@@ -105,7 +105,6 @@ def estimate_noises(dataset: Dataset, residual: FloatArray, rows: BoolArray) -> 
     Parameters
     ----------
     dataset : Dataset
-        Recording and simulator.
     residual : (m, c) array
         Measured minus simulated.
     rows : (m,) bool array
@@ -142,7 +141,6 @@ def whitener_on(
     Parameters
     ----------
     dataset : Dataset
-        Recording and simulator.
     residual : (m, c) array
         Whose tails are reduced.
     rows : (m,) bool array

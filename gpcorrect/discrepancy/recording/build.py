@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.discrepancy.recording.channels import compared_channels, joint_columns, tracker_channels
+from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.layout import Layout, layout_of
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, estimate_noise
 from gpcorrect.discrepancy.recording.scene import Scene
@@ -16,6 +16,7 @@ from gpcorrect.discrepancy.recording.tolerance import Slack, slack_of, table_slo
 from gpcorrect.discrepancy.recording.tracker import Tracker
 from gpcorrect.discrepancy.settings import NOISE
 from gpcorrect.errors import DataError
+from gpcorrect.sim.body import Body
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan, Segment, plan_of
@@ -52,7 +53,7 @@ def build_scene(
     machine = machine_of(model).with_effects()
     joints = machine.body.joints
     source = _motor_side(log)
-    motor = joint_columns(log, source, joints)
+    motor = _joint_columns(log, source, joints)
     label = _continuous_runs(log, motor)
     layout = layout_of(label, piece=PIECE, warm_up=WARM_UP, run_out=RUN_OUT)
     loop, remarks = _loop_remarks(log, model, label, source)
@@ -61,7 +62,7 @@ def build_scene(
     if log.payload is not None:
         payload = np.median(layout.spread(np.nan_to_num(log.payload)), axis=0)
     motion = _motion(log, joints, motor, session, label, layout)
-    channels, observed = compared_channels(log, machine.body, source, loop=loop)
+    channels, observed = _compared_channels(log, machine.body, source, loop=loop)
     scene = Scene(
         model=model,
         machine=machine,
@@ -74,7 +75,7 @@ def build_scene(
         time=log.time,
         trajectory=log.trajectory,
         session=session,
-        effort=None if log.measured_jf is None else joint_columns(log, "measured_jf", joints),
+        effort=None if log.measured_jf is None else _joint_columns(log, "measured_jf", joints),
         measured=source == "measured_jp",
         remarks=tuple(remarks),
     )
@@ -88,7 +89,7 @@ def build_scene(
     scene = replace(
         scene,
         tracker=tracker,
-        channels=channels + tracker_channels(tracker.observed.shape[1]),
+        channels=channels + _tracker_channels(tracker.observed.shape[1]),
         observed=np.concatenate([observed, tracker.observed], axis=1),
         remarks=(*scene.remarks, why) if why else scene.remarks,
     )
@@ -122,6 +123,51 @@ def _motor_side(log: CalibrationLog) -> str:
         "the log has neither measured_jp nor setpoint_jp: nothing says where the motors were.",
         hint="Log measured_jp (joint positions from the motor encoders) or setpoint_jp.",
     )
+
+
+def _joint_columns(log: CalibrationLog, signal: str, joints: tuple[int, ...]) -> FloatArray:
+    """Columns `(n, k)` of a joint signal for these joint numbers, in whose order just k columns stand."""
+    values: FloatArray = getattr(log, signal)
+    if values.shape[1] == len(joints):
+        return values
+    if values.shape[1] < max(joints):
+        raise DataError(
+            f"the model speaks of joints {list(joints)}, {signal} of the log has {values.shape[1]} columns.",
+            hint="Name the recorded joints in the model's `joints`.",
+        )
+    return values[:, [j - 1 for j in joints]]
+
+
+def _compared_channels(
+    log: CalibrationLog, body: Body, source: str, *, loop: bool
+) -> tuple[tuple[Channel, ...], FloatArray]:
+    """Joint channels that a log lets us compare, and what was measured in them `(n, c)`."""
+    kinematics = body.chain is not None
+    if log.external_jp is None and (log.tracker_cp is None or not kinematics):
+        raise DataError(
+            "the log has no external_jp"
+            + ("" if kinematics else ", and a bare joint chain has no kinematics to use tracker_cp with")
+            + ("" if log.tracker_cp is not None or not kinematics else " and no tracker_cp")
+            + ": nothing says where the arm really was.",
+            hint="Log external_jp, or tracker_cp with an arm that has kinematics.",
+        )
+    signals = ["measured_jp"] if loop and source == "measured_jp" else []
+    signals += [] if log.external_jp is None else ["external_jp"]
+    units = ["m" if kind == "P" else "rad" for kind in body.types]
+    channels = tuple(
+        Channel(f"{signal}_{joint}", signal, i, joint, unit)
+        for signal in signals
+        for i, (joint, unit) in enumerate(zip(body.joints, units, strict=True))
+    )
+    observed = [_joint_columns(log, signal, body.joints) for signal in signals]
+    return channels, np.concatenate([np.zeros((len(log), 0)), *observed], axis=1)
+
+
+def _tracker_channels(n_axes: int) -> tuple[Channel, ...]:
+    """Channels of a tracker: three positions, and three turns where it has six axes."""
+    kinds = (("tracker_cp", "m"), ("tracker_rotation", "rad"))
+    every = [Channel(f"{signal}_{axis}", signal, i, 0, unit) for signal, unit in kinds for i, axis in enumerate("xyz")]
+    return tuple(every[:n_axes])
 
 
 def _continuous_runs(log: CalibrationLog, motor: FloatArray) -> IntArray:
@@ -182,7 +228,7 @@ def _commanded_plan(
     log: CalibrationLog, joints: tuple[int, ...], layout: Layout, motion: Motion, payload: FloatArray
 ) -> Plan:
     """Plan of the commands that a log holds on an even clock, a run for each column of its layout."""
-    command = joint_columns(log, "setpoint_jp", joints)
+    command = _joint_columns(log, "setpoint_jp", joints)
     rate = 1.0 / float(np.median(np.diff(motion.time, axis=0)[layout.valid[1:]]))
     segments = []
     for k in range(layout.rows.shape[1]):

@@ -36,7 +36,6 @@ class SignalMemory:
         dataset : Dataset
             Always the same one.
         effects : tuple of Effect
-            Beyond the model's own.
         """
         if effects not in self._keys or any(key not in self._means for key in self._keys[effects]):
             signals = dataset.scene.signals(effects)
@@ -134,7 +133,6 @@ class Dataset:
         Parameters
         ----------
         effects : sequence of Effect
-            Beyond the model's own.
         """
         error = self.scene.residual(effects)
         count, sums = self.means(self.good.astype(np.float64)), self.means(np.where(self.good, error, 0.0))
@@ -152,7 +150,6 @@ class Dataset:
         Parameters
         ----------
         effects : sequence of Effect
-            Beyond the model's own.
         """
         return self.memory.channels(self, tuple(effects))
 
@@ -212,7 +209,6 @@ def build_dataset(scene: Scene, split: Split, max_rows: int) -> Dataset:
     Parameters
     ----------
     scene : Scene
-        Recording and simulator.
     split : Split
         Blocks and parts of its rows.
     max_rows : int

@@ -228,7 +228,6 @@ def all_candidates(scene: Scene) -> list[Candidate]:
     Parameters
     ----------
     scene : Scene
-        Recording and simulator.
     """
     motor, body = scene.motor_path(), scene.machine.body
     scope = Scope(

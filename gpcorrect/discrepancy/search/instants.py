@@ -29,7 +29,6 @@ def with_best_instant(whitener: DatasetWhitener, others: Sequence[FittedEffect],
     Parameters
     ----------
     whitener : DatasetWhitener
-        Data, and the rows and noise to use.
     others : sequence of FittedEffect
         Present beside it.
     fit : FittedEffect
@@ -136,7 +135,6 @@ def instant_half_width(whitener: DatasetWhitener, others: Sequence[FittedEffect]
     Parameters
     ----------
     whitener : DatasetWhitener
-        Data, and the rows and noise to use.
     others : sequence of FittedEffect
         Present beside it.
     fit : FittedEffect

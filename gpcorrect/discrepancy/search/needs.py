@@ -32,7 +32,6 @@ def split_by_needs(
     candidates : iterable of Candidate
         To be searched.
     scene : Scene
-        Recording and model.
     log : CalibrationLog
     """
     every = list(candidates)
@@ -55,7 +54,6 @@ def lacks_of_traces(without_trace: Iterable[Candidate], traced: Iterable[str], s
     traced : iterable of str
         Names of the effects that left one.
     scene : Scene
-        Recording and model.
     """
     known = set(traced)
     weightless = not scene.load().any()
@@ -69,7 +67,6 @@ def limits_of(scene: Scene) -> tuple[str, ...]:
     Parameters
     ----------
     scene : Scene
-        Recording and model.
     """
     limits = []
     if scene.tracker is not None and scene.model.T_tracker_base is None:

@@ -199,7 +199,6 @@ def start_search(dataset: Dataset, candidates: Iterable[Candidate], progress: Pr
     Parameters
     ----------
     dataset : Dataset
-        Recording and simulator.
     candidates : iterable of Candidate
         To be searched.
     progress : Progress, optional
