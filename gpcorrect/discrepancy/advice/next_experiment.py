@@ -80,19 +80,9 @@ def advise(
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Two explanations of one recording.
+    """Two explanations of one recording: the rest, which both have, with the leader, taken for true, or with a rival.
 
-    Parameters
-    ----------
-    scene : Scene
-        Recording.
-    rest : tuple of Effect
-        What both have.
-    leader : FittedEffect
-        Taken for true.
-    rivals : tuple of Candidate
-        The other one, in its shape variants; none for "nothing".
-    noises : tuple of ChannelNoise
+    Rivals are shape variants of one; there are none for "nothing".
     """
 
     scene: Scene

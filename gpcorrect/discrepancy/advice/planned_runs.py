@@ -26,22 +26,9 @@ Piece = tuple[FloatArray, float | None]  # path, and kg at the tip; None for the
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """What a run is made for.
+    """Where a run is made: ranges `(dof, 2)` in which joints of these types have moved, and the joint in question.
 
-    Parameters
-    ----------
-    ranges : (dof, 2) array
-        In which the joints have moved, rad or m.
-    types : str
-        "R" or "P" for each.
-    column : int or None
-        Joint in question; None for all.
-    rate_hz : float
-        Of the recording.
-    loads : bool
-        Whether masses and poses are known, so that loads can be simulated.
-    servo : bool
-        Whether the closed loop is.
+    `column` is None for all joints. `loads` and `servo` say whether loads and the closed loop can be simulated.
     """
 
     ranges: FloatArray
@@ -68,64 +55,12 @@ class Site:
         """(dof,) whether it is the joint in question, or all are."""
         return np.full(len(self.ranges), True) if self.column is None else np.arange(len(self.ranges)) == self.column
 
-    def tour(self, stops: Sequence[FloatArray], seconds: float = STROKE, rest: float = REST) -> FloatArray:
-        """Return a path `(n, dof)` through stops by minimum-jerk moves, with a rest at each.
-
-        Parameters
-        ----------
-        stops : sequence of (dof,) arrays
-        seconds, rest : float
-            Of a move, and at a stop.
-        """
-        parts = [stops[0][None]]
-        pause = max(1, round(rest * self.rate_hz))
-        for a, b in pairwise(stops):
-            law = minimum_jerk(max(seconds, 2.0 / self.rate_hz), self.rate_hz)[1:, None]
-            parts += [a + law * (b - a), np.repeat(b[None], pause, axis=0)]
-        return np.concatenate(parts)
-
-    def sweep(self, centre: FloatArray, step: FloatArray, seconds: float = STROKE, rest: float = REST) -> FloatArray:
-        """Return a path `(n, dof)` from one end to the other and back.
-
-        Parameters
-        ----------
-        centre, step : (dof,) arrays
-            Middle of the stroke, and half of it.
-        seconds, rest : float
-            Of a move, and at a stop.
-        """
-        return self.tour([centre - step, centre + step, centre - step], seconds, rest)
-
-    def ladder(self) -> list[FloatArray]:
-        """Return the same stroke at ever lower speeds."""
-        return [self.sweep(self.middle, self.half * self.moving, seconds) for seconds in LADDER]
-
-    def strokes(self) -> list[FloatArray]:
-        """Return strokes to both sides, at ever smaller amplitudes."""
-        middle, paths = self.middle, []
-        for fraction in AMPLITUDES:
-            step = fraction * (self.half * self.moving)
-            low, high = middle - step, middle + step
-            paths.append(self.tour([middle, high, low, high, low, middle]))
-        return paths
-
 
 @dataclass(frozen=True, eq=False)
 class PlannedRun:
-    """A run: its recordings, each with the model that is then true of the controller.
+    """A run in words and as desired paths, each with the factor by which the controller's gains are changed.
 
-    Parameters
-    ----------
-    run : Run
-        Which kind.
-    words : str
-        What to do.
-    plans : tuple of (Plan, float)
-        Desired paths, and by which factor the controller's gains are changed.
-    minutes : float
-        How long it takes, changes of payload and gains included.
-    sessions : int
-        Homings in it.
+    `minutes` include changes of payload and gains, `sessions` are the homings in it.
     """
 
     run: Run
@@ -141,9 +76,7 @@ def planned_runs(site: Site, wanted: Sequence[Run]) -> list[PlannedRun]:
     Parameters
     ----------
     site : Site
-        What they are made for.
     wanted : sequence of Run
-        Kinds.
     """
     made = _motion_runs(site) | _special_runs(site)
     return [made[run] for run in wanted if run in made]
@@ -155,17 +88,17 @@ def _motion_runs(site: Site) -> dict[Run, PlannedRun]:
     who = "all joints together" if site.column is None else "the joint alone"
     fractions, seconds = ", ".join(f"{100 * a:g}" for a in AMPLITUDES), ", ".join(f"{s:g}" for s in LADDER)
     runs = [
-        _run(site, Run.SPEED_LADDER, f": {who} over the range, strokes of {seconds} s", _bare(site.ladder())),
-        _run(site, Run.AMPLITUDES, f": {who}, {fractions} % of the range", _bare(site.strokes())),
+        _run(site, Run.SPEED_LADDER, f": {who} over the range, strokes of {seconds} s", _bare(_ladder(site))),
+        _run(site, Run.AMPLITUDES, f": {who}, {fractions} % of the range", _bare(_strokes(site))),
     ]
     if dof > 1:
-        tours = [site.tour([middle, middle + own, middle - own, middle]) for own in np.diag(site.half)]
+        tours = [_tour(site, [middle, middle + own, middle - own, middle]) for own in np.diag(site.half)]
         runs.append(_run(site, Run.ONE_JOINT, ": each joint in turn", _bare(tours)))
     if dof > 1 and site.column is not None:
         others = site.half * ~site.moving
-        sweeps = [site.sweep(centre, step) for centre in (middle - others, middle, middle + others)]
+        sweeps = [_sweep(site, centre, step) for centre in (middle - others, middle, middle + others)]
         runs.append(_run(site, Run.POSE_SPREAD, f": {who} sweeps at three", _bare(sweeps)))
-    hold = site.sweep(middle, step, rest=HOLD)
+    hold = _sweep(site, middle, step, rest=HOLD)
     loads: Sequence[float | None] = (EXTRA_LOAD, 0.0) if site.loads else (None,)
     words = f": {who} to one end, hold {HOLD:g} s, back, hold again"
     runs.append(_run(site, Run.HOLD_UNLOAD, words, [(hold, load) for load in loads]))
@@ -174,7 +107,7 @@ def _motion_runs(site: Site) -> dict[Run, PlannedRun]:
 
 def _special_runs(site: Site) -> dict[Run, PlannedRun]:
     """Return the runs with other payloads, gains, homings or pauses."""
-    strokes = site.strokes()[:2]
+    strokes = _strokes(site)[:2]
     runs = []
     if site.loads:
         words = f": the same strokes without and with {EXTRA_LOAD:g} kg at the tip"
@@ -183,10 +116,10 @@ def _special_runs(site: Site) -> dict[Run, PlannedRun]:
     if site.loads and "P" in site.types:
         insertion = np.arange(len(site.ranges)) == site.types.index("P")
         step, depth = site.half * (site.moving & ~insertion), 0.9 * site.half * insertion
-        sweeps = [site.sweep(centre, step) for centre in (site.middle - depth, site.middle + depth)]
+        sweeps = [_sweep(site, centre, step) for centre in (site.middle - depth, site.middle + depth)]
         runs.append(_run(site, Run.TWO_INSERTIONS, "", _bare(sweeps)))
     if site.servo:
-        plan, seconds = _plan(site, _bare(site.ladder()))
+        plan, seconds = _plan(site, _bare(_ladder(site)))
         words = f": the speed ladder with the present gains and with {100 * GAIN:g} % of them"
         plans = ((plan, 1.0), (plan, GAIN))
         runs.append(PlannedRun(Run.GAIN_CHANGE, f"{Run.GAIN_CHANGE}{words}", plans, 2 * seconds / 60 + SETUP))
@@ -194,11 +127,40 @@ def _special_runs(site: Site) -> dict[Run, PlannedRun]:
     plan, seconds = _plan(site, _bare(strokes * 2), session=sessions)
     words = f"{Run.REHOMING}: the same strokes before and after a homing"
     runs.append(PlannedRun(Run.REHOMING, words, ((plan, 1.0),), seconds / 60 + SETUP, sessions=2))
-    visit = site.tour([site.middle, site.middle + WIGGLE * site.half, site.middle], 1.0)
+    visit = _tour(site, [site.middle, site.middle + WIGGLE * site.half, site.middle], 1.0)
     plan, _ = _plan(site, _bare([visit] * RETURNS), start=[i * EVERY for i in range(RETURNS)])
     words = f"{Run.REFERENCE_RETURNS}: {RETURNS} times, every {EVERY / 60:g} minutes, working in between"
     runs.append(PlannedRun(Run.REFERENCE_RETURNS, words, ((plan, 1.0),), RETURNS * EVERY / 60))
     return {made.run: made for made in runs}
+
+
+def _tour(site: Site, stops: Sequence[FloatArray], seconds: float = STROKE, rest: float = REST) -> FloatArray:
+    """Path `(n, dof)` through stops by minimum-jerk moves of these seconds, with a rest at each."""
+    parts = [stops[0][None]]
+    pause = max(1, round(rest * site.rate_hz))
+    for a, b in pairwise(stops):
+        law = minimum_jerk(max(seconds, 2.0 / site.rate_hz), site.rate_hz)[1:, None]
+        parts += [a + law * (b - a), np.repeat(b[None], pause, axis=0)]
+    return np.concatenate(parts)
+
+
+def _sweep(site: Site, centre: FloatArray, step: FloatArray, seconds: float = STROKE, rest: float = REST) -> FloatArray:
+    return _tour(site, [centre - step, centre + step, centre - step], seconds, rest)
+
+
+def _ladder(site: Site) -> list[FloatArray]:
+    """Return the same stroke at ever lower speeds."""
+    return [_sweep(site, site.middle, site.half * site.moving, seconds) for seconds in LADDER]
+
+
+def _strokes(site: Site) -> list[FloatArray]:
+    """Return strokes to both sides, at ever smaller amplitudes."""
+    middle, paths = site.middle, []
+    for fraction in AMPLITUDES:
+        step = fraction * (site.half * site.moving)
+        low, high = middle - step, middle + step
+        paths.append(_tour(site, [middle, high, low, high, low, middle]))
+    return paths
 
 
 def _bare(paths: Sequence[FloatArray]) -> list[Piece]:

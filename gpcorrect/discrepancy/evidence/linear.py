@@ -14,14 +14,9 @@ FOLDS = 5  # of cross-validation over whole trajectories: chosen by hand
 
 @dataclass(frozen=True, eq=False)
 class Grams:
-    """What least squares needs of each block.
+    """Sums of products of p whitened columns over each of b blocks, which is what least squares needs of them.
 
-    Parameters
-    ----------
-    gram : (b, p, p) array
-        Products of the whitened columns with each other.
-    moment : (b, p) or (b, p, r) array
-        Products of the columns with the whitened residual (or with r of them).
+    `gram` `(b, p, p)` is with each other, `moment` `(b, p)` with the whitened residual, or `(b, p, r)` with r of them.
     """
 
     gram: FloatArray

@@ -26,16 +26,10 @@ CLIP = 5.0  # robust standard deviations
 
 @dataclass(frozen=True)
 class Tone:
-    """A narrow peak of a spectrum.
+    """A narrow peak of a spectrum between two frequencies, Hz.
 
-    Parameters
-    ----------
-    low, high : float
-        Where it lies, Hz.
-    rms : float
-        Of what is above the spectrum around it, unit of the residual.
-    nats : float
-        Minus the logarithm of a bound on the chance of such a peak anywhere in noise of a smooth spectrum.
+    `rms` is of what is above the spectrum around it, `nats` minus the logarithm of a bound on the chance of such a peak
+    anywhere in noise of a smooth spectrum.
     """
 
     low: float

@@ -189,17 +189,7 @@ class Span:
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """The cells of one test.
-
-    Parameters
-    ----------
-    variables : tuple of Variable
-        One or two of them.
-    code : (n,) int array
-        Cell of each row.
-    spans : tuple of tuple of Span
-        Where each cell lies, a span for each variable.
-    """
+    """Cells of one test over one or two variables: the cell `(n,)` of each row, and where each cell lies along them."""
 
     variables: tuple[Variable, ...]
     code: IntArray

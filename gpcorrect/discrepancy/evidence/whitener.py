@@ -24,18 +24,10 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class DatasetWhitener:
-    """Whitens columns of condensed rows and stacks their channels.
+    """Whitens columns of the m condensed rows of a dataset and stacks their channels to M rows.
 
-    Parameters
-    ----------
-    dataset : Dataset
-        Of m rows.
-    blocks : tuple of (m,) int arrays
-        For each channel, block of each row, -1 where the channel is missing or the row is left out; from 0 without
-        gaps.
-    noises : tuple of ChannelNoise
-    weight : (M,) array
-        Of each stacked row, for heavy tails.
+    `blocks` are of each channel `(m,)`, from 0 without gaps, -1 where the channel is missing or the row is left out;
+    `weight` `(M,)` reduces heavy tails.
     """
 
     dataset: Dataset

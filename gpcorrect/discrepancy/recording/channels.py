@@ -15,10 +15,8 @@ class Channel:
         Signal and joint or axis, such as "external_jp_2".
     signal : str
         Log signal; the tracker's orientation counts as one of its own, "tracker_rotation".
-    index : int
-        Column among the model's joints, or axis of the tracker.
-    joint : int
-        Number of the joint it speaks of; 0 for the tracker's axes.
+    index, joint : int
+        Column among the model's joints and number of the joint; axis of the tracker, and 0.
     unit : str
         "rad" or "m".
     """

@@ -18,13 +18,8 @@ Value = TypeVar("Value", bound=np.generic)
 class Layout:
     """Where each row of a table stands in a grid of n samples by N columns.
 
-    Parameters
-    ----------
-    rows : (n, N) int array
-        Row of the table; behind a column's end its last row again.
-    valid : (n, N) bool array
-        True once for each row: False behind a column's end, and where a column only repeats rows of its neighbours to
-        warm up and run out.
+    `rows` `(n, N)` are rows of the table, behind a column's end its last one again. `valid` is True once for each row:
+    not behind a column's end, nor where a column only repeats rows of its neighbours to warm up and run out.
     """
 
     rows: IntArray

@@ -188,14 +188,8 @@ class Whitener:
     """Turns columns that carry a noise into columns of independent noise of unit variance.
 
     Innovations of the Kalman filter of the noise model, started afresh in every block; linear in the columns, gaps
-    count in real time.
-
-    Parameters
-    ----------
-    block : (n,) int array
-        Of each row, from 0.
-    gain, scale, phi : (n,) arrays
-        Kalman gain, deviation of the innovation, and correlation with the sample before.
+    count in real time. Of each row `(n,)` it holds the block, the Kalman gain, the deviation of the innovation, and the
+    correlation with the sample before.
     """
 
     block: IntArray

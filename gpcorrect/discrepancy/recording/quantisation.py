@@ -14,18 +14,9 @@ TRIES = 25  # step sizes near a first guess
 
 @dataclass(frozen=True)
 class Quantisation:
-    """A step in which values are written down.
+    """A step in which values are written down, in their unit, with the half width of what they leave open of it.
 
-    Parameters
-    ----------
-    step : float
-        Its size, in the values' unit.
-    error : float
-        Half width of what the values leave open of it.
-    agreement : float
-        Of the remainders, from 0 (spread evenly) to 1 (all the same).
-    visited : int
-        Different counts among the values.
+    `agreement` of the remainders is from 0 (spread evenly) to 1 (all the same), `visited` the number of different counts.
     """
 
     step: float

@@ -15,16 +15,9 @@ NOT_USED = -1  # block of a row that is left out
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """The parts of the rows, and the blocks that resampling keeps whole.
+    """Block `(n,)` of each row, a trajectory or piece of a long one that resampling keeps whole, and its part `(n,)`.
 
-    Parameters
-    ----------
-    block : (n,) int array
-        Trajectory, or piece of a long one, each row belongs to; -1 for rows left out.
-    part : (n,) int array
-        0 discovery, 1 confirmation, 2 test, -1 left out.
-    remark : str
-        How it was done.
+    Parts are 0 discovery, 1 confirmation and 2 test; -1 marks rows left out. `remark` says how it was done.
     """
 
     block: IntArray

@@ -27,14 +27,8 @@ ROW_TERMS = {"alpha": NOISE.table_angle, "a": NOISE.table_length, "d": NOISE.tab
 class Slack:
     """A linear part of the residual that is left out of account.
 
-    Parameters
-    ----------
-    slopes : (n, c, r) array
-        What a standard deviation of each error changes in the channels.
-    pick : (r, m) array
-        Sizes of the errors, as far as they are left out of account, from the residual of `rows`.
-    rows : (n, c) bool array
-        Residuals that the sizes are taken from, m of them.
+    `pick` `(r, m)` takes the sizes of the errors, as far as they are left out, from the m residuals of `rows` `(n, c)`;
+    `slopes` `(n, c, r)` is what a standard deviation of each changes in the channels.
     """
 
     slopes: FloatArray

@@ -14,19 +14,11 @@ from gpcorrect.types import BoolArray, FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Tracker:
-    """What a tracker measured, and what the model leaves open of its frames.
+    """Measured positions `(n, 3)`, m (NaN is missing), and what the model leaves open of the tracker's frames.
 
-    Parameters
-    ----------
-    position : (n, 3) array
-        Measured, m; NaN is missing.
-    rows : (n,) bool array
-        On which an open frame is registered.
-    base_known, marker_known : bool
-        Whether the model states where the base stands in the tracker's frame, and how the marker sits on the tip.
-    rotation, reference : (n, 3, 3) arrays or None
-        Measured orientations (NaN is missing), and the nominal model's from which measured and simulated turns are
-        written down, so that these stay small; None where only positions are compared.
+    An open frame, of the base in the tracker's or of the marker on the tip, is registered on `rows` `(n,)`. `rotation`
+    `(n, 3, 3)` are measured orientations, and `reference` the nominal model's, from which measured and simulated turns
+    are written down, so that these stay small; both are None where only positions are compared.
     """
 
     position: FloatArray

@@ -136,17 +136,7 @@ def _at(fitted: Sequence[FittedEffect], u: FloatArray) -> list[FittedEffect]:
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """A set with what it leaves, and how that changes with its numbers.
-
-    Parameters
-    ----------
-    fitted : tuple of FittedEffect
-        The set.
-    z : (M,) array
-        Whitened residual that it leaves.
-    slopes : (M, p) array
-        Whitened tangents of the coordinates of its free effects.
-    """
+    """A set, the whitened residual `(M,)` that it leaves, and the whitened tangents `(M, p)` of its free coordinates."""
 
     fitted: tuple[FittedEffect, ...]
     z: FloatArray

@@ -36,12 +36,8 @@ def split_by_needs(
     """
     every = list(candidates)
     placed = {c.name for c in every}
-    lacks = {}
-    for name, kind in EFFECTS.items():
-        why = _lacking(kind, scene, log, placed=name in placed)
-        if why:
-            lacks[name] = Lack(name, why)
-    return [c for c in every if c.name not in lacks], tuple(lacks.values())
+    whys = {name: _lacking(kind, scene, log, placed=name in placed) for name, kind in EFFECTS.items()}
+    return [c for c in every if not whys[c.name]], tuple(Lack(name, why) for name, why in whys.items() if why)
 
 
 def lacks_of_traces(without_trace: Iterable[Candidate], traced: Iterable[str], scene: Scene) -> tuple[Lack, ...]:

@@ -27,20 +27,8 @@ from gpcorrect.types import CalibrationLog
 class PreparedData:
     """What the workflow needs of a recording.
 
-    Parameters
-    ----------
-    log : CalibrationLog
-        The recording, with the joint paths that its poses stand for.
-    split : Split
-        Blocks and parts of its rows.
-    dataset : Dataset
-        Condensed rows and simulator.
-    tests : tuple of tuple of Cells
-        Of each channel.
-    inputs : tuple of Covariates
-        Variables of each channel, at the condensed rows.
-    remarks : tuple of str
-        How it was split, and what had to be assumed.
+    `log` has the joint paths that its poses stand for. `tests` and `inputs`, the variables at the condensed rows, are of
+    each channel. `remarks` say how it was split, and what had to be assumed.
     """
 
     log: CalibrationLog

@@ -19,16 +19,9 @@ from gpcorrect.types import BoolArray, FloatArray, Progress
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """A candidate's signature.
+    """A candidate's signature at its start `(m, c, a)`, a column for each amplitude, and the channels `(c,)` it touches.
 
-    Parameters
-    ----------
-    candidate : Candidate
-        At its start.
-    change : (m, c, a) array
-        Of the condensed channels, a column for each amplitude.
-    touched : (c,) bool array
-        Channels in which it is more than a fiftieth of the noise.
+    Those are where it is more than a fiftieth of the noise.
     """
 
     candidate: Candidate
