@@ -97,17 +97,15 @@ def _question(named: Sequence[Named]) -> tuple[Named, Alternative] | None:
     asked = [n for n in named if n.level in (Level.CLASS, Level.SET)]
     if not asked and not any(n.level == Level.EXACT for n in named):
         asked = list(named)
-    pairs = [(n, a) for n in asked for a in n.alternatives if _is_open(n, a)]
+    pairs = [
+        (n, a)
+        for n in asked
+        for a in n.alternatives
+        if a.explanation != Explanation.UNKNOWN  # which cannot be simulated
+        and a.label != n.fit.candidate.label
+        and a.probability >= ADVICE.open_probability
+    ]
     return max(pairs, key=lambda pair: pair[1].probability * pair[0].nats, default=None)
-
-
-def _is_open(named: Named, other: Alternative) -> bool:
-    """Return whether another explanation that can be simulated is still worth an experiment."""
-    return (
-        other.explanation != Explanation.UNKNOWN
-        and other.label != named.fit.candidate.label
-        and other.probability >= ADVICE.open_probability
-    )
 
 
 def _site(scene: Scene, joint: int | str) -> Site:

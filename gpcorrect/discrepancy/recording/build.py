@@ -86,10 +86,12 @@ def build_scene(
     tracker, why = Tracker(seen.position, registered_on, *known).with_orientations(
         seen.quaternion, scene.marker_poses()
     )
+    kinds = (("tracker_cp", "m"), ("tracker_rotation", "rad"))
+    axes = [Channel(f"{signal}_{axis}", signal, i, 0, unit) for signal, unit in kinds for i, axis in enumerate("xyz")]
     scene = replace(
         scene,
         tracker=tracker,
-        channels=channels + _tracker_channels(tracker.observed.shape[1]),
+        channels=(*channels, *axes[: tracker.observed.shape[1]]),
         observed=np.concatenate([observed, tracker.observed], axis=1),
         remarks=(*scene.remarks, why) if why else scene.remarks,
     )
@@ -161,13 +163,6 @@ def _compared_channels(
     )
     observed = [_joint_columns(log, signal, body.joints) for signal in signals]
     return channels, np.concatenate([np.zeros((len(log), 0)), *observed], axis=1)
-
-
-def _tracker_channels(n_axes: int) -> tuple[Channel, ...]:
-    """Channels of a tracker: three positions, and three turns where it has six axes."""
-    kinds = (("tracker_cp", "m"), ("tracker_rotation", "rad"))
-    every = [Channel(f"{signal}_{axis}", signal, i, 0, unit) for signal, unit in kinds for i, axis in enumerate("xyz")]
-    return tuple(every[:n_axes])
 
 
 def _continuous_runs(log: CalibrationLog, motor: FloatArray) -> IntArray:

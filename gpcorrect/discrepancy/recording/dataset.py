@@ -22,32 +22,11 @@ STILL = 1e-4  # of a joint's travel between samples: slower is standing still
 
 
 class SignalMemory:
-    """Condensed simulated channels of the sets asked for last, by what they depend on."""
+    """Condensed signals by what they depend on, and which of them the sets of effects asked for last consist of."""
 
     def __init__(self) -> None:
-        self._keys: dict[tuple[Effect, ...], list[Hashable]] = {}
-        self._means: dict[Hashable, FloatArray] = {}
-
-    def channels(self, dataset: Dataset, effects: tuple[Effect, ...]) -> FloatArray:
-        """Return the channels `(m, c)` of a set, simulated where they are not known.
-
-        Parameters
-        ----------
-        dataset : Dataset
-            Always the same one.
-        effects : tuple of Effect
-        """
-        if effects not in self._keys or any(key not in self._means for key in self._keys[effects]):
-            signals = dataset.scene.signals(effects)
-            while len(self._keys) > REMEMBERED_SETS:
-                self._keys.pop(next(iter(self._keys)))
-            while sum(means.nbytes for means in self._means.values()) > REMEMBERED_BYTES:
-                self._means.pop(next(iter(self._means)))
-            for signal in signals:
-                if signal.key not in self._means:
-                    self._means[signal.key] = dataset.means(signal.rows())
-            self._keys[effects] = [signal.key for signal in signals]
-        return np.concatenate([self._means[key] for key in self._keys[effects]], axis=1)
+        self.keys: dict[tuple[Effect, ...], list[Hashable]] = {}
+        self.means: dict[Hashable, FloatArray] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +130,18 @@ class Dataset:
         ----------
         effects : sequence of Effect
         """
-        return self.memory.channels(self, tuple(effects))
+        keys, means, wanted = self.memory.keys, self.memory.means, tuple(effects)
+        if wanted not in keys or any(key not in means for key in keys[wanted]):
+            signals = self.scene.signals(wanted)
+            while len(keys) > REMEMBERED_SETS:
+                keys.pop(next(iter(keys)))
+            while sum(m.nbytes for m in means.values()) > REMEMBERED_BYTES:
+                means.pop(next(iter(means)))
+            for signal in signals:
+                if signal.key not in means:
+                    means[signal.key] = self.means(signal.rows())
+            keys[wanted] = [signal.key for signal in signals]
+        return np.concatenate([means[key] for key in keys[wanted]], axis=1)
 
     def strict(self) -> Dataset:
         """Return the dataset with all of the residual in account, for what is reported of it."""

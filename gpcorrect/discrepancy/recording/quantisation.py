@@ -16,7 +16,7 @@ TRIES = 25  # step sizes near a first guess
 class Quantisation:
     """A step in which values are written down, in their unit, with the half width of what they leave open of it.
 
-    `agreement` of the remainders is from 0 (spread evenly) to 1 (all the same), `visited` the number of different counts.
+    `agreement` of the remainders is from 0 (spread evenly) to 1 (all the same), `visited` counts differ.
     """
 
     step: float

@@ -34,82 +34,21 @@ REMEMBERED_BYTES = 120_000_000  # of joint paths: memory only, no result depends
 
 
 class ReplayMemory:
-    """Closed-loop runs of the last sets of effects, and joint paths by what made them; the oldest are forgotten.
+    """What was simulated so far: closed-loop runs by their effects, and joint paths by a number for what made them.
 
-    A joint's path has a number, by the motion and the joint, or by an effect and the numbers of the paths it looks at:
-    a change at one joint need not walk the others' paths again.
+    That is the motion and the joint, or an effect and the numbers of the paths it looks at: a change at one joint need
+    not walk the others' paths again. The oldest are forgotten.
     """
 
     def __init__(self) -> None:
-        self._command: Command | None = None
-        self._loops: dict[tuple[Effect, ...], Driven] = {}
-        self._numbers: dict[Hashable, int] = {}
-        self._paths: dict[int, FloatArray] = {}
+        self.command: Command | None = None
+        self.loops: dict[tuple[Effect, ...], Driven] = {}
+        self.numbers: dict[Hashable, int] = {}
+        self.paths: dict[int, FloatArray] = {}
 
-    def loop(self, machine: Machine, plan: Plan) -> Driven:
-        """Return the closed-loop run of a machine, made where it is not known.
-
-        Parameters
-        ----------
-        machine : Machine
-            With the effects inside the loop only.
-        plan : Plan
-            Commands, always the same.
-        """
-        if self._command is None:
-            self._command = Command.of(machine.with_effects(), plan)
-        if machine.effects not in self._loops:
-            while len(self._loops) >= REMEMBERED:
-                self._loops.pop(next(iter(self._loops)))
-            self._loops[machine.effects] = follow_command(machine, self._command)
-        return self._loops[machine.effects]
-
-    def joint_paths(
-        self, effects: Sequence[Effect], motion: Motion, of_motion: Hashable
-    ) -> tuple[list[int], list[FloatArray]]:
-        """Return the number and the true path `(n, N)` of each joint, as `gpcorrect.sim.plant.joint_path` makes it.
-
-        Parameters
-        ----------
-        effects : sequence of Effect
-            In the order in which they act.
-        motion : Motion
-            Of the motors.
-        of_motion : hashable
-            What the motion depends on.
-        """
-        paths = list(np.moveaxis(motion.position, -1, 0))
-        numbers = [self._number((of_motion, j)) for j in range(len(paths))]
-        for effect in of_kind(effects, PathEffect):
-            changed = self._changed(effect, numbers, motion)
-            if any(number not in self._paths for number in changed.values()):
-                self._walk(effect, paths, motion, changed)
-            for j, number in changed.items():
-                numbers[j], paths[j] = number, self._paths[number]
-        return numbers, paths
-
-    def _changed(self, effect: PathEffect, numbers: list[int], motion: Motion) -> dict[int, int]:
-        """Numbers of the paths behind an effect, by the joints that it changes."""
-        if isinstance(effect.joint, int):
-            looked_at = [numbers[effect.column(motion.joints, joint)] for joint in effect.joints]
-            return {effect.column(motion.joints): self._number((effect, *looked_at))}
-        if effect.joint_by_joint:
-            return {j: self._number((effect, number)) for j, number in enumerate(numbers)}
-        return {j: self._number((effect, tuple(numbers), j)) for j in range(len(numbers))}
-
-    def _walk(self, effect: PathEffect, paths: list[FloatArray], motion: Motion, changed: dict[int, int]) -> None:
-        while len(self._paths) * paths[0].nbytes > REMEMBERED_BYTES:
-            self._paths.pop(next(iter(self._paths)))
-        if not effect.joint_by_joint:
-            behind = effect.act(np.stack(paths, axis=-1), motion)
-            self._paths.update({number: behind[..., j] for j, number in changed.items()})
-            return
-        for j, number in changed.items():
-            if number not in self._paths:
-                self._paths[number] = effect.act(paths[j][..., None], motion)[..., 0]
-
-    def _number(self, made: Hashable) -> int:
-        return self._numbers.setdefault(made, len(self._numbers))
+    def number(self, *made: Hashable) -> int:
+        """Return the number that stands for what made a path."""
+        return self.numbers.setdefault(made, len(self.numbers))
 
 
 class Signal(NamedTuple):
@@ -231,7 +170,7 @@ class Scene:
         """
         machine = self._machine(effects)
         inside, loop, motion = _inside(machine), self._loop(machine), self._replay(machine)
-        numbers, paths = self.memory.joint_paths(machine.effects, motion, inside)
+        numbers, paths = self._joint_paths(machine, motion)
         measured = self.motion.position if loop is None else loop.motion.position
         found = []
         for c in self.channels:
@@ -258,7 +197,7 @@ class Scene:
         """
         machine = self._machine(effects)
         replay = self._replay(machine)
-        q = np.stack(self.memory.joint_paths(machine.effects, replay, _inside(machine))[1], axis=-1)
+        q = np.stack(self._joint_paths(machine, replay)[1], axis=-1)
         tip = tip_path(machine.effects, machine.actual_body(self.payload).forward(q), replay)
         assert tip is not None
         return self.layout.gather(se3.compose(machine.T_tracker_base, tip, machine.T_tip_marker))
@@ -294,9 +233,49 @@ class Scene:
         return replace(self.motion, load=gravity, gravity_load=gravity, tip_force=body.tip_force)
 
     def _loop(self, machine: Machine) -> Driven | None:
+        """Closed-loop run with the effects inside the loop."""
         if self.plan is None:
             return None
-        return self.memory.loop(machine.with_effects(*_inside(machine)), self.plan)
+        memory, inside = self.memory, _inside(machine)
+        memory.command = memory.command or Command.of(machine.with_effects(), self.plan)
+        if inside not in memory.loops:
+            while len(memory.loops) >= REMEMBERED:
+                memory.loops.pop(next(iter(memory.loops)))
+            memory.loops[inside] = follow_command(machine.with_effects(*inside), memory.command)
+        return memory.loops[inside]
+
+    def _joint_paths(self, machine: Machine, motion: Motion) -> tuple[list[int], list[FloatArray]]:
+        """Return the number and the true path `(n, N)` of each joint, as `gpcorrect.sim.plant.joint_path` does."""
+        paths, inside = list(np.moveaxis(motion.position, -1, 0)), _inside(machine)
+        numbers = [self.memory.number(inside, j) for j in range(len(paths))]
+        for effect in of_kind(machine.effects, PathEffect):
+            changed = self._changed(effect, numbers)
+            if any(number not in self.memory.paths for number in changed.values()):
+                self._walk(effect, paths, motion, changed)
+            for j, number in changed.items():
+                numbers[j], paths[j] = number, self.memory.paths[number]
+        return numbers, paths
+
+    def _changed(self, effect: PathEffect, numbers: list[int]) -> dict[int, int]:
+        """Numbers of the paths behind an effect, by the joints that it changes."""
+        if isinstance(effect.joint, int):
+            looked_at = [numbers[effect.column(self.joints, joint)] for joint in effect.joints]
+            return {effect.column(self.joints): self.memory.number(effect, *looked_at)}
+        if effect.joint_by_joint:
+            return {j: self.memory.number(effect, number) for j, number in enumerate(numbers)}
+        return {j: self.memory.number(effect, tuple(numbers), j) for j in range(len(numbers))}
+
+    def _walk(self, effect: PathEffect, paths: list[FloatArray], motion: Motion, changed: dict[int, int]) -> None:
+        known = self.memory.paths
+        while len(known) * paths[0].nbytes > REMEMBERED_BYTES:
+            known.pop(next(iter(known)))
+        if not effect.joint_by_joint:
+            behind = effect.act(np.stack(paths, axis=-1), motion)
+            known.update({number: behind[..., j] for j, number in changed.items()})
+            return
+        for j, number in changed.items():
+            if number not in known:
+                known[number] = effect.act(paths[j][..., None], motion)[..., 0]
 
 
 def _inside(machine: Machine) -> tuple[Effect, ...]:

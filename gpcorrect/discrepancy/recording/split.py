@@ -79,7 +79,8 @@ def split_rows(trajectory: IntArray, session: IntArray, rng: np.random.Generator
             f"the log has {len(units)} separate motions, a split into discovery, confirmation and test set needs 3.",
             hint="Record more trajectories, or longer ones.",
         )
-    part_of_unit = _dealt(len(units), rng)
+    n_confirmation, n_test = (max(1, round(fraction * len(units))) for fraction in SPLIT.fractions[1:])
+    part_of_unit = rng.permutation(np.repeat([2, 1, 0], [n_test, n_confirmation, len(units) - n_test - n_confirmation]))
     if n_sessions > 1 and not by_session:  # a homing is new in each: none of them in one part alone
         part_of_unit = _spread(part_of_unit, session[used][first], rng)
     part = np.full(len(trajectory), NOT_USED)
@@ -97,13 +98,6 @@ def _openings(block: IntArray, session: IntArray) -> BoolArray:
         if len(blocks) > 1:
             opening |= (session == number) & np.isin(block, blocks[: max(1, round(SPLIT.opening * len(blocks)))])
     return opening
-
-
-def _dealt(n: int, rng: np.random.Generator) -> IntArray:
-    """Part of each of n units in a random order, none of the parts empty."""
-    n_confirmation, n_test = (max(1, round(fraction * n)) for fraction in SPLIT.fractions[1:])
-    dealt: IntArray = rng.permutation(np.repeat([2, 1, 0], [n_test, n_confirmation, n - n_test - n_confirmation]))
-    return dealt
 
 
 def _spread(parts: IntArray, session: IntArray, rng: np.random.Generator) -> IntArray:

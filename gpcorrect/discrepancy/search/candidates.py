@@ -239,7 +239,7 @@ def all_candidates(scene: Scene) -> list[Candidate]:
         torques=scene.peak_torque(),
     )
     wanted = (s for s in shapes(scope) if s.kind.about.family != Family.NOISE)
-    return [c for s in wanted for c in _of_shape(s, scene) if _is_possible(c)]
+    return [c for s in wanted for c in _of_shape(s, scene)]
 
 
 def _of_shape(shape: Shape, scene: Scene) -> Iterator[Candidate]:
@@ -257,11 +257,17 @@ def _of_shape(shape: Shape, scene: Scene) -> Iterator[Candidate]:
             if first >= last:
                 continue
             within = tuple(replace(c, low=first, high=last) if c.parameter.change_point else c for c in coordinates)
-        if all(
+        if not all(
             c.bounds[0] < c.bounds[1] and (c.bounds[0] <= u <= c.bounds[1] or not c.parameter.change_point)
             for u, c in zip(start, within, strict=True)
         ):  # the rest was clipped to its bounds
-            yield Candidate(shape.kind, joint, fixed, within, start)
+            continue
+        candidate = Candidate(shape.kind, joint, fixed, within, start)
+        try:
+            candidate.build(np.array(start))
+        except DataError:  # the shape is not possible
+            continue
+        yield candidate
 
 
 def _coordinates(shape: Shape, n_sessions: int) -> tuple[tuple[Coordinate, ...], tuple[float, ...]]:
@@ -284,14 +290,6 @@ def _coordinates(shape: Shape, n_sessions: int) -> tuple[tuple[Coordinate, ...],
         coordinates += [coordinate] * count
         start += [float(np.clip(at, *coordinate.bounds))] * count
     return tuple(coordinates), tuple(start)
-
-
-def _is_possible(candidate: Candidate) -> bool:
-    try:
-        candidate.build(np.array(candidate.start))
-    except DataError:
-        return False
-    return True
 
 
 @dataclass(frozen=True)

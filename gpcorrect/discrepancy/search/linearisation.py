@@ -136,7 +136,7 @@ def _at(fitted: Sequence[FittedEffect], u: FloatArray) -> list[FittedEffect]:
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """A set, the whitened residual `(M,)` that it leaves, and the whitened tangents `(M, p)` of its free coordinates."""
+    """A set, the whitened residual `(M,)` that it leaves, and whitened tangents `(M, p)` of its free coordinates."""
 
     fitted: tuple[FittedEffect, ...]
     z: FloatArray

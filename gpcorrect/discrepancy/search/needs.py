@@ -9,6 +9,7 @@ from gpcorrect.arms import RemoteCentreArm
 from gpcorrect.discrepancy.recording.scene import LOOP_STAGES, Scene
 from gpcorrect.discrepancy.recording.stated_noise import samples_are_dense
 from gpcorrect.discrepancy.search.candidates import Candidate
+from gpcorrect.discrepancy.search.state import Search
 from gpcorrect.discrepancy.settings import NOISE, SEARCH
 from gpcorrect.sim.effects import EFFECTS, ChainEffect, Effect, Family, LoadEffect, Site, TipEffect
 from gpcorrect.types import CalibrationLog
@@ -40,21 +41,17 @@ def split_by_needs(
     return [c for c in every if not whys[c.name]], tuple(Lack(name, why) for name, why in whys.items() if why)
 
 
-def lacks_of_traces(without_trace: Iterable[Candidate], traced: Iterable[str], scene: Scene) -> tuple[Lack, ...]:
+def lacks_of_traces(search: Search) -> tuple[Lack, ...]:
     """Return the effects no candidate of which left a trace.
 
     Parameters
     ----------
-    without_trace : iterable of Candidate
-        Those that left none.
-    traced : iterable of str
-        Names of the effects that left one.
-    scene : Scene
+    search : Search
     """
-    known = set(traced)
-    weightless = not scene.load().any()
+    known = {t.candidate.name for t in search.traces}
+    weightless = not search.dataset.scene.load().any()
     why = "no load is known that it could answer to" if weightless else "it leaves no trace in these signals"
-    return tuple(Lack(name, why) for name in dict.fromkeys(c.name for c in without_trace) if name not in known)
+    return tuple(Lack(name, why) for name in dict.fromkeys(c.name for c in search.without_trace) if name not in known)
 
 
 def limits_of(scene: Scene) -> tuple[str, ...]:

@@ -27,8 +27,8 @@ from gpcorrect.types import CalibrationLog
 class PreparedData:
     """What the workflow needs of a recording.
 
-    `log` has the joint paths that its poses stand for. `tests` and `inputs`, the variables at the condensed rows, are of
-    each channel. `remarks` say how it was split, and what had to be assumed.
+    `log` has the joint paths that its poses stand for. `tests` and `inputs` (variables at the condensed rows) are of
+    each channel; `remarks` say how it was split, and what had to be assumed.
     """
 
     log: CalibrationLog

@@ -19,9 +19,9 @@ from gpcorrect.types import BoolArray, FloatArray, Progress
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """A candidate's signature at its start `(m, c, a)`, a column for each amplitude, and the channels `(c,)` it touches.
+    """A candidate's signature at its start `(m, c, a)`, a column for each amplitude.
 
-    Those are where it is more than a fiftieth of the noise.
+    It touches the channels `(c,)` in which it is more than a fiftieth of the noise.
     """
 
     candidate: Candidate
