@@ -22,22 +22,10 @@ SHOWN = 5  # findings of a channel
 
 @dataclass(frozen=True, eq=False)
 class ChannelData:
-    """One channel as the tests see it.
+    """One channel as the tests, `cells`, see it: time (s), residual (NaN is missing) and its noise.
 
-    Parameters
-    ----------
-    channel : Channel
-        Which one.
-    time, residual : (n,) arrays
-        Seconds, and measured minus simulated; NaN is missing.
-    block : (n,) int array
-        Whole trajectories from 0 without gaps; -1 for rows to leave out.
-    noise : ChannelNoise
-        Of the residual.
-    cells : sequence of Cells
-        The tests.
-    least : float
-        Size below which a finding does not count, as a fraction of the noise.
+    `block` `(n,)` numbers whole trajectories from 0 without gaps, -1 for rows to leave out. Findings of less than
+    `least` times the noise do not count.
     """
 
     channel: Channel
@@ -51,22 +39,10 @@ class ChannelData:
 
 @dataclass(frozen=True)
 class Finding:
-    """A test that noise cannot explain.
+    """A test that noise cannot explain: what the residual depends on, and the cell in which it is largest.
 
-    Parameters
-    ----------
-    channel : Channel
-        Where.
-    variables : tuple of Variable
-        What the residual depends on.
-    region : tuple of Span
-        The cell in which it is largest.
-    nats : float
-        Gain of log-likelihood on held-out trajectories.
-    size : float
-        Root mean square of what depends on the variables, as a fraction of the noise.
-    counts : bool
-        Whether it is large enough to matter.
+    `nats` are gained on held-out trajectories. `size` is the root mean square of what depends on the variables, as a
+    fraction of the noise, and `counts` whether that is large enough to matter.
     """
 
     channel: Channel
@@ -99,10 +75,9 @@ class Localisation:
     ----------
     findings : tuple of Finding
         Above the threshold, largest first; those too small to count as well.
-    threshold : float
-        Nats that the largest of all tests stays below in noise, with the level's probability.
-    largest : float
-        Nats of the best test whose finding counts.
+    threshold, largest : float
+        Nats that the largest of all tests stays below in noise, with the level's probability, and those of the best
+        test whose finding counts.
     equivalence : tuple of Equivalence
         Of each channel.
     """

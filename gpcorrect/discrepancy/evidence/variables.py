@@ -51,17 +51,10 @@ class Variable:
 class Covariates:
     """Variables for one joint's channel, from the motor side only, so that no truth leaks into them.
 
-    Parameters
-    ----------
-    values : dict of Variable to (n,) array
-        Those that do not vary are left out.
-    primary : tuple of Variable
-        Those that are tested together with every other one.
-    units : dict of Variable to str
-        SI units; empty for pure numbers.
-    memory : tuple of (n,) arrays
-        What plays of a few half widths and lags of a few time constants leave of the motors' path and load: what has a
-        memory, of whatever kind, is a function of such states (Preisach's operator is an integral over plays).
+    `values` `(n,)` leave out what does not vary, `primary` ones are tested together with every other, `units` are SI
+    and empty for pure numbers. `memory` `(n,)` is what plays of a few half widths and lags of a few time constants
+    leave of the motors' path and load: what has a memory, of whatever kind, is a function of such states (Preisach's
+    operator is an integral over plays).
     """
 
     values: dict[Variable, FloatArray]
@@ -216,28 +209,21 @@ def all_cells(covariates: Covariates) -> list[Cells]:
     covariates : Covariates
         Of the channel.
     """
-    names = list(covariates.values)
-    pairs = [(a, b) for a, b in combinations(names, 2) if a in covariates.primary or b in covariates.primary]
-    wanted = [*((name,) for name in names), *pairs][: TESTS.max_tests]
-    return [cells_of({v: covariates.values[v] for v in variables}, covariates.units) for variables in wanted]
+    values, units, primary = covariates.values, covariates.units, covariates.primary
+    pairs = [(a, b) for a, b in combinations(values, 2) if a in primary or b in primary]
+    return [_cells_of(variables, values, units) for variables in [*((v,) for v in values), *pairs][: TESTS.max_tests]]
 
 
-def cells_of(values: Mapping[Variable, FloatArray], units: Mapping[Variable, str] | None = None) -> Cells:
-    """Cut one variable in 8 cells, or two in 5 by 5, that hold equally many rows; one of few values keeps them.
-
-    Parameters
-    ----------
-    values : mapping of Variable to (n,) array
-        One or two.
-    units : mapping, optional
-        SI units; pure numbers have none.
-    """
+def _cells_of(
+    variables: tuple[Variable, ...], values: Mapping[Variable, FloatArray], units: Mapping[Variable, str]
+) -> Cells:
+    """Cut one variable in 8 cells, or two in 5 by 5, that hold equally many rows; one of few values keeps them."""
     code, spans = np.zeros(1, dtype=np.int64), []
-    for variable, column in values.items():
-        own, ends = _cut(column, BINS[len(values)])
+    for variable in variables:
+        own, ends = _cut(values[variable], BINS[len(variables)])
         code = code * len(ends) + own
-        spans.append([Span(variable, low, high, (units or {}).get(variable, "")) for low, high in ends])
-    return Cells(tuple(values), code, tuple(product(*spans)))
+        spans.append([Span(variable, low, high, units.get(variable, "")) for low, high in ends])
+    return Cells(variables, code, tuple(product(*spans)))
 
 
 def _cut(values: FloatArray, n_bins: int) -> tuple[IntArray, list[tuple[float, float]]]:

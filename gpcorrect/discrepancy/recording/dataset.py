@@ -36,17 +36,13 @@ class Dataset:
     Parameters
     ----------
     scene : Scene
-        The recording and its simulator.
     group : (n,) int array
         Condensed row that each log row goes into, -1 for none.
     good : (n, c) bool array
         Measured samples that are no outliers.
-    time : (m,) array
-        Of the condensed rows, s.
-    block, part : (m,) int arrays
-        Their block, from 0 without gaps, and part (0 discovery, 1 confirmation, 2 test).
-    still : (m,) bool array
-        Whether nothing moved.
+    time, block, part, still : (m,) arrays
+        Of the condensed rows: s, block from 0 without gaps, part (0 discovery, 1 confirmation, 2 test), and whether
+        nothing moved.
     """
 
     scene: Scene

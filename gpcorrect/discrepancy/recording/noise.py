@@ -37,16 +37,13 @@ class ChannelNoise:
 
     Parameters
     ----------
-    white : float
-        Standard deviation of the part that is new at every sample, unit of the channel.
-    slow : float
-        Standard deviation of the autoregressive part.
+    white, slow : float
+        Standard deviations of the part that is new at every sample and of the autoregressive part, unit of the channel.
     time_constant : float
-        Its correlation time, s.
+        Correlation time of the latter, s.
     tail : float
         Degrees of freedom of Student's t that the whitened noise follows; infinite is normal.
     source : NoiseSource
-        What it was taken from.
     rounding_step : float or None
         Step in which the channel is written down, where that makes the noise.
     times_stated : float or None

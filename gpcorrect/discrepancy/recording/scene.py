@@ -64,18 +64,12 @@ class Scene:
 
     Parameters
     ----------
-    model : Model
-        Nominal model; its own effects are always present.
-    machine : Machine
-        The model resolved, without effects.
-    channels : tuple of Channel
-        What is compared.
-    observed : (n, c) array
-        What the sensors measured.
-    motion : Motion
-        The motors as replayed, n samples of N continuous runs.
-    layout : Layout
-        Where the log's rows stand in the runs.
+    model, machine : Model, Machine
+        Nominal model, whose own effects are always present, and the same resolved, without effects.
+    channels, observed : tuple of Channel, (n, c) array
+        What is compared, and what the sensors measured; the tracker's stand last.
+    motion, layout : Motion, Layout
+        The motors as replayed, n samples of N continuous runs, and where the log's rows stand in these.
     plan : Plan or None
         Commands for the closed loop; None when it cannot be run.
     payload : (N,) array
@@ -83,13 +77,10 @@ class Scene:
     time, trajectory, session : (n,) arrays
         Of the log's rows; sessions numbered from 0.
     effort : (n, k) array or None
-        Reported efforts.
-    tracker : Tracker or None
-        Where one saw the arm: its channels stand last.
+    tracker, slack : Tracker, Slack, or None
+        Where a tracker saw the arm; the part of its residual that is left out of account.
     measured : bool
         Whether the motors are measured; else their path is what the closed loop makes of the commands, where it runs.
-    slack : Slack or None
-        Part of the tracker's residual that is left out of account.
     remarks : tuple of str
         What had to be assumed.
     """

@@ -127,19 +127,6 @@ class Candidate:
         low, high = np.array([c.bounds for c in self.coordinates]).T
         return low, high
 
-    def single(self, index: int) -> FloatArray:
-        """Return the start, with every amplitude but one at what does nothing.
-
-        Parameters
-        ----------
-        index : int
-            Of the amplitude.
-        """
-        u = np.array(self.start)
-        for i in self.amplitudes:
-            u[i] = self.start[i] if i == index else self.coordinates[i].identity
-        return u
-
     def build(self, u: FloatArray) -> Effect:
         """Return the effect at coordinates.
 
@@ -294,19 +281,11 @@ def _coordinates(shape: Shape, n_sessions: int) -> tuple[tuple[Coordinate, ...],
 
 @dataclass(frozen=True)
 class Estimate:
-    """A parameter's value, 95 % interval and unit; one of each a session where it has one a session.
+    """A parameter's value, 95 % interval and unit, SI; one of each a session where it has one a session.
 
-    Parameters
-    ----------
-    value : float, tuple of float, int or str
-        SI; an int or a str for a field that is no number to estimate.
-    ci95 : pair of float, tuple of pairs, or None
-        None where nothing was estimated.
-    unit : str
-        Empty where there is none.
-    nothing : tuple of float or None
-        For each value: that of an effect of no size (zero, or an infinite stiffness) where the interval holds it. Empty
-        for a parameter that is no size.
+    An int or a str is a field that is no number to estimate; the interval is None where nothing was estimated. For each
+    value of a size, `nothing` is that of an effect of no size (zero, or an infinite stiffness) where the interval holds
+    it; it is empty for a parameter that is no size.
     """
 
     value: float | int | str | tuple[float, ...]

@@ -23,10 +23,8 @@ class Coordinate:
     kind : str
         "scaled" (in units of the typical value), "inverse" (typical over value, for stiffness-like amplitudes) or
         "log".
-    typical, low, high : float
+    typical, low, high, unit : float, str
         From its range on this type of joint.
-    unit : str
-        Of the parameter.
     amplitude : bool
         Whether the effect grows with it.
     narrowed : bool

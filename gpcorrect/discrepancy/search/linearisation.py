@@ -43,10 +43,11 @@ def signature(
     (m, c, a) array or None
         A column for each amplitude (or one); None when the simulator refuses the effect on this machine.
     """
-    columns = []
+    columns, nothing = [], [c.identity for c in candidate.coordinates]
     for i in candidate.amplitudes or (-1,):
+        alone = [nothing[k] if k in candidate.amplitudes and k != i else u for k, u in enumerate(candidate.start)]
         try:
-            effect = candidate.build(candidate.single(i))
+            effect = candidate.build(np.array(alone))
             columns.append(dataset.predict([*(f.effect for f in others), effect]) - base)
         except DataError:
             return None

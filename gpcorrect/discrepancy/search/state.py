@@ -47,12 +47,10 @@ class Search:
         Data, and how the discovery part is whitened now.
     traces : tuple of Trace
         Of the candidates that leave one in the nominal machine.
-    fitted : tuple of FittedEffect
-        What was found so far.
+    fitted, waterfall : tuples of FittedEffect and Step
+        What was found so far, and the steps taken.
     without_trace : tuple of Candidate
         One of each label whose candidates leave no trace in these channels.
-    waterfall : tuple of Step
-        Steps taken.
     """
 
     whitener: DatasetWhitener
