@@ -17,7 +17,6 @@ from gpcorrect.discrepancy.recording.dataset import build_dataset
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.split import Split
-from gpcorrect.discrepancy.recording.stated_noise import sampling_step
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates
 from gpcorrect.discrepancy.settings import ADVICE, SPLIT
 from gpcorrect.errors import DataError
@@ -114,7 +113,7 @@ def _site(scene: Scene, joint: int | str) -> Site:
         ranges=np.percentile(scene.motor_path(), BULK, axis=0).T,
         types=body.types,
         column=scene.joints.index(joint) if isinstance(joint, int) else None,
-        rate_hz=1.0 / sampling_step(scene),
+        rate_hz=1.0 / scene.step,
         loads=body.chain is not None,
         servo=scene.plan is not None,
     )

@@ -15,7 +15,6 @@ from gpcorrect.discrepancy.recording.stated_noise import (
     averaged,
     chosen_noise,
     rounded_to,
-    sampling_step,
     stated_noises,
 )
 from gpcorrect.discrepancy.settings import NOISE
@@ -104,7 +103,7 @@ def estimate_noises(dataset: Dataset, residual: FloatArray, rows: BoolArray) -> 
     """
     scene, channels = dataset.scene, dataset.scene.channels
     block = np.where(rows, dataset.block, -1)
-    count, step = dataset.samples_a_row, sampling_step(scene)
+    count, step = dataset.samples_a_row, scene.step
     noises = []
     for column, resolution, stated in zip(residual.T, dataset.resolution, stated_noises(scene), strict=True):
         own = rounded_to(estimate_noise(dataset.time, column, block, dataset.still, NOISE.floor), resolution)

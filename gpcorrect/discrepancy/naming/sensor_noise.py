@@ -19,11 +19,11 @@ from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.recording.noise import NORMAL_MAD, ChannelNoise
 from gpcorrect.discrepancy.recording.quantisation import Quantisation, quantisation_of
 from gpcorrect.discrepancy.recording.scene import Scene
-from gpcorrect.discrepancy.recording.stated_noise import UNIFORM, samples_are_dense, sampling_step, stated_noises
+from gpcorrect.discrepancy.recording.stated_noise import UNIFORM, stated_noises
 from gpcorrect.discrepancy.search.candidates import Candidate, Estimate, FittedEffect
 from gpcorrect.discrepancy.search.coordinates import coordinate_of
 from gpcorrect.discrepancy.search.state import penalty
-from gpcorrect.discrepancy.settings import NAMING, SENSORS
+from gpcorrect.discrepancy.settings import NAMING, NOISE, SENSORS
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import Effect, of_kind
 from gpcorrect.sim.effects.geometry import HomingOffset
@@ -223,7 +223,7 @@ def noise_effects(dataset: Dataset, effects: Sequence[Effect], level: FloatArray
 def _grown(dataset: Dataset, effects: Sequence[Effect], coarse: set[int | str]) -> list[NoiseEffect]:
     """Noisier outside sensors; a joint whose encoder counts in steps is noisier by that."""
     scene = dataset.scene
-    if not samples_are_dense(scene):
+    if scene.step > NOISE.dense:  # neighbouring samples differ by motion more than by noise
         return []
     groups: dict[int | str, list[int]] = {}
     for i, channel in enumerate(scene.channels):
@@ -289,8 +289,7 @@ def _growth(
     moments = [clock[scene.trajectory == k] for k in numbers]
     start, end = np.array([m.min() for m in moments]), np.array([m.max() for m in moments])
     known = [stated_noises(scene)[i] for i in indices]
-    step = sampling_step(scene)
-    stated = [stated_level(n, step) for n in known if n is not None]
+    stated = [stated_level(n, scene.step) for n in known if n is not None]
     nominal = float(np.exp(np.mean(np.log(stated)))) if len(stated) == len(known) else None
     return growth_of(levels, errors, start, end, nominal, channels)
 

@@ -11,7 +11,6 @@ from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.layout import Layout, layout_of
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, estimate_noise
 from gpcorrect.discrepancy.recording.scene import Scene
-from gpcorrect.discrepancy.recording.stated_noise import sampling_step
 from gpcorrect.discrepancy.recording.tolerance import Slack, slack_of, table_slopes
 from gpcorrect.discrepancy.recording.tracker import Tracker
 from gpcorrect.discrepancy.settings import NOISE
@@ -113,7 +112,7 @@ def _slack(scene: Scene, tracker: Tracker, noises: tuple[ChannelNoise, ...] | No
     own = noises[-n_axes:]
     least = max(n.std for n in own[:3]) / NOISE.marker_size  # of turns, as everywhere
     own = (*own[:3], *(replace(n, white=max(n.white, least)) for n in own[3:]))
-    return slack_of(slopes, rows, own, sampling_step(scene))
+    return slack_of(slopes, rows, own, scene.step)
 
 
 def _motor_side(log: CalibrationLog) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -110,6 +110,12 @@ class Scene:
     def joints(self) -> tuple[int, ...]:
         """Numbers of the joints."""
         return self.machine.body.joints
+
+    @cached_property
+    def step(self) -> float:
+        """Usual time between samples, s."""
+        steps = np.diff(self.time)
+        return float(np.median(steps[steps > 0]))
 
     @property
     def n_sessions(self) -> int:

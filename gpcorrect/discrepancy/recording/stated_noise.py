@@ -18,27 +18,6 @@ FINEST = 1e-9  # rad or m; a sensor without any white noise is rounding
 UNIFORM = np.sqrt(12.0)  # step of a rounded value over the standard deviation of its error
 
 
-def sampling_step(scene: Scene) -> float:
-    """Return the usual time between samples, s.
-
-    Parameters
-    ----------
-    scene : Scene
-    """
-    steps = np.diff(scene.time)
-    return float(np.median(steps[steps > 0]))
-
-
-def samples_are_dense(scene: Scene) -> bool:
-    """Return whether neighbouring samples differ by noise more than by motion, as tests of the noise alone need it.
-
-    Parameters
-    ----------
-    scene : Scene
-    """
-    return sampling_step(scene) <= NOISE.dense
-
-
 def stated_noises(scene: Scene) -> tuple[ChannelNoise | None, ...]:
     """Return the noise of single samples of every channel as the model states it; None where it says nothing.
 
@@ -64,8 +43,8 @@ def _of_channel(scene: Scene, channel: Channel, white: float, slow: float, phi: 
             speed = scene.motion.velocity[..., effect.column(scene.joints)]
             parts.append(effect.seconds * float(np.sqrt(np.nanmean(speed**2))))
     parts += [e.step / UNIFORM for e in of_kind(effects, EncoderQuantisation) if e.joint == channel.joint]
-    step = sampling_step(scene)
-    return ChannelNoise(float(np.linalg.norm(parts)), slow, -step / np.log(phi) if 0.0 < phi < 1.0 else step / 10.0)
+    time_constant = -scene.step / np.log(phi) if 0.0 < phi < 1.0 else scene.step / 10.0
+    return ChannelNoise(float(np.linalg.norm(parts)), slow, time_constant)
 
 
 def _parts(noise: Noise, channel: Channel) -> tuple[float, float, float]:

@@ -156,7 +156,8 @@ class Candidate:
         for i, factor in zip(self.amplitudes, factors, strict=False):
             base = self.coordinates[i].identity
             u[i] = base + factor * (u[i] - base)
-        return np.clip(u, *self.bounds)
+        clipped: FloatArray = np.clip(u, *self.bounds)
+        return clipped
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from gpcorrect.arms import RemoteCentreArm
 from gpcorrect.discrepancy.recording.scene import LOOP_STAGES, Scene
-from gpcorrect.discrepancy.recording.stated_noise import samples_are_dense
 from gpcorrect.discrepancy.search.candidates import Candidate
 from gpcorrect.discrepancy.search.state import Search
 from gpcorrect.discrepancy.settings import NOISE, SEARCH
@@ -83,7 +82,7 @@ def _lacking(kind: type[Effect], scene: Scene, log: CalibrationLog, *, placed: b
     if kind.about.remote_centre and not isinstance(scene.machine.description, RemoteCentreArm):
         return "the arm has no remote centre of motion"
     if kind.about.family == Family.NOISE:
-        return "" if samples_are_dense(scene) else f"samples come slower than {1.0 / NOISE.dense:.0f} Hz"
+        return "" if scene.step <= NOISE.dense else f"samples come slower than {1.0 / NOISE.dense:.0f} Hz"
     if kind.stage in LOOP_STAGES and not issubclass(kind, ChainEffect | LoadEffect) and scene.plan is None:
         return "the servo loop is not simulated: it takes [controller] in the model, setpoints, and an even clock"
     return "" if placed else _no_place(kind)
