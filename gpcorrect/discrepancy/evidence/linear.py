@@ -28,7 +28,6 @@ class Grams:
         Parameters
         ----------
         columns : int array or list of int
-            Which ones.
         """
         index = np.asarray(columns, dtype=np.int64)
         return Grams(self.gram[:, index[:, None], index], self.moment[:, index])
@@ -120,7 +119,6 @@ def fold_of(n_blocks: int) -> IntArray:
     Parameters
     ----------
     n_blocks : int
-        Number of blocks.
     """
     return np.arange(n_blocks) % max(2, min(FOLDS, n_blocks))
 
@@ -160,7 +158,6 @@ def held_out_nats(
     Parameters
     ----------
     data : Grams
-        Of every block.
     fold : (b,) int array
         Fold of each block.
     prior_precision : float or (p,) array

@@ -111,7 +111,6 @@ def localise(
     Parameters
     ----------
     channels : sequence of ChannelData
-        What to test.
     rng : numpy.random.Generator
         Draws the bootstrap.
     draws : int

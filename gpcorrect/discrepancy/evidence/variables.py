@@ -207,7 +207,6 @@ def all_cells(covariates: Covariates) -> list[Cells]:
     Parameters
     ----------
     covariates : Covariates
-        Of the channel.
     """
     values, units, primary = covariates.values, covariates.units, covariates.primary
     pairs = [(a, b) for a, b in combinations(values, 2) if a in primary or b in primary]

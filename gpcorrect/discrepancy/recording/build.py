@@ -37,7 +37,6 @@ def build_scene(
     ----------
     log : CalibrationLog
     model : Model
-        What is known of the machine.
     registered_on : (n,) bool array
         Rows that may be used to register the tracker.
     noises : tuple of ChannelNoise, optional

@@ -201,7 +201,6 @@ class Whitener:
         Parameters
         ----------
         noise : ChannelNoise
-            Of the columns.
         time : (n,) array
             s.
         block : (n,) int array
@@ -221,7 +220,6 @@ class Whitener:
         Parameters
         ----------
         values : (m, k) array
-            Columns.
         rows : (n,) int array
             The filter's rows among the m.
         weight : (n,) array

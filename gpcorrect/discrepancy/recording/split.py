@@ -56,7 +56,6 @@ def split_rows(trajectory: IntArray, session: IntArray, rng: np.random.Generator
     Parameters
     ----------
     trajectory, session : (n,) int arrays
-        Of the log.
     rng : numpy.random.Generator
 
     Raises

@@ -41,7 +41,6 @@ class Slack:
         Parameters
         ----------
         residual : (n, c) array
-            Measured minus simulated.
         """
         taken: FloatArray = self.slopes @ (self.pick @ residual[self.rows])
         return taken

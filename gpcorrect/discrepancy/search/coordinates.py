@@ -19,7 +19,6 @@ class Coordinate:
     Parameters
     ----------
     parameter : Parameter
-        From the effect's description.
     kind : str
         "scaled" (in units of the typical value), "inverse" (typical over value, for stiffness-like amplitudes) or
         "log".
@@ -59,12 +58,10 @@ class Coordinate:
         """Bounds of the coordinate; what turns has none, for a wave far from zero may have to turn it many times."""
         if self.parameter.period is not None:
             return -np.inf, np.inf
+        low, high = self.coordinate(self.low), self.coordinate(self.high)
         if self.kind == "inverse":
-            return self.typical / self.high, self.typical / self.low
-        if self.kind == "log":
-            low = np.log(max(self.low, 1e-300) / self.typical)
-            return max(low, -WIDEST), min(np.log(self.high / self.typical), WIDEST)
-        return self.low / self.typical, self.high / self.typical
+            return high, low
+        return (max(low, -WIDEST), min(high, WIDEST)) if self.kind == "log" else (low, high)
 
     def value(self, u: float) -> float:
         """Return the parameter at a coordinate.
@@ -85,7 +82,6 @@ class Coordinate:
         Parameters
         ----------
         value : float
-            Of the parameter.
         """
         if self.kind == "inverse":
             return self.typical / value
@@ -106,7 +102,6 @@ def coordinate_of(parameter: Parameter, joint_type: str, *, amplitude: bool) -> 
     Parameters
     ----------
     parameter : Parameter
-        From the effect's description.
     joint_type : str
         "R" or "P".
     amplitude : bool

@@ -32,7 +32,6 @@ def with_best_instant(whitener: DatasetWhitener, others: Sequence[FittedEffect],
     others : sequence of FittedEffect
         Present beside it.
     fit : FittedEffect
-        One of the set.
     """
     fit = _scanned(whitener, others, fit)
     index, dataset, effects = _place(fit), whitener.dataset, [f.effect for f in others]
@@ -138,7 +137,6 @@ def instant_half_width(whitener: DatasetWhitener, others: Sequence[FittedEffect]
     others : sequence of FittedEffect
         Present beside it.
     fit : FittedEffect
-        One of the set.
     """
     index = _place(fit)
     coordinate, cuts = fit.candidate.coordinates[index], _cuts(whitener, others, fit)

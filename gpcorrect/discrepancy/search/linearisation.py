@@ -36,7 +36,6 @@ def signature(
     others : sequence of FittedEffect
         Present beside it.
     candidate : Candidate
-        To insert.
 
     Returns
     -------

@@ -30,7 +30,6 @@ def split_by_needs(
     Parameters
     ----------
     candidates : iterable of Candidate
-        To be searched.
     scene : Scene
     log : CalibrationLog
     """

@@ -46,7 +46,6 @@ def prepare_data(log: CalibrationLog, model: Model, rng: np.random.Generator) ->
     ----------
     log : CalibrationLog
     model : Model
-        What is known of the machine.
     rng : numpy.random.Generator
         Deals the parts.
 

@@ -84,7 +84,6 @@ class Search:
         Parameters
         ----------
         candidate : Candidate
-            Whatever its numbers.
         """
         known = self._touched.get(candidate.key)
         return np.ones(len(self.whitener.noises), dtype=np.bool_) if known is None else known
@@ -191,9 +190,7 @@ def start_search(dataset: Dataset, candidates: Iterable[Candidate], progress: Pr
     ----------
     dataset : Dataset
     candidates : iterable of Candidate
-        To be searched.
     progress : Progress, optional
-        Reported every candidate.
     """
     whitener = whitener_on(dataset, dataset.residual(), dataset.discovery)
     todo = list(candidates)

@@ -42,7 +42,6 @@ def rank(
     Parameters
     ----------
     search : Search
-        Data and signatures.
     linearised : Linearisation
         The set, whose free numbers move along with the candidate's.
     without : sequence of Candidate
@@ -96,13 +95,10 @@ def search(
     Parameters
     ----------
     state : Search
-        Where to start.
     rounds : int
-        At most.
     refused : sequence of Candidate
         Not to be added.
     progress : Progress, optional
-        Reported each round.
     """
     refused, progress = list(refused), progress or Progress()
     for number in range(rounds):
