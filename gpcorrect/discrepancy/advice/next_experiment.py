@@ -163,12 +163,10 @@ def _changed(model: Model, gain: float) -> Model:
 def _same_signals(log: CalibrationLog, scene: Scene) -> CalibrationLog:
     """Log without the signals that the present recording lacks."""
     seen = {c.signal for c in scene.channels}
-    if "external_jp" not in seen:
-        log = replace(log, external_jp=None)
-    if "tracker_cp" not in seen:
-        log = replace(log, tracker_cp=None)
-    elif "tracker_rotation" not in seen and log.tracker_cp is not None:
-        log = replace(log, tracker_cp=replace(log.tracker_cp, quaternion=None))
+    tracked = log.tracker_cp if "tracker_cp" in seen else None
+    if tracked is not None and "tracker_rotation" not in seen:
+        tracked = replace(tracked, quaternion=None)
+    log = replace(log, tracker_cp=tracked, external_jp=log.external_jp if "external_jp" in seen else None)
     return log if "measured_jp" in seen else replace(log, measured_jp=None, measured_jv=None, measured_jf=None)
 
 

@@ -39,16 +39,11 @@ def quantisation_of(values: FloatArray) -> Quantisation | None:
     if len(distinct) < SENSORS.fewest_counts:
         return None
     gaps = np.diff(distinct)
-    found = [c for guess in _guesses(gaps) if (c := _fitted(distinct, guess)) is not None]
+    gaps = np.sort(gaps[gaps > 1e-9 * gaps.max()])
+    jump = int(np.argmax(gaps[1:] / gaps[:-1])) + 1 if len(gaps) > 1 else 0
+    guesses = {float(gaps[0]), float(np.median(gaps[jump:]))}  # the smallest, and that between groups of neighbours
+    found = [c for guess in sorted(guesses) if (c := _fitted(distinct, guess)) is not None]
     return max(found, key=lambda c: c.step, default=None)
-
-
-def _guesses(gaps: FloatArray) -> list[float]:
-    """Typical gaps: the smallest one, and that between groups of neighbouring values."""
-    real = gaps[gaps > 1e-9 * gaps.max()]
-    ordered = np.sort(real)
-    jump = int(np.argmax(ordered[1:] / ordered[:-1])) if len(ordered) > 1 else 0
-    return sorted({float(ordered[0]), float(np.median(ordered[jump + 1 :])) if len(ordered) > 1 else float(ordered[0])})
 
 
 def _fitted(distinct: FloatArray, guess: float) -> Quantisation | None:
