@@ -23,10 +23,10 @@ from gpcorrect.discrepancy.outcome.provenance import provenance_of
 from gpcorrect.discrepancy.outcome.result import DiscrepancyResult, NamedEffect, UnnamedEffect, Verdict
 from gpcorrect.discrepancy.outcome.store import StageStore, inputs_key, load_or_name, load_or_search
 from gpcorrect.discrepancy.outcome.verdict import headline, place_verdicts, verdict_level
-from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates, describe
+from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates, describe
 from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.needs import split_by_needs
-from gpcorrect.discrepancy.search.prepared import PreparedData, localise_residual, prepare_data
+from gpcorrect.discrepancy.search.prepared import localise_residual, prepare_data
 from gpcorrect.discrepancy.search.state import Search, start_search
 from gpcorrect.discrepancy.search.stepwise import search
 from gpcorrect.discrepancy.settings import SEARCH
@@ -98,7 +98,17 @@ def _find(
     before = localise_residual(prepared, (), noises, tolerance, rng)
     progress.step("localising", 1.0)
     candidates, lacks = split_by_needs(all_candidates(dataset.scene), dataset.scene, prepared.log)
-    state, named, dropped = _search(prepared, candidates if before.worth_a_search else [], progress, store)
+    state = start_search(dataset, candidates if before.worth_a_search else [], progress)
+    named: tuple[Named, ...] = ()
+    dropped: tuple[Named, ...] = ()
+    if state.traces:
+        state = load_or_search(
+            state, candidates, store, lambda start: search(start, rounds=SEARCH.rounds, progress=progress)
+        )
+        tests, inputs = prepared.tests, prepared.inputs
+        state, named, dropped = load_or_name(
+            state, candidates, store, lambda done: name_effects(done, tests, inputs, progress=progress)
+        )
     if (rare := name_rare(prepared, state, named, candidates, rng, progress)) is not None:
         prepared, state, named = rare
         dataset, train = prepared.dataset, prepared.dataset.training
@@ -147,21 +157,6 @@ def _find(
         evidence=evidence_of(prepared, state, fitted),
         provenance=provenance_of(log, seed, prepared, state, before, lacks, time.monotonic() - started),
         advised_plans=plans,
-    )
-
-
-def _search(
-    prepared: PreparedData, candidates: Sequence[Candidate], progress: Progress, store: StageStore | None
-) -> tuple[Search, tuple[Named, ...], tuple[Named, ...]]:
-    """Search and naming, when there is something to name."""
-    state = start_search(prepared.dataset, candidates, progress)
-    if not state.traces:
-        return state, (), ()
-    state = load_or_search(
-        state, candidates, store, lambda start: search(start, rounds=SEARCH.rounds, progress=progress)
-    )
-    return load_or_name(
-        state, candidates, store, lambda done: name_effects(done, prepared.tests, prepared.inputs, progress=progress)
     )
 
 

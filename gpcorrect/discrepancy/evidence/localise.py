@@ -69,17 +69,10 @@ class Equivalence:
 
 @dataclass(frozen=True)
 class Localisation:
-    """Outcome of all tests.
+    """Outcome of all tests: the findings above the threshold, largest first, those too small to count as well.
 
-    Parameters
-    ----------
-    findings : tuple of Finding
-        Above the threshold, largest first; those too small to count as well.
-    threshold, largest : float
-        Nats that the largest of all tests stays below in noise, with the level's probability, and those of the best
-        test whose finding counts.
-    equivalence : tuple of Equivalence
-        Of each channel.
+    The largest of all tests stays below the threshold in noise, with the level's probability; `largest` are the nats of
+    the best test whose finding counts.
     """
 
     findings: tuple[Finding, ...]

@@ -7,18 +7,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Channel:
-    """One compared signal.
+    """One compared signal, by its name, such as "external_jp_2", and unit, "rad" or "m".
 
-    Parameters
-    ----------
-    name : str
-        Signal and joint or axis, such as "external_jp_2".
-    signal : str
-        Log signal; the tracker's orientation counts as one of its own, "tracker_rotation".
-    index, joint : int
-        Column among the model's joints and number of the joint; axis of the tracker, and 0.
-    unit : str
-        "rad" or "m".
+    The tracker's orientation counts as a signal of its own, "tracker_rotation". `index` is the column among the model's
+    joints, `joint` its number; of a tracker, the axis and 0.
     """
 
     name: str

@@ -33,21 +33,12 @@ class NoiseSource(Enum):
 
 @dataclass(frozen=True)
 class ChannelNoise:
-    """Noise of one channel.
+    """Noise of one channel, in its unit.
 
-    Parameters
-    ----------
-    white, slow : float
-        Standard deviations of the part that is new at every sample and of the autoregressive part, unit of the channel.
-    time_constant : float
-        Correlation time of the latter, s.
-    tail : float
-        Degrees of freedom of Student's t that the whitened noise follows; infinite is normal.
-    source : NoiseSource
-    rounding_step : float or None
-        Step in which the channel is written down, where that makes the noise.
-    times_stated : float or None
-        How many times what the model states it is, where the recording is believed against it.
+    Standard deviations of the part that is new at every sample and of the autoregressive part with its correlation time
+    (s), and the degrees of freedom of Student's t that the whitened noise follows; infinite is normal. `rounding_step`
+    is the step in which the channel is written down, where that makes the noise, `times_stated` how many times what the
+    model states it is, where the recording is believed against it.
     """
 
     white: float

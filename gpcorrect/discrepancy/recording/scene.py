@@ -159,11 +159,6 @@ class Scene:
         Parameters
         ----------
         effects : sequence of Effect
-
-        Raises
-        ------
-        DataError
-            An effect does not fit the machine.
         """
         machine = self._machine(effects)
         inside, loop, motion = _inside(machine), self._loop(machine), self._replay(machine)

@@ -14,20 +14,11 @@ PRIOR_LOG = np.log(3.0)  # standard deviation of a shape parameter's logarithm: 
 
 @dataclass(frozen=True)
 class Coordinate:
-    """How one parameter is stretched.
+    """How one parameter is stretched, by its typical value and range on this type of joint.
 
-    Parameters
-    ----------
-    parameter : Parameter
-    kind : str
-        "scaled" (in units of the typical value), "inverse" (typical over value, for stiffness-like amplitudes) or
-        "log".
-    typical, low, high, unit : float, str
-        From its range on this type of joint.
-    amplitude : bool
-        Whether the effect grows with it.
-    narrowed : bool
-        Whether this recording bounds it more narrowly than the parameter's physical range.
+    Kinds are "scaled" (in units of the typical value), "inverse" (typical over value, for stiffness-like amplitudes)
+    and "log". The effect grows with an amplitude; what is narrowed has less than the parameter's physical range in this
+    recording.
     """
 
     parameter: Parameter
