@@ -23,11 +23,10 @@ from gpcorrect.discrepancy.outcome.provenance import provenance_of
 from gpcorrect.discrepancy.outcome.result import DiscrepancyResult, NamedEffect, UnnamedEffect, Verdict
 from gpcorrect.discrepancy.outcome.store import StageStore, inputs_key, load_or_name, load_or_search
 from gpcorrect.discrepancy.outcome.verdict import headline, place_verdicts, verdict_level
-from gpcorrect.discrepancy.recording.stated_noise import samples_a_row
-from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates, describe
+from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates, describe
 from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.needs import split_by_needs
-from gpcorrect.discrepancy.search.prepared import PreparedData, localise_residual, prepare_data
+from gpcorrect.discrepancy.search.prepared import localise_residual, prepare_data
 from gpcorrect.discrepancy.search.state import Search, start_search
 from gpcorrect.discrepancy.search.stepwise import search
 from gpcorrect.discrepancy.settings import SEARCH
@@ -68,10 +67,6 @@ def find_discrepancy(
         Folder for finished stages: a run that was killed goes on from there, a finished one is read back. Stages of
         other inputs count as absent, and are overwritten.
 
-    Returns
-    -------
-    DiscrepancyResult
-
     Raises
     ------
     DataError
@@ -103,7 +98,17 @@ def _find(
     before = localise_residual(prepared, (), noises, tolerance, rng)
     progress.step("localising", 1.0)
     candidates, lacks = split_by_needs(all_candidates(dataset.scene), dataset.scene, prepared.log)
-    state, named, dropped = _search(prepared, candidates if before.worth_a_search else [], progress, store)
+    state = start_search(dataset, candidates if before.worth_a_search else [], progress)
+    named: tuple[Named, ...] = ()
+    dropped: tuple[Named, ...] = ()
+    if state.traces:
+        state = load_or_search(
+            state, candidates, store, lambda start: search(start, rounds=SEARCH.rounds, progress=progress)
+        )
+        tests, inputs = prepared.tests, prepared.inputs
+        state, named, dropped = load_or_name(
+            state, candidates, store, lambda done: name_effects(done, tests, inputs, progress=progress)
+        )
     if (rare := name_rare(prepared, state, named, candidates, rng, progress)) is not None:
         prepared, state, named = rare
         dataset, train = prepared.dataset, prepared.dataset.training
@@ -112,64 +117,46 @@ def _find(
     found, unsure = _with_numbers(state, named, fitted, train)
     minor: list[NamedEffect] = []
     while gone := {*unsure, *_minor(found)}:  # the rest is estimated again without them
-        why = "its 95 % interval holds zero"
-        doubtful = [
-            replace(n, level=Level.INCONCLUSIVE, reasons=(*n.reasons, why)) for n in map(named.__getitem__, unsure)
-        ]
-        dropped = (*dropped, *doubtful)
+        doubtful = [named[i] for i in unsure]
+        dropped += tuple(
+            replace(n, level=Level.INCONCLUSIVE, reasons=(*n.reasons, "its 95 % interval holds zero")) for n in doubtful
+        )
         minor += [e for i, e in found.items() if i in gone]
-        kept = [i for i in range(len(named)) if i not in gone]
-        named, fitted = tuple(named[i] for i in kept), _refit(state, [fitted[i] for i in kept], train)
+        stay = [i for i in range(len(named)) if i not in gone]
+        named, fitted = tuple(named[i] for i in stay), _refit(state, [fitted[i] for i in stay], train)
         found, unsure = _with_numbers(state, named, fitted, train)
     progress.step("numbers", 1.0)
+    shown = [f.effect for f in fitted]
     noises = estimate_noises(dataset, state.residual(fitted), train)
-    level = np.array([n.std for n in noises]) * np.sqrt(samples_a_row(dataset.group))
-    on_noise = noise_effects(dataset, [f.effect for f in fitted], level)
+    on_noise = noise_effects(dataset, shown, np.array([n.std for n in noises]) * np.sqrt(dataset.samples_a_row))
+    sure = [e for e in on_noise if e.named.may_be_named]
     effects = sorted(found.values(), key=lambda e: -e.nats)
-    effects += [NamedEffect.of(e.named, e.parameters) for e in on_noise if e.named.may_be_named]
-    added = [*fitted, *(e.named.fit for e in on_noise if e.named.may_be_named)]
-    doubtful_noise = [e.named for e in on_noise if not e.named.may_be_named]
+    effects += [NamedEffect.of(e.named, e.parameters) for e in sure]
     remainder = localise_residual(prepared, fitted, noises, tolerance, rng) if before.worth_a_search or rare else None
     progress.step("what is left", 1.0)
     progress.step("test set", 0.0)
     gap = gaps_of(prepared, fitted, noises, rng)
     progress.step("test set", 1.0)
-    bursts = bursts_of(dataset, noises, [f.effect for f in fitted])
-    places = place_verdicts(effects, gap, remainder or before, bursts)
+    places = place_verdicts(effects, gap, remainder or before, bursts_of(dataset, noises, shown))
     level = headline(verdict_level(prepared, state, before, effects, fitted, dropped), effects, places)
-    verdict = Verdict(level, tuple(effects), places, tuple(minor))
     progress.step("next experiment", 0.0)
     experiment, plans = advise(dataset.scene, fitted, [*named, *dropped], noises)
     progress.step("next experiment", 1.0)
+    added = [*shown, *(e.named.fit.effect for e in sure)]
     return DiscrepancyResult(
-        verdict=verdict,
+        verdict=Verdict(level, tuple(effects), places, tuple(minor)),
         not_named=tuple(
             UnnamedEffect(n.fit.candidate.label, n.level, n.probability, n.nats, n.reasons)
-            for n in (*dropped, *doubtful_noise)
+            for n in (*dropped, *(e.named for e in on_noise if not e.named.may_be_named))
         ),
         localisation=before,
         remainder=remainder,
         gap=gap,
         next_experiment=experiment,
-        model=model.with_effects(*in_order((*model.effects, *(f.effect for f in added)))),
+        model=model.with_effects(*in_order((*model.effects, *added))),
         evidence=evidence_of(prepared, state, fitted),
         provenance=provenance_of(log, seed, prepared, state, before, lacks, time.monotonic() - started),
         advised_plans=plans,
-    )
-
-
-def _search(
-    prepared: PreparedData, candidates: Sequence[Candidate], progress: Progress, store: StageStore | None
-) -> tuple[Search, tuple[Named, ...], tuple[Named, ...]]:
-    """Search and naming, when there is something to name."""
-    state = start_search(prepared.dataset, candidates, progress)
-    if not state.traces:
-        return state, (), ()
-    state = load_or_search(
-        state, candidates, store, lambda start: search(start, rounds=SEARCH.rounds, progress=progress)
-    )
-    return load_or_name(
-        state, candidates, store, lambda done: name_effects(done, prepared.tests, prepared.inputs, progress=progress)
     )
 
 
@@ -177,14 +164,13 @@ def _refit(state: Search, fitted: Sequence[FittedEffect], rows: BoolArray) -> tu
     """Estimate all numbers anew on these rows, together where effects show in common channels."""
     if not fitted:
         return ()
-    residual = state.residual(fitted)
-    whitener = whitener_on(state.dataset, residual, rows, estimate_noises(state.dataset, residual, rows))
+    whitener = whitener_on(state.dataset, state.residual(fitted), rows)
     done = list(fitted)
     for group in _groups(state, fitted):
         fixed = [f for i, f in enumerate(done) if i not in group]
         found = [refine(whitener, fixed, start, EVALUATIONS) for start in _starts([done[i] for i in group])]
-        left = [whitener.whiten(state.residual([*fixed, *fits])) for fits in found]
-        for i, fit in zip(group, found[int(np.argmin([float((z**2).sum()) for z in left]))], strict=True):
+        left = [float((whitener.whiten(state.residual([*fixed, *fits])) ** 2).sum()) for fits in found]
+        for i, fit in zip(group, found[int(np.argmin(left))], strict=True):
             done[i] = fit.canonical()
     return tuple(done)
 
@@ -195,9 +181,8 @@ def _starts(group: Sequence[FittedEffect]) -> list[list[FittedEffect]]:
     for i, fit in enumerate(group):
         for k, coordinate in enumerate(fit.candidate.coordinates):
             for factor in BESIDE if coordinate.parameter.valleys else ():
-                u = np.array(fit.u)
-                u[k] = coordinate.coordinate(factor * coordinate.value(float(u[k])))
-                starts.append([*group[:i], FittedEffect(fit.candidate, u), *group[i + 1 :]])
+                moved = fit.moved(k, coordinate.coordinate(factor * coordinate.value(float(fit.u[k]))))
+                starts.append([*group[:i], moved, *group[i + 1 :]])
     return starts
 
 
@@ -216,19 +201,16 @@ def _with_numbers(
     """Return named effects with their estimates, by their place in the set, and those whose size may be zero."""
     if not fitted:
         return {}, set()
-    residual, nominal = state.residual(fitted), state.dataset.predict()
-    noises = estimate_noises(state.dataset, residual, rows)
-    whitener = whitener_on(state.dataset, residual, rows, noises)
+    dataset = state.dataset
+    whitener, nominal = whitener_on(dataset, state.residual(fitted), rows), dataset.predict()
     found, unsure = {}, set()
     for i, (name, fit) in enumerate(zip(named, fitted, strict=True)):
-        widths = half_widths(state, whitener, fitted, i)
-        coordinates = fit.candidate.coordinates
-        if all(abs(fit.u[k] - coordinates[k].identity) <= widths[k] for k in fit.candidate.sizes):
+        widths, candidate = half_widths(state, whitener, fitted, i), fit.candidate
+        if all(abs(fit.u[k] - candidate.coordinates[k].identity) <= widths[k] for k in candidate.sizes):
             unsure.add(i)
             continue
-        change = np.sqrt(np.mean((state.dataset.predict([fit.effect]) - nominal) ** 2, axis=0))
-        sizes = change / [n.std for n in noises]
-        shown = state.dataset.scene.channels[int(sizes.argmax())]
+        sizes = np.sqrt(np.mean((dataset.predict([fit.effect]) - nominal) ** 2, axis=0)) / whitener.std
+        shown = dataset.scene.channels[int(sizes.argmax())]
         found[i] = NamedEffect.of(
             replace(name, fit=fit), describe(fit, widths), float(sizes.max()), of_motor=shown.signal == "measured_jp"
         )

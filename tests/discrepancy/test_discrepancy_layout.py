@@ -25,7 +25,7 @@ RAVEN = {
 def test_every_row_comes_back(label: np.ndarray) -> None:
     """What is spread over the grid is gathered again, row by row."""
     layout, values = layout_of(label, piece=200, warm_up=400, run_out=40), np.arange(float(len(label)))
-    np.testing.assert_array_equal(layout.gather(layout.spread(values), len(label)), values)
+    np.testing.assert_array_equal(layout.gather(layout.spread(values)), values)
 
 
 def test_the_smaller_grid_is_taken() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from gpcorrect.discrepancy.recording.noise import ChannelNoise, NoiseSource, estimate_noise, outliers, whiten
+from gpcorrect.discrepancy.recording.noise import ChannelNoise, NoiseSource, Whitener, estimate_noise, outliers
 from gpcorrect.types import FloatArray, IntArray
 
 STEP, CORRELATION = 0.05, 0.3
@@ -43,7 +43,7 @@ def test_smooth_motion_is_not_noise() -> None:
 def test_whitening_leaves_independent_noise_of_unit_size() -> None:
     """Innovations have variance one and no correlation with the one before."""
     time, r, block = drawn(2, 1e-3, 1e-3)
-    z = whiten(ChannelNoise(1e-3, 1e-3, CORRELATION), time, block, r[:, None])[:, 0]
+    z = Whitener.of(ChannelNoise(1e-3, 1e-3, CORRELATION), time, block)(r[:, None])[:, 0]
     assert np.var(z) == pytest.approx(1.0, abs=0.05)
     assert np.corrcoef(z[1:], z[:-1])[0, 1] == pytest.approx(0.0, abs=0.04)
 
@@ -51,9 +51,9 @@ def test_whitening_leaves_independent_noise_of_unit_size() -> None:
 def test_whitening_is_linear_and_starts_afresh_in_every_block() -> None:
     """The whitened sum is the sum of the whitened; another block's values do not reach into a block."""
     time, r, block = drawn(3, 1e-3, 1e-3, blocks=2)
-    noise = ChannelNoise(1e-3, 1e-3, CORRELATION)
+    whitener = Whitener.of(ChannelNoise(1e-3, 1e-3, CORRELATION), time, block)
     other = np.where(block == 0, 1.0, 0.0)
-    a, b, both = (whiten(noise, time, block, x[:, None])[:, 0] for x in (r, other, r + other))
+    a, b, both = (whitener(x[:, None])[:, 0] for x in (r, other, r + other))
     np.testing.assert_allclose(both, a + b, rtol=0, atol=1e-7 * np.abs(b).max())
     assert not b[block == 1].any()
 

@@ -9,7 +9,6 @@ from gpcorrect.arms import raven2
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.tolerance import slack_of, table_slopes
 from gpcorrect.discrepancy.recording.tracker import Tracker
-from gpcorrect.types import PoseSignal
 
 
 def test_noise_and_tolerance_together_become_white() -> None:
@@ -55,6 +54,4 @@ def test_slopes_agree_with_a_tracker_that_is_turned() -> None:
 
 
 def tracker_of(T: np.ndarray, *, base_known: bool) -> Tracker:
-    position, quaternion = se3.to_parts(T)
-    signal = PoseSignal(position, quaternion)
-    return Tracker.of(signal, np.ones(len(T), dtype=np.bool_), base_known=base_known, marker_known=base_known)
+    return Tracker(T[:, :3, 3], np.ones(len(T), dtype=np.bool_), base_known=base_known, marker_known=base_known)

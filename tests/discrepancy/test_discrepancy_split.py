@@ -11,16 +11,16 @@ from gpcorrect.errors import DataError
 ROWS = 30
 
 
-def table(trajectories: int, sessions: int = 1) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return time, trajectory and session of equally long trajectories."""
+def table(trajectories: int, sessions: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Return trajectory and session of equally long trajectories."""
     number = np.repeat(np.arange(trajectories), ROWS)
-    return np.arange(len(number)) * 0.1, number, number * sessions // trajectories
+    return number, number * sessions // trajectories
 
 
 def test_parts_hold_whole_trajectories() -> None:
     """Every trajectory lies in one part, and the shares are 60 : 20 : 20."""
-    time, number, session = table(20)
-    split = split_rows(time, number, session, np.random.default_rng(0))
+    number, session = table(20)
+    split = split_rows(number, session, np.random.default_rng(0))
     parts = np.array([np.unique(split.part[number == k]) for k in range(20)])
     assert parts.shape == (20, 1)
     assert np.bincount(parts[:, 0]).tolist() == [12, 4, 4]
@@ -28,16 +28,16 @@ def test_parts_hold_whole_trajectories() -> None:
 
 def test_the_seed_alone_deals() -> None:
     """The same seed gives the same parts, another one others."""
-    time, number, session = table(20)
-    first, again, other = (split_rows(time, number, session, np.random.default_rng(s)).part for s in (1, 1, 2))
+    number, session = table(20)
+    first, again, other = (split_rows(number, session, np.random.default_rng(s)).part for s in (1, 1, 2))
     assert (first == again).all()
     assert (first != other).any()
 
 
 def test_sessions_stay_apart_but_for_their_opening() -> None:
     """With three sessions or more, parts are sessions; the opening of each is in discovery."""
-    time, number, session = table(25, sessions=5)
-    split = split_rows(time, number, session, np.random.default_rng(0))
+    number, session = table(25, sessions=5)
+    split = split_rows(number, session, np.random.default_rng(0))
     for k in range(5):
         rows = session == k
         assert split.part[rows][0] == 0
@@ -47,15 +47,14 @@ def test_sessions_stay_apart_but_for_their_opening() -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_two_sessions_are_in_every_part(seed: int) -> None:
     """A homing that is off in the second session alone can be found, confirmed and measured."""
-    time, number, session = table(20, sessions=2)
-    split = split_rows(time, number, session, np.random.default_rng(seed))
+    number, session = table(20, sessions=2)
+    split = split_rows(number, session, np.random.default_rng(seed))
     assert all(set(split.part[session == k]) == {0, 1, 2} for k in range(2))
 
 
 def test_few_long_trajectories_are_cut_with_gaps() -> None:
     """Fewer than ten trajectories are cut into blocks with rows left out between them."""
-    time = np.arange(2000) * 0.1
-    split = split_rows(time, np.zeros(2000, dtype=np.int64), np.zeros(2000, dtype=np.int64), np.random.default_rng(0))
+    split = split_rows(np.zeros(2000, dtype=np.int64), np.zeros(2000, dtype=np.int64), np.random.default_rng(0))
     assert split.block.max() + 1 == 20
     assert (split.block == -1).sum() >= 19
     assert all((split.part == k).any() for k in range(3))
@@ -64,8 +63,8 @@ def test_few_long_trajectories_are_cut_with_gaps() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_one_trajectory_is_cut_into_pieces_of_every_part(seed: int) -> None:
     """Blocks stay numbered as they stand, five pieces in a row have all parts, and other trajectories theirs."""
-    time, number, session = table(20)
-    whole = split_rows(time, number, session, np.random.default_rng(seed))
+    number, session = table(20)
+    whole = split_rows(number, session, np.random.default_rng(seed))
     split = whole.in_pieces(number == 7, 3, np.random.default_rng(seed))
     assert (np.diff(split.block) >= 0).all()
     assert len(np.unique(split.block)) == 20 - 1 + ROWS // 3
@@ -79,4 +78,4 @@ def test_one_sample_is_too_few() -> None:
     """What cannot be dealt to three parts is refused."""
     one = np.zeros(1, dtype=np.int64)
     with pytest.raises(DataError, match="separate motions"):
-        split_rows(np.zeros(1), one, one, np.random.default_rng(0))
+        split_rows(one, one, np.random.default_rng(0))

@@ -13,7 +13,7 @@ from gpcorrect.discrepancy.recording.tracker import Tracker
 from gpcorrect.sim import machine_of, model_from_dict, simulate
 from gpcorrect.sim.effects.compliance import GravitySag
 from gpcorrect.sim.plan import Segment, plan_of
-from gpcorrect.types import CalibrationLog, PoseSignal
+from gpcorrect.types import CalibrationLog
 
 
 def poses(seed: int = 0, n: int = 60) -> np.ndarray:
@@ -21,17 +21,16 @@ def poses(seed: int = 0, n: int = 60) -> np.ndarray:
     return se3.exp(rng.uniform(-0.4, 0.4, (n, 6)))
 
 
-def seen(T: np.ndarray, *, base_known: bool = False, marker_known: bool = False) -> Tracker:
-    """Return the tracker that saw these poses."""
-    return Tracker.of(
-        PoseSignal(*se3.to_parts(T)), np.ones(len(T), dtype=np.bool_), base_known=base_known, marker_known=marker_known
-    )
+def seen(T: np.ndarray, nominal: np.ndarray, *, known: bool = False) -> tuple[Tracker, str]:
+    """Return the tracker that saw these poses of an arm, and why it compares no orientations."""
+    position, quaternion = se3.to_parts(T)
+    return Tracker(position, np.ones(len(T), dtype=np.bool_), known, known).with_orientations(quaternion, nominal)
 
 
 def test_a_rigid_frame_and_a_turned_marker_are_no_discrepancy() -> None:
     """Wherever the tracker stands and however the marker is turned on the tip, what is left is nothing."""
     T, frame, marker = poses(), se3.exp(np.array([0.3, -1, 2, 0.5, 1.0, -2.0])), se3.exp(np.array([0, 0, 0, 1.0, 2, 0]))
-    tracker, why = seen(frame @ T @ marker).about(T)
+    tracker, why = seen(frame @ T @ marker, T)
     assert why == ""
     np.testing.assert_allclose(tracker.observed, tracker.predicted(T), atol=1e-12)
 
@@ -41,7 +40,7 @@ def test_the_difference_is_the_turn() -> None:
     T = poses()
     turned = T.copy()
     turned[:, :3, :3] = se3.matrix_from_rotvec(np.tile([0.01, -0.02, 0.005], (len(T), 1))) @ T[:, :3, :3]
-    tracker, _ = seen(turned, base_known=True, marker_known=True).about(T)
+    tracker, _ = seen(turned, T, known=True)
     left = tracker.observed - tracker.predicted(T)
     np.testing.assert_allclose(left[:, 3:], np.tile([0.01, -0.02, 0.005], (len(T), 1)), atol=1e-12)
     np.testing.assert_allclose(tracker.predicted(turned), tracker.observed, atol=1e-12)
@@ -53,9 +52,8 @@ def test_orientations_that_are_none_are_left_out(quaternion: str | None) -> None
     T = poses(1)
     T[:, :3, :3] = se3.matrix_from_rotvec(np.random.default_rng(2).uniform(-2, 2, (len(T), 3)))
     given = {"fixed": np.tile([1.0, 0, 0, 0], (len(T), 1)), "missing": np.full((len(T), 4), np.nan)}
-    signal = PoseSignal(T[:, :3, 3], None if quaternion is None else given[quaternion])
-    rows = np.ones(len(T), dtype=np.bool_)
-    tracker, why = Tracker.of(signal, rows, base_known=False, marker_known=False).about(T)
+    tracker = Tracker(T[:, :3, 3], np.ones(len(T), dtype=np.bool_), base_known=False, marker_known=False)
+    tracker, why = tracker.with_orientations(None if quaternion is None else given[quaternion], T)
     assert tracker.observed.shape == (len(T), 3)
     assert "positions alone" in why
 

@@ -13,7 +13,7 @@ from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener, whitener_on
 from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level, Named
 from gpcorrect.discrepancy.outcome.result import Experiment
 from gpcorrect.discrepancy.recording.build import build_scene
-from gpcorrect.discrepancy.recording.dataset import Dataset, build_dataset
+from gpcorrect.discrepancy.recording.dataset import build_dataset
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.split import Split
@@ -23,12 +23,13 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim import Model, Noise, TrackerFaults, effect_from_dict, machine_of, simulate
 from gpcorrect.sim.effects import Effect, Run
 from gpcorrect.sim.plan import Plan
-from gpcorrect.types import BoolArray, CalibrationLog, FloatArray
+from gpcorrect.types import CalibrationLog, FloatArray
 
 STEP = 0.02  # of a coordinate, for slopes
 EVALUATIONS = 6  # of a refit: the rival starts near, and only the order of magnitude counts
 BULK = (2.0, 98.0)  # percentiles of the motor path: the range that runs stay in
 Plans = tuple[tuple[Plan, float], ...]
+View = tuple[DatasetWhitener, FloatArray]  # a recording of a run, and its channels `(m, c)` if the leader is true
 REHOMED = {"R": 5e-3, "P": 5e-4}  # by which a homing moves a joint's zero
 
 
@@ -59,9 +60,9 @@ def advise(
         return None, ()
     leader, rival = question
     own = leader.fit.candidate
-    rest = [m for m in fitted if m.candidate.key != own.key]
+    rest = tuple(m.effect for m in fitted if m.candidate.key != own.key)
     shapes = tuple(c for c in all_candidates(scene) if c.label == rival.label)
-    comparison = Comparison(scene, tuple(rest), leader.fit, shapes, tuple(noises))
+    comparison = Comparison(scene, rest, leader.fit, shapes, tuple(noises))
     runs = list(dict.fromkeys(run for c in (own, *shapes[:1]) for run in c.kind.about.separating_runs))
     best = _best(comparison, runs)
     if best is None or best[1] < ADVICE.enough:
@@ -69,31 +70,22 @@ def advise(
         best = max((t for t in tried if t is not None), key=lambda t: t[1], default=None)
     if best is None:
         return None, ()
-    names, enough = (own.label, rival.label), best[1] >= ADVICE.enough
-    words = best[0].words if enough else _sensor(scene, own)
-    experiment = Experiment(words, enough, names, best[1], best[0].minutes)
-    return experiment, best[0].plans if enough else ()
+    planned, nats = best
+    enough = nats >= ADVICE.enough
+    words = planned.words if enough else _sensor(scene, own)
+    experiment = Experiment(words, enough, (own.label, rival.label), nats, planned.minutes)
+    return experiment, planned.plans if enough else ()
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Two explanations of one recording.
+    """Two explanations of one recording: the rest, which both have, with the leader, taken for true, or with a rival.
 
-    Parameters
-    ----------
-    scene : Scene
-        Recording.
-    rest : tuple of FittedEffect
-        What both have.
-    leader : FittedEffect
-        Taken for true.
-    rivals : tuple of Candidate
-        The other one, in its shape variants; none for "nothing".
-    noises : tuple of ChannelNoise
+    Rivals are shape variants of one; there are none for "nothing".
     """
 
     scene: Scene
-    rest: tuple[FittedEffect, ...]
+    rest: tuple[Effect, ...]
     leader: FittedEffect
     rivals: tuple[Candidate, ...]
     noises: tuple[ChannelNoise, ...]
@@ -104,83 +96,61 @@ def _question(named: Sequence[Named]) -> tuple[Named, Alternative] | None:
     asked = [n for n in named if n.level in (Level.CLASS, Level.SET)]
     if not asked and not any(n.level == Level.EXACT for n in named):
         asked = list(named)
-    pairs = [(n, a) for n in asked for a in n.alternatives if _is_open(n, a)]
+    pairs = [
+        (n, a)
+        for n in asked
+        for a in n.alternatives
+        if a.explanation != Explanation.UNKNOWN  # which cannot be simulated
+        and a.label != n.fit.candidate.label
+        and a.probability >= ADVICE.open_probability
+    ]
     return max(pairs, key=lambda pair: pair[1].probability * pair[0].nats, default=None)
 
 
-def _is_open(named: Named, other: Alternative) -> bool:
-    """Return whether another explanation that can be simulated is still worth an experiment."""
-    return (
-        other.explanation != Explanation.UNKNOWN
-        and other.label != named.fit.candidate.label
-        and other.probability >= ADVICE.open_probability
-    )
-
-
 def _site(scene: Scene, joint: int | str) -> Site:
-    motor, body = scene.motor_path(), scene.machine.body
-    steps = np.diff(scene.time)
+    body = scene.machine.body
     return Site(
-        ranges=np.percentile(motor, BULK, axis=0).T,
+        ranges=np.percentile(scene.motor_path(), BULK, axis=0).T,
         types=body.types,
         column=scene.joints.index(joint) if isinstance(joint, int) else None,
-        rate_hz=float(1.0 / np.median(steps[steps > 0])),
+        rate_hz=1.0 / scene.step,
         loads=body.chain is not None,
         servo=scene.plan is not None,
     )
 
 
 def _best(comparison: Comparison, runs: Sequence[Run]) -> tuple[PlannedRun, float] | None:
-    """Return the run with the largest gain over the rival's first shape; its others then have their say."""
-    first = replace(comparison, rivals=comparison.rivals[:1])
-    made = planned_runs(_site(comparison.scene, comparison.leader.candidate.joint), runs)
-    gains = [(planned, expected_nats(first, planned)) for planned in made]
-    best = max(gains, key=lambda g: g[1], default=None)
+    """Return the run with the most expected evidence, half the whitened squares between leader and refitted rival.
+
+    Only the run counts, not what the present recording says of the rival's numbers: the true gain is at least this. The
+    rival's first shape chooses; its others then have their say.
+    """
+    best: tuple[PlannedRun, float] | None = None
+    views: list[View] = []
+    for planned in planned_runs(_site(comparison.scene, comparison.leader.candidate.joint), runs):
+        seen = [_view(comparison, planned, plan, gain) for plan, gain in planned.plans]
+        nats = _evidence(comparison, seen, comparison.rivals[:1])
+        if best is None or nats > best[1]:
+            best, views = (planned, nats), seen
     if best is None or len(comparison.rivals) < 2 or best[1] < ADVICE.enough:
         return best
-    return best[0], min(best[1], expected_nats(replace(comparison, rivals=comparison.rivals[1:]), best[0]))
+    return best[0], min(best[1], _evidence(comparison, views, comparison.rivals[1:]))
 
 
-def expected_nats(comparison: Comparison, planned: PlannedRun) -> float:
-    """Return the evidence that a run should bring: half the whitened squares between leader and refitted rival.
-
-    Only the run counts, not what the present recording says of the rival's numbers: the true gain is at least this.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        The two explanations.
-    planned : PlannedRun
-        The run.
-    """
-    views = [_view(comparison, planned, index) for index in range(len(planned.plans))]
-    fits = [_misfit(comparison, views, c) for c in comparison.rivals]
-    return min(fits, default=_unexplained(comparison, views))
-
-
-@dataclass(frozen=True, eq=False)
-class _View:
-    """One recording of a run as it would be seen, with what the leader says of it."""
-
-    dataset: Dataset
-    whitener: DatasetWhitener
-    predicted: FloatArray
-
-
-def _view(comparison: Comparison, planned: PlannedRun, index: int) -> _View:
-    plan, gain = planned.plans[index]
+def _view(comparison: Comparison, planned: PlannedRun, plan: Plan, gain: float) -> View:
+    """One recording of a run as it would be seen if the leader were true."""
     model = _changed(comparison.scene.model, gain)
     quiet = model.model_copy(update={"noise": Noise(), "faults": TrackerFaults()})
     log = _same_signals(simulate(machine_of(quiet.model_copy(update={"effects": ()})), plan), comparison.scene)
     scene = build_scene(log, quiet, np.ones(len(log), dtype=np.bool_), comparison.noises)
-    effects = [m.effect for m in comparison.rest] + [_homed(comparison.leader.effect, comparison, planned)]
+    effects = [*comparison.rest, _homed(comparison.leader.effect, comparison, planned)]
     scene = replace(scene, observed=scene.predict(effects))  # the tracker would be registered on what it then sees
     whole = Split(log.trajectory, np.zeros(len(log), dtype=np.int64), "")
     stride = max(1, int(np.ceil(len(comparison.scene) / SPLIT.most_rows)))  # as for the present recording
     dataset = build_dataset(scene, whole, max_rows=max(1, len(log) // stride))
     predicted = dataset.predict(effects)
-    every: BoolArray = np.ones(len(dataset), dtype=np.bool_)
-    return _View(dataset, whitener_on(dataset, np.zeros(predicted.shape), every, comparison.noises), predicted)
+    every = np.ones(len(dataset), dtype=np.bool_)
+    return whitener_on(dataset, np.zeros(predicted.shape), every, comparison.noises), predicted
 
 
 def _changed(model: Model, gain: float) -> Model:
@@ -193,12 +163,10 @@ def _changed(model: Model, gain: float) -> Model:
 def _same_signals(log: CalibrationLog, scene: Scene) -> CalibrationLog:
     """Log without the signals that the present recording lacks."""
     seen = {c.signal for c in scene.channels}
-    if "external_jp" not in seen:
-        log = replace(log, external_jp=None)
-    if "tracker_cp" not in seen:
-        log = replace(log, tracker_cp=None)
-    elif "tracker_rotation" not in seen and log.tracker_cp is not None:
-        log = replace(log, tracker_cp=replace(log.tracker_cp, quaternion=None))
+    tracked = log.tracker_cp if "tracker_cp" in seen else None
+    if tracked is not None and "tracker_rotation" not in seen:
+        tracked = replace(tracked, quaternion=None)
+    log = replace(log, tracker_cp=tracked, external_jp=log.external_jp if "external_jp" in seen else None)
     return log if "measured_jp" in seen else replace(log, measured_jp=None, measured_jv=None, measured_jf=None)
 
 
@@ -214,19 +182,22 @@ def _homed(effect: Effect, comparison: Comparison, planned: PlannedRun) -> Effec
     return effect_from_dict(effect.to_dict() | {name: [value, value + REHOMED[kind]]})
 
 
-def _unexplained(comparison: Comparison, views: Sequence[_View]) -> float:
-    shared = [m.effect for m in comparison.rest]
-    return sum(0.5 * float((v.whitener.whiten(v.predicted - v.dataset.predict(shared)) ** 2).sum()) for v in views)
+def _left(views: Sequence[View], effects: Sequence[Effect]) -> FloatArray:
+    """Whitened residuals that effects leave in the recordings of a run."""
+    return np.concatenate([w.whiten(predicted - w.dataset.predict(effects)) for w, predicted in views])
 
 
-def _misfit(comparison: Comparison, views: Sequence[_View], candidate: Candidate) -> float:
-    """Half the squares that a rival leaves after its numbers were fitted to the run."""
-    shared = [m.effect for m in comparison.rest]
-    low, high = candidate.bounds
+def _evidence(comparison: Comparison, views: Sequence[View], rivals: Sequence[Candidate]) -> float:
+    """Half the squares that the best of the rivals leaves, its numbers fitted to the run; or that nothing does."""
+    nothing = 0.5 * float((_left(views, comparison.rest) ** 2).sum())
+    return min((_misfit(comparison, views, rival, nothing) for rival in rivals), default=nothing)
+
+
+def _misfit(comparison: Comparison, views: Sequence[View], rival: Candidate, nothing: float) -> float:
+    low, high = rival.bounds
 
     def errors(u: FloatArray) -> FloatArray:
-        effects = [*shared, candidate.build(u)]
-        return np.concatenate([v.whitener.whiten(v.predicted - v.dataset.predict(effects)) for v in views])
+        return _left(views, [*comparison.rest, rival.build(u)])
 
     def slopes(u: FloatArray) -> FloatArray:
         here, columns = errors(u), []
@@ -235,11 +206,11 @@ def _misfit(comparison: Comparison, views: Sequence[_View], candidate: Candidate
             columns.append((errors(u + step * (np.arange(len(u)) == j)) - here) / step)
         return np.stack(columns, axis=1)
 
-    inside = np.clip(candidate.start, np.nextafter(low, high), np.nextafter(high, low))
+    inside = np.clip(rival.start, np.nextafter(low, high), np.nextafter(high, low))
     try:
         fit = least_squares(errors, inside, jac=slopes, bounds=(low, high), max_nfev=EVALUATIONS, ftol=1e-4)
     except DataError:  # the rival does not fit this run, such as two homings
-        return _unexplained(comparison, views)
+        return nothing
     return float(fit.cost)
 
 

@@ -2,45 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import accumulate, pairwise
 
 import numpy as np
 
 from gpcorrect.sim.effects import Run
 from gpcorrect.sim.plan import Plan, Segment, minimum_jerk, plan_of
-from gpcorrect.types import FloatArray
+from gpcorrect.types import BoolArray, FloatArray
 
 LADDER = (0.8, 2.0, 5.0, 12.0)  # s a stroke
 AMPLITUDES = (1.0, 0.5, 0.2, 0.08)  # of the half range
-STROKE = 2.5  # s
+STROKE, REST = 2.5, 0.3  # s of a stroke, and at its ends
 HOLD = 20.0  # s
 EXTRA_LOAD = 0.3  # kg
 GAIN = 0.5  # times the present gains
 RETURNS, EVERY = 7, 120.0  # visits of the reference pose, and seconds from one to the next
 SETUP = 2.0  # minutes to change payload or gains, or to home again
 WIGGLE = 0.05  # of the range, at the reference pose
+Piece = tuple[FloatArray, float | None]  # path, and kg at the tip; None for the present ones
 
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """What a run is made for.
+    """Where a run is made: ranges `(dof, 2)` in which joints of these types have moved, and the joint in question.
 
-    Parameters
-    ----------
-    ranges : (dof, 2) array
-        In which the joints have moved, rad or m.
-    types : str
-        "R" or "P" for each.
-    column : int or None
-        Joint in question; None for all.
-    rate_hz : float
-        Of the recording.
-    loads : bool
-        Whether masses and poses are known, so that loads can be simulated.
-    servo : bool
-        Whether the closed loop is.
+    `column` is None for all joints. `loads` and `servo` say whether loads and the closed loop can be simulated.
     """
 
     ranges: FloatArray
@@ -62,28 +50,17 @@ class Site:
         width: FloatArray = 0.5 * np.ptp(self.ranges, axis=1)
         return width
 
-    def moving(self) -> FloatArray:
-        """(dof,) 1 for the joint in question, or for all."""
-        every = np.ones(len(self.ranges))
-        return every if self.column is None else (np.arange(len(every)) == self.column).astype(np.float64)
+    @property
+    def moving(self) -> BoolArray:
+        """(dof,) whether it is the joint in question, or all are."""
+        return np.full(len(self.ranges), True) if self.column is None else np.arange(len(self.ranges)) == self.column
 
 
 @dataclass(frozen=True, eq=False)
 class PlannedRun:
-    """A run: its recordings, each with the model that is then true of the controller.
+    """A run in words and as desired paths, each with the factor by which the controller's gains are changed.
 
-    Parameters
-    ----------
-    run : Run
-        Which kind.
-    words : str
-        What to do.
-    plans : tuple of (Plan, float)
-        Desired paths, and by which factor the controller's gains are changed.
-    minutes : float
-        How long it takes, changes of payload and gains included.
-    sessions : int
-        Homings in it.
+    `minutes` include changes of payload and gains, `sessions` are the homings in it.
     """
 
     run: Run
@@ -99,131 +76,66 @@ def planned_runs(site: Site, wanted: Sequence[Run]) -> list[PlannedRun]:
     Parameters
     ----------
     site : Site
-        What they are made for.
     wanted : sequence of Run
-        Kinds.
     """
-    made = [MAKERS[run](site) for run in wanted if run in MAKERS]
-    return [planned for planned in made if planned is not None]
+    made = _motion_runs(site) | _special_runs(site)
+    return [made[run] for run in wanted if run in made]
 
 
-def _ladder(site: Site) -> list[FloatArray]:
-    step = site.half * site.moving()
-    return [_tour(site, [site.middle - step, site.middle + step, site.middle - step], s) for s in LADDER]
-
-
-def _speed_ladder(site: Site) -> PlannedRun:
-    words = f"{Run.SPEED_LADDER.value}: {_who(site)} over the range, strokes of {', '.join(f'{s:g}' for s in LADDER)} s"
-    return _future(site, Run.SPEED_LADDER, words, [(p, None) for p in _ladder(site)])
-
-
-def _amplitudes(site: Site) -> PlannedRun:
-    fractions = ", ".join(f"{100 * a:g}" for a in AMPLITUDES)
-    words = f"{Run.AMPLITUDES.value}: {_who(site)}, {fractions} % of the range"
-    return _future(site, Run.AMPLITUDES, words, [(p, None) for p in _strokes(site)])
-
-
-def _strokes(site: Site) -> list[FloatArray]:
-    step = site.half * site.moving()
-    paths = []
-    for fraction in AMPLITUDES:
-        low, high = site.middle - fraction * step, site.middle + fraction * step
-        paths.append(_tour(site, [site.middle, high, low, high, low, site.middle], STROKE))
-    return paths
-
-
-def _hold_unload(site: Site) -> PlannedRun:
-    step = site.half * site.moving()
-    path = _tour(site, [site.middle - step, site.middle + step, site.middle - step], STROKE, rest=HOLD)
-    words = f"{Run.HOLD_UNLOAD.value}: {_who(site)} to one end, hold {HOLD:g} s, back, hold again"
-    loads = (EXTRA_LOAD, 0.0) if site.loads else (None,)
-    return _future(site, Run.HOLD_UNLOAD, words, [(path, load) for load in loads])
-
-
-def _load_swap(site: Site) -> PlannedRun | None:
-    if not site.loads:
-        return None
-    words = f"{Run.LOAD_SWAP.value}: the same strokes without and with {EXTRA_LOAD:g} kg at the tip"
-    return _future(site, Run.LOAD_SWAP, words, [(p, load) for load in (0.0, EXTRA_LOAD) for p in _strokes(site)[:2]])
-
-
-def _one_joint(site: Site) -> PlannedRun | None:
-    dof = len(site.ranges)
-    if dof < 2:
-        return None
-    paths = []
-    for j in range(dof):
-        step = site.half * (np.arange(dof) == j)
-        paths.append(_tour(site, [site.middle, site.middle + step, site.middle - step, site.middle], STROKE))
-    return _future(site, Run.ONE_JOINT, f"{Run.ONE_JOINT.value}: each joint in turn", [(p, None) for p in paths])
-
-
-def _pose_spread(site: Site) -> PlannedRun | None:
-    if site.column is None or len(site.ranges) < 2:
-        return None
-    step, others = site.half * site.moving(), site.half * (1.0 - site.moving())
-    paths = [
-        _tour(site, [c - step, c + step, c - step], STROKE)
-        for c in (site.middle - others, site.middle, site.middle + others)
+def _motion_runs(site: Site) -> dict[Run, PlannedRun]:
+    """Return the runs that need no other gains, homings or pauses."""
+    middle, step, dof = site.middle, site.half * site.moving, len(site.ranges)
+    who = "all joints together" if site.column is None else "the joint alone"
+    fractions, seconds = ", ".join(f"{100 * a:g}" for a in AMPLITUDES), ", ".join(f"{s:g}" for s in LADDER)
+    runs = [
+        _run(site, Run.SPEED_LADDER, f": {who} over the range, strokes of {seconds} s", _bare(_ladder(site))),
+        _run(site, Run.AMPLITUDES, f": {who}, {fractions} % of the range", _bare(_strokes(site))),
     ]
-    return _future(
-        site, Run.POSE_SPREAD, f"{Run.POSE_SPREAD.value}: {_who(site)} sweeps at three", [(p, None) for p in paths]
-    )
+    if dof > 1:
+        tours = [_tour(site, [middle, middle + own, middle - own, middle]) for own in np.diag(site.half)]
+        runs.append(_run(site, Run.ONE_JOINT, ": each joint in turn", _bare(tours)))
+    if dof > 1 and site.column is not None:
+        others = site.half * ~site.moving
+        sweeps = [_sweep(site, centre, step) for centre in (middle - others, middle, middle + others)]
+        runs.append(_run(site, Run.POSE_SPREAD, f": {who} sweeps at three", _bare(sweeps)))
+    hold = _sweep(site, middle, step, rest=HOLD)
+    loads: Sequence[float | None] = (EXTRA_LOAD, 0.0) if site.loads else (None,)
+    words = f": {who} to one end, hold {HOLD:g} s, back, hold again"
+    runs.append(_run(site, Run.HOLD_UNLOAD, words, [(hold, load) for load in loads]))
+    return {made.run: made for made in runs}
 
 
-def _gain_change(site: Site) -> PlannedRun | None:
-    if not site.servo:
-        return None
-    plan, seconds = _plan(site, [(p, None) for p in _ladder(site)])
-    words = f"{Run.GAIN_CHANGE.value}: the speed ladder with the present gains and with {100 * GAIN:g} % of them"
-    return PlannedRun(Run.GAIN_CHANGE, words, ((plan, 1.0), (plan, GAIN)), 2 * seconds / 60 + SETUP)
+def _special_runs(site: Site) -> dict[Run, PlannedRun]:
+    """Return the runs with other payloads, gains, homings or pauses."""
+    strokes = _strokes(site)[:2]
+    runs = []
+    if site.loads:
+        words = f": the same strokes without and with {EXTRA_LOAD:g} kg at the tip"
+        pieces = [(path, load) for load in (0.0, EXTRA_LOAD) for path in strokes]
+        runs.append(_run(site, Run.LOAD_SWAP, words, pieces))
+    if site.loads and "P" in site.types:
+        insertion = np.arange(len(site.ranges)) == site.types.index("P")
+        step, depth = site.half * (site.moving & ~insertion), 0.9 * site.half * insertion
+        sweeps = [_sweep(site, centre, step) for centre in (site.middle - depth, site.middle + depth)]
+        runs.append(_run(site, Run.TWO_INSERTIONS, "", _bare(sweeps)))
+    if site.servo:
+        plan, seconds = _plan(site, _bare(_ladder(site)))
+        words = f": the speed ladder with the present gains and with {100 * GAIN:g} % of them"
+        plans = ((plan, 1.0), (plan, GAIN))
+        runs.append(PlannedRun(Run.GAIN_CHANGE, f"{Run.GAIN_CHANGE}{words}", plans, 2 * seconds / 60 + SETUP))
+    sessions = np.repeat([0, 1], len(strokes)).tolist()
+    plan, seconds = _plan(site, _bare(strokes * 2), session=sessions)
+    words = f"{Run.REHOMING}: the same strokes before and after a homing"
+    runs.append(PlannedRun(Run.REHOMING, words, ((plan, 1.0),), seconds / 60 + SETUP, sessions=2))
+    visit = _tour(site, [site.middle, site.middle + WIGGLE * site.half, site.middle], 1.0)
+    plan, _ = _plan(site, _bare([visit] * RETURNS), start=[i * EVERY for i in range(RETURNS)])
+    words = f"{Run.REFERENCE_RETURNS}: {RETURNS} times, every {EVERY / 60:g} minutes, working in between"
+    runs.append(PlannedRun(Run.REFERENCE_RETURNS, words, ((plan, 1.0),), RETURNS * EVERY / 60))
+    return {made.run: made for made in runs}
 
 
-def _rehoming(site: Site) -> PlannedRun:
-    pieces = [(p, None) for p in _strokes(site)[:2]]
-    plan, seconds = _plan(site, [*pieces, *pieces], session=lambda i: i // len(pieces))
-    words = f"{Run.REHOMING.value}: the same strokes before and after a homing"
-    return PlannedRun(Run.REHOMING, words, ((plan, 1.0),), seconds / 60 + SETUP, sessions=2)
-
-
-def _returns(site: Site) -> PlannedRun:
-    pose = [site.middle, site.middle + WIGGLE * site.half, site.middle]
-    pieces = [(_tour(site, pose, 1.0), None)] * RETURNS
-    plan, _ = _plan(site, pieces, start=lambda i: i * EVERY)
-    words = f"{Run.REFERENCE_RETURNS.value}: {RETURNS} times, every {EVERY / 60:g} minutes, working in between"
-    return PlannedRun(Run.REFERENCE_RETURNS, words, ((plan, 1.0),), RETURNS * EVERY / 60)
-
-
-def _two_insertions(site: Site) -> PlannedRun | None:
-    if not site.loads or "P" not in site.types:
-        return None
-    insertion = site.types.index("P")
-    step = site.half * site.moving() * (np.arange(len(site.ranges)) != insertion)
-    depth = 0.9 * site.half * (np.arange(len(site.ranges)) == insertion)
-    paths = [_tour(site, [c - step, c + step, c - step], STROKE) for c in (site.middle - depth, site.middle + depth)]
-    return _future(site, Run.TWO_INSERTIONS, Run.TWO_INSERTIONS.value, [(p, None) for p in paths])
-
-
-MAKERS: dict[Run, Callable[[Site], PlannedRun | None]] = {
-    Run.SPEED_LADDER: _speed_ladder,
-    Run.AMPLITUDES: _amplitudes,
-    Run.HOLD_UNLOAD: _hold_unload,
-    Run.LOAD_SWAP: _load_swap,
-    Run.ONE_JOINT: _one_joint,
-    Run.POSE_SPREAD: _pose_spread,
-    Run.GAIN_CHANGE: _gain_change,
-    Run.REHOMING: _rehoming,
-    Run.REFERENCE_RETURNS: _returns,
-    Run.TWO_INSERTIONS: _two_insertions,
-}
-
-
-def _who(site: Site) -> str:
-    return "all joints together" if site.column is None else "the joint alone"
-
-
-def _tour(site: Site, stops: Sequence[FloatArray], seconds: float, rest: float = 0.3) -> FloatArray:
-    """Path `(n, dof)` through stops by minimum-jerk moves, with a rest at each."""
+def _tour(site: Site, stops: Sequence[FloatArray], seconds: float = STROKE, rest: float = REST) -> FloatArray:
+    """Path `(n, dof)` through stops by minimum-jerk moves of these seconds, with a rest at each."""
     parts = [stops[0][None]]
     pause = max(1, round(rest * site.rate_hz))
     for a, b in pairwise(stops):
@@ -232,23 +144,44 @@ def _tour(site: Site, stops: Sequence[FloatArray], seconds: float, rest: float =
     return np.concatenate(parts)
 
 
-def _future(site: Site, run: Run, words: str, pieces: Sequence[tuple[FloatArray, float | None]]) -> PlannedRun:
+def _sweep(site: Site, centre: FloatArray, step: FloatArray, seconds: float = STROKE, rest: float = REST) -> FloatArray:
+    return _tour(site, [centre - step, centre + step, centre - step], seconds, rest)
+
+
+def _ladder(site: Site) -> list[FloatArray]:
+    """Return the same stroke at ever lower speeds."""
+    return [_sweep(site, site.middle, site.half * site.moving, seconds) for seconds in LADDER]
+
+
+def _strokes(site: Site) -> list[FloatArray]:
+    """Return strokes to both sides, at ever smaller amplitudes."""
+    middle, paths = site.middle, []
+    for fraction in AMPLITUDES:
+        step = fraction * (site.half * site.moving)
+        low, high = middle - step, middle + step
+        paths.append(_tour(site, [middle, high, low, high, low, middle]))
+    return paths
+
+
+def _bare(paths: Sequence[FloatArray]) -> list[Piece]:
+    """Paths with the present payload."""
+    return [(path, None) for path in paths]
+
+
+def _run(site: Site, run: Run, words: str, pieces: Sequence[Piece]) -> PlannedRun:
     plan, seconds = _plan(site, pieces)
     changes = len({payload for _, payload in pieces}) - 1
-    return PlannedRun(run, words, ((plan, 1.0),), seconds / 60 + SETUP * changes)
+    return PlannedRun(run, f"{run}{words}", ((plan, 1.0),), seconds / 60 + SETUP * changes)
 
 
 def _plan(
-    site: Site,
-    pieces: Sequence[tuple[FloatArray, float | None]],
-    *,
-    session: Callable[[int], int] = lambda i: 0,
-    start: Callable[[int], float] | None = None,
+    site: Site, pieces: Sequence[Piece], *, session: Sequence[int] | None = None, start: Sequence[float] | None = None
 ) -> tuple[Plan, float]:
     """Pieces one after the other, a trajectory each, and the seconds that they take."""
-    segments, clock = [], 0.0
-    for i, (path, payload) in enumerate(pieces):
-        begin = clock if start is None else start(i)
-        segments.append(Segment(path, np.full(len(path), i), session(i), begin, payload))
-        clock += len(path) / site.rate_hz
-    return plan_of(segments, site.rate_hz), clock
+    lengths = [len(path) / site.rate_hz for path, _ in pieces]
+    begin = start or [0.0, *accumulate(lengths[:-1])]
+    sessions = session or [0] * len(pieces)
+    segments = [
+        Segment(path, np.full(len(path), i), sessions[i], begin[i], payload) for i, (path, payload) in enumerate(pieces)
+    ]
+    return plan_of(segments, site.rate_hz), sum(lengths)

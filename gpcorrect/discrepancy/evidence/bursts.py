@@ -12,33 +12,22 @@ from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.settings import BURSTS
 from gpcorrect.sim.effects import Effect
-from gpcorrect.types import FloatArray
 
 
 @dataclass(frozen=True)
 class Burst:
-    """A channel in which something rare happens, far above its noise.
+    """A channel in which something rare happens, far above its noise, in trajectories as the log numbers them.
 
-    Parameters
-    ----------
-    channel : Channel
-        Which one.
-    trajectories : tuple of int
-        Numbers, as in the log, of those above the limit; never empty.
-    largest, noise : float
-        Largest residual there, and standard deviation of the noise, unit of the channel.
-    rows : int
-        Condensed rows of those trajectories that are above the limit.
-    rare : bool
-        Whether the other trajectories are calm.
+    `largest` is the largest residual there, `noise` the standard deviation of the noise, `rows` counts the condensed
+    rows there that are above the limit, and `rare` says that the other trajectories are calm.
     """
 
     channel: Channel
     trajectories: tuple[int, ...]
     largest: float
     noise: float
-    rows: int = 0
-    rare: bool = False
+    rows: int
+    rare: bool
 
     @property
     def lasts(self) -> bool:
@@ -54,26 +43,20 @@ def bursts_of(dataset: Dataset, noises: Sequence[ChannelNoise], effects: Sequenc
     Parameters
     ----------
     dataset : Dataset
-        Recording and simulator.
     noises : sequence of ChannelNoise
     effects : sequence of Effect
         Beyond the model's own.
     """
-    residual, trajectory = dataset.residual(effects), dataset.trajectory
+    numbers, index = np.unique(dataset.trajectory, return_inverse=True)
     found = []
-    for channel, column, noise in zip(dataset.scene.channels, residual.T, noises, strict=True):
-        limit = BURSTS.limit * noise.std
-        size = {int(t): _rms(column[trajectory == t]) for t in np.unique(trajectory)}
-        above = tuple(t for t, rms in size.items() if rms > limit)
-        if not above:
-            continue
-        there = np.abs(column[np.isin(trajectory, above)])
-        calm = float(np.median([*size.values()])) <= BURSTS.calm * noise.std
-        rows = int((there > limit).sum())
-        found.append(Burst(channel, above, float(np.nanmax(there)), noise.std, rows, calm))
+    for channel, column, noise in zip(dataset.scene.channels, dataset.residual(effects).T, noises, strict=True):
+        known = np.isfinite(column)
+        squares = np.bincount(index[known], column[known] ** 2, len(numbers))
+        rms = np.sqrt(squares / np.maximum(np.bincount(index[known], minlength=len(numbers)), 1))
+        above = rms > BURSTS.limit * noise.std
+        if above.any():
+            there = np.abs(column[above[index]])
+            rows, calm = int((there > BURSTS.limit * noise.std).sum()), np.median(rms) <= BURSTS.calm * noise.std
+            trajectories = tuple(numbers[above].tolist())
+            found.append(Burst(channel, trajectories, float(np.nanmax(there)), noise.std, rows, bool(calm)))
     return tuple(found)
-
-
-def _rms(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(known**2))) if len(known) else 0.0

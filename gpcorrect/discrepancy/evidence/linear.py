@@ -1,7 +1,4 @@
-"""Held-out evidence of linear models.
-
-Gains of log-likelihood, in nats, on whole trajectories that the fit has not seen.
-"""
+"""Held-out evidence of linear models: gains of log-likelihood, in nats, on trajectories that the fit has not seen."""
 
 from __future__ import annotations
 
@@ -17,14 +14,9 @@ FOLDS = 5  # of cross-validation over whole trajectories: chosen by hand
 
 @dataclass(frozen=True, eq=False)
 class Grams:
-    """What least squares needs of each block.
+    """Sums of products of p whitened columns over each of b blocks, which is what least squares needs of them.
 
-    Parameters
-    ----------
-    gram : (b, p, p) array
-        Products of the whitened columns with each other.
-    moment : (b, p) array or (b, p, r)
-        Products of the columns with the whitened residual (or with r of them).
+    `gram` `(b, p, p)` is with each other, `moment` `(b, p)` with the whitened residual, or `(b, p, r)` with r of them.
     """
 
     gram: FloatArray
@@ -36,7 +28,6 @@ class Grams:
         Parameters
         ----------
         columns : int array or list of int
-            Which ones.
         """
         index = np.asarray(columns, dtype=np.int64)
         return Grams(self.gram[:, index[:, None], index], self.moment[:, index])
@@ -44,8 +35,6 @@ class Grams:
 
 def grams(columns: FloatArray, residual: FloatArray, block: IntArray) -> Grams:
     """Return sums of products over each block.
-
-    Labels from 0 without gaps, -1 left out.
 
     Parameters
     ----------
@@ -56,8 +45,7 @@ def grams(columns: FloatArray, residual: FloatArray, block: IntArray) -> Grams:
     block : (n,) int array
         Label of each row, from 0 without gaps; -1 is left out.
     """
-    n_blocks = int(block.max(initial=-1)) + 1
-    p = columns.shape[1]
+    n_blocks, p = int(block.max(initial=-1)) + 1, columns.shape[1]
     gram, moment = np.zeros((n_blocks, p, p)), np.zeros((n_blocks, p, *residual.shape[1:]))
     order, ends = _by_block(block, n_blocks)
     x, y = columns[order], residual[order]
@@ -84,8 +72,8 @@ def bordered(base: Grams, columns: FloatArray, new: FloatArray, residual: FloatA
         Label of each row, from 0 without gaps.
     """
     n_blocks, p = base.moment.shape
-    q = new.shape[1]
-    gram, moment = np.zeros((n_blocks, p + q, p + q)), np.zeros((n_blocks, p + q))
+    width = p + new.shape[1]
+    gram, moment = np.zeros((n_blocks, width, width)), np.zeros((n_blocks, width))
     gram[:, :p, :p], moment[:, :p] = base.gram, base.moment
     order, ends = _by_block(block, n_blocks)
     _add_products(columns[order], new[order], residual[order], ends, gram, moment)
@@ -131,7 +119,6 @@ def fold_of(n_blocks: int) -> IntArray:
     Parameters
     ----------
     n_blocks : int
-        Number of blocks.
     """
     return np.arange(n_blocks) % max(2, min(FOLDS, n_blocks))
 
@@ -163,23 +150,26 @@ def solve(gram: FloatArray, moment: FloatArray, ridge: float = 1e-6) -> FloatArr
     return solution[..., 0] if single else solution
 
 
-def held_out_nats(data: Grams, fold: IntArray, prior_precision: float | FloatArray = 0.0) -> FloatArray:
+def held_out_nats(
+    data: Grams, fold: IntArray, prior_precision: float | FloatArray = 0.0, ridge: float = 1e-6
+) -> FloatArray:
     """Gain in nats of each block `(b,)` (or `(b, r)`), its coefficients fitted to the other folds' blocks.
 
     Parameters
     ----------
     data : Grams
-        Of every block.
     fold : (b,) int array
         Fold of each block.
     prior_precision : float or (p,) array
         Added to the normal equations' diagonal: shrinks coefficients that few samples speak of.
+    ridge : float
+        See :func:`solve`.
     """
     numbers, place = np.unique(fold, return_inverse=True)
     gram = data.gram.sum(axis=0) - np.stack([data.gram[fold == k].sum(axis=0) for k in numbers])
     moment = data.moment.sum(axis=0) - np.stack([data.moment[fold == k].sum(axis=0) for k in numbers])
     gram[:, np.arange(gram.shape[1]), np.arange(gram.shape[1])] += prior_precision
-    beta = solve(gram, moment)[place]
+    beta = solve(gram, moment, ridge)[place]
     half = data.gram @ beta if beta.ndim == 3 else (data.gram @ beta[..., None])[..., 0]
     gains: FloatArray = (beta * (data.moment - 0.5 * half)).sum(axis=1)
     return gains

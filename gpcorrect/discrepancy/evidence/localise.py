@@ -1,7 +1,4 @@
-"""Where simulation and measurement disagree.
-
-The small tests whose held-out gain beats what noise alone would give in the largest of them.
-"""
+"""Where simulation and measurement disagree: the small tests that beat the largest of them in noise alone."""
 
 from __future__ import annotations
 
@@ -9,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import t as student
 
-from gpcorrect.discrepancy.evidence.linear import Grams, fold_of, grams, held_out_nats, solve
+from gpcorrect.discrepancy.evidence.linear import fold_of, grams, held_out_nats, solve
 from gpcorrect.discrepancy.evidence.tones import strongest_tone
 from gpcorrect.discrepancy.evidence.variables import Cells, Quantity, Span, Variable
 from gpcorrect.discrepancy.recording.channels import Channel
-from gpcorrect.discrepancy.recording.noise import ChannelNoise, Whitener, standard_draws
+from gpcorrect.discrepancy.recording.noise import NORMAL_MAD, ChannelNoise, Whitener
 from gpcorrect.discrepancy.settings import TESTS
 from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.types import FloatArray, IntArray
@@ -24,22 +22,10 @@ SHOWN = 5  # findings of a channel
 
 @dataclass(frozen=True, eq=False)
 class ChannelData:
-    """One channel as the tests see it.
+    """One channel as the tests, `cells`, see it: time (s), residual (NaN is missing) and its noise.
 
-    Parameters
-    ----------
-    channel : Channel
-        Which one.
-    time, residual : (n,) arrays
-        Seconds, and measured minus simulated; NaN is missing.
-    block : (n,) int array
-        Whole trajectories from 0 without gaps; -1 for rows to leave out.
-    noise : ChannelNoise
-        Of the residual.
-    cells : sequence of Cells
-        The tests.
-    least : float
-        Size below which a finding does not count, as a fraction of the noise.
+    `block` `(n,)` numbers whole trajectories from 0 without gaps, -1 for rows to leave out. Findings of less than
+    `least` times the noise do not count.
     """
 
     channel: Channel
@@ -53,22 +39,10 @@ class ChannelData:
 
 @dataclass(frozen=True)
 class Finding:
-    """A test that noise cannot explain.
+    """A test that noise cannot explain: what the residual depends on, and the cell in which it is largest.
 
-    Parameters
-    ----------
-    channel : Channel
-        Where.
-    variables : tuple of Variable
-        What the residual depends on.
-    region : tuple of Span
-        The cell in which it is largest.
-    nats : float
-        Gain of log-likelihood on held-out trajectories.
-    size : float
-        Root mean square of what depends on the variables, as a fraction of the noise.
-    counts : bool
-        Whether it is large enough to matter.
+    `nats` are gained on held-out trajectories. `size` is the root mean square of what depends on the variables, as a
+    fraction of the noise, and `counts` whether that is large enough to matter.
     """
 
     channel: Channel
@@ -95,18 +69,10 @@ class Equivalence:
 
 @dataclass(frozen=True)
 class Localisation:
-    """Outcome of all tests.
+    """Outcome of all tests: the findings above the threshold, largest first, those too small to count as well.
 
-    Parameters
-    ----------
-    findings : tuple of Finding
-        Above the threshold, largest first; those too small to count as well.
-    threshold : float
-        Nats that the largest of all tests stays below in noise, with the level's probability.
-    largest : float
-        Nats of the best test whose finding counts.
-    equivalence : tuple of Equivalence
-        Of each channel.
+    The largest of all tests stays below the threshold in noise, with the level's probability; `largest` are the nats of
+    the best test whose finding counts.
     """
 
     findings: tuple[Finding, ...]
@@ -131,18 +97,13 @@ class Localisation:
 
 
 def localise(
-    channels: Sequence[ChannelData],
-    rng: np.random.Generator,
-    *,
-    draws: int,
-    tolerance: float = 0.0,
+    channels: Sequence[ChannelData], rng: np.random.Generator, *, draws: int, tolerance: float = 0.0
 ) -> Localisation:
     """Run every test of every channel, and the null law of the largest of them by parametric bootstrap from the noise.
 
     Parameters
     ----------
     channels : sequence of ChannelData
-        What to test.
     rng : numpy.random.Generator
         Draws the bootstrap.
     draws : int
@@ -150,18 +111,20 @@ def localise(
     tolerance : float
         Of the task, rad or m; the equivalence limit is the larger of it and a quarter of the noise.
     """
-    results = [_test_channel(c, rng, draws) for c in channels if (c.block >= 0).any()]
-    if not results:
-        return Localisation((), 0.0, 0.0, ())
-    null = np.max([r.null for r in results], axis=0)
-    threshold = max(0.0, _quantile_of_largest(null, TESTS.level))
-    findings = sorted((f for r in results for f in r.findings if f.nats > threshold), key=_rank)
-    largest = max(r.largest for r in results)
-    bounds = []
-    for r in results:
-        std = r.data.noise.std
-        bounds.append(Equivalence(r.data.channel, r.systematic / std, max(TESTS.equivalence, tolerance / std)))
-    return Localisation(tuple(findings), threshold, largest, tuple(bounds))
+    findings: list[Finding] = []
+    bounds: list[Equivalence] = []
+    largest, null = 0.0, np.full(draws, -np.inf)
+    tested = [c for c in channels if (c.block >= 0).any()]
+    for data in tested:
+        found, null_nats, upper = _test_channel(data, rng, draws)
+        findings += found[:SHOWN]
+        null = np.maximum(null, null_nats)
+        best = found[0].nats if found and found[0].counts else -np.inf
+        largest = max(largest, best) if bounds else best
+        bounds.append(Equivalence(data.channel, upper, max(TESTS.equivalence, tolerance / data.noise.std)))
+    threshold = max(0.0, _quantile_of_largest(null, TESTS.level)) if tested else 0.0
+    above = sorted((f for f in findings if f.nats > threshold), key=_rank)
+    return Localisation(tuple(above), threshold, largest, tuple(bounds))
 
 
 def _quantile_of_largest(null: FloatArray, level: float) -> float:
@@ -178,62 +141,46 @@ def _rank(finding: Finding) -> tuple[bool, float]:
     return not finding.counts, -finding.nats
 
 
-@dataclass(frozen=True, eq=False)
-class _ChannelResult:
-    data: ChannelData
-    findings: tuple[Finding, ...]
-    largest: float
-    null: FloatArray
-    systematic: float
-
-
-def _test_channel(data: ChannelData, rng: np.random.Generator, draws: int) -> _ChannelResult:
-    rows, fold, order = _rows_by_fold(data)
+def _test_channel(data: ChannelData, rng: np.random.Generator, draws: int) -> tuple[list[Finding], FloatArray, float]:
+    """Return all findings, the best first, the largest nats in each draw of noise, and how large the rest may be."""
+    rows = np.flatnonzero((data.block >= 0) & np.isfinite(data.residual))
+    fold = fold_of(int(data.block[rows].max()) + 1)[data.block[rows]]
+    order = np.argsort(fold, kind="stable")  # evidence is summed over whole folds
+    rows, fold = rows[order], fold[order]
     whitener = Whitener.of(data.noise, data.time[rows], data.block[rows])
     z = _clipped(whitener(data.residual[rows, None]))
-    fake = _clipped(standard_draws(data.noise.tail, (len(rows), draws), rng))
-    both = np.concatenate([z, fake[order]], axis=1)
-    size = max(float(np.sqrt(np.mean(data.residual[rows] ** 2))), data.noise.std)
+    both = np.concatenate([z, _clipped(_noise(data.noise.tail, (len(rows), draws), rng))[order]], axis=1)
+    std = data.noise.std
+    precision = 1.0 / (TESTS.prior_std * max(float(np.sqrt(np.mean(data.residual[rows] ** 2))), std)) ** 2
     null = np.full(draws, -np.inf)
     found, systematic = [], 0.0
     for cells in data.cells:
         columns = cells.indicator(rows)
         sums = grams(whitener(columns), both, fold)
-        gains = held_out_nats(sums, np.arange(len(sums.gram)), 1.0 / (TESTS.prior_std * size) ** 2).sum(axis=0)
+        gains = held_out_nats(sums, np.arange(len(sums.gram)), precision).sum(axis=0)
         null = np.maximum(null, gains[1:])
-        part = _systematic(sums, columns.mean(axis=0))
-        fraction = part.size / data.noise.std
-        where = _region(sums, cells)
-        found.append(Finding(data.channel, cells.variables, where, float(gains[0]), fraction, fraction >= data.least))
-        if len(cells.variables) == 1:
-            systematic = max(systematic, part.upper(rng))
-    if (tone := _tone(data)) is not None:
-        found.append(tone)
-        systematic = max(systematic, tone.size * data.noise.std)
-    found.sort(key=_rank)
-    largest = found[0].nats if found and found[0].counts else -np.inf
-    return _ChannelResult(data, tuple(found[:SHOWN]), largest, null, systematic)
-
-
-def _tone(data: ChannelData) -> Finding | None:
-    """Return a tone that stands out beyond doubt and matters."""
+        gram, moment = sums.gram.sum(axis=0), sums.moment[:, :, 0].sum(axis=0)
+        alone = len(cells.variables) == 1
+        size, upper = _systematic(gram, moment, columns.mean(axis=0), rng if alone else None)
+        systematic = max(systematic, upper)
+        region = cells.spans[int(np.argmax(solve(gram, moment) ** 2 * np.diag(gram)))]
+        counts = size / std >= data.least
+        found.append(Finding(data.channel, cells.variables, region, float(gains[0]), size / std, counts))
     tone = strongest_tone(data.time, data.residual, data.block)
-    if tone is None or tone.nats < TESTS.sure_tone or tone.rms < TESTS.equivalence * data.noise.std:
-        return None
-    frequency = Variable(Quantity.FREQUENCY)
-    where = Span(frequency, tone.low, tone.high, "Hz")
-    return Finding(data.channel, (frequency,), (where,), tone.nats, tone.rms / data.noise.std)
+    if tone is not None and tone.nats >= TESTS.sure_tone and tone.rms >= TESTS.equivalence * std:
+        frequency = Variable(Quantity.FREQUENCY)
+        region = (Span(frequency, tone.low, tone.high, "Hz"),)
+        found.append(Finding(data.channel, (frequency,), region, tone.nats, tone.rms / std))
+        systematic = max(systematic, tone.rms)
+    return sorted(found, key=_rank), null, systematic / std
 
 
-def _rows_by_fold(data: ChannelData) -> tuple[IntArray, IntArray, IntArray]:
-    """Rows to test fold by fold, the fold of each, and which they are among them in the order of time.
-
-    Evidence is summed over whole folds.
-    """
-    rows = np.flatnonzero((data.block >= 0) & np.isfinite(data.residual))
-    fold = fold_of(int(data.block[rows].max()) + 1)[data.block[rows]]
-    order = np.argsort(fold, kind="stable")
-    return rows[order], fold[order], order
+def _noise(tail: float, shape: tuple[int, int], rng: np.random.Generator) -> FloatArray:
+    """Independent draws with the whitened noise's tails; their median of |z| is that of a normal."""
+    if np.isinf(tail):
+        return rng.standard_normal(shape)
+    draws: FloatArray = rng.standard_t(tail, shape) * (NORMAL_MAD / student.ppf(0.75, tail))
+    return draws
 
 
 def _clipped(z: FloatArray) -> FloatArray:
@@ -242,55 +189,23 @@ def _clipped(z: FloatArray) -> FloatArray:
     return np.clip(z, -limit, limit)
 
 
-def _region(sums: Grams, cells: Cells) -> tuple[Span, ...]:
-    gram = sums.gram.sum(axis=0)
-    beta = solve(gram, sums.moment[:, :, 0].sum(axis=0))
-    return cells.spans[int(np.argmax(beta**2 * np.diag(gram)))]
+def _systematic(
+    gram: FloatArray, moment: FloatArray, fraction: FloatArray, rng: np.random.Generator | None
+) -> tuple[float, float]:
+    """Root mean square of a cell-wise constant part, spread between trajectories included, and its upper 95 % bound.
 
-
-@dataclass(frozen=True, eq=False)
-class _Systematic:
-    """A cell-wise constant part, spread between trajectories included.
-
-    Parameters
-    ----------
-    beta : (k,) array
-        Estimated value in each cell.
-    covariance : (k, k) array
-        Of the estimate.
-    fraction : (k,) array
-        Of the rows in each cell; sums to 1.
+    The estimate's scatter is taken off. `fraction` of the rows is in each cell. Without a generator, which draws from
+    the posterior, the bound is 0.
     """
-
-    beta: FloatArray
-    covariance: FloatArray
-    fraction: FloatArray
-
-    @property
-    def size(self) -> float:
-        """Its root mean square, the estimate's scatter taken off."""
-        square = float(self.fraction @ (self.beta**2 - np.diag(self.covariance)))
-        return float(np.sqrt(max(0.0, square)))
-
-    def upper(self, rng: np.random.Generator) -> float:
-        """Return the upper 95 % bound of its root mean square.
-
-        Parameters
-        ----------
-        rng : numpy.random.Generator
-            Draws from the posterior.
-        """
-        k = len(self.beta)
-        # Posterior draws scatter once more than the estimate did; that scatter taken off twice leaves the true part.
-        root = np.linalg.cholesky(self.covariance + 1e-12 * np.trace(self.covariance) * np.eye(k))
-        scattered = self.beta[:, None] + root @ rng.standard_normal((k, 400))
-        squares = self.fraction @ scattered**2 - 2 * float(self.fraction @ np.diag(self.covariance))
-        return float(np.sqrt(max(0.0, np.quantile(squares, 0.95))))
-
-
-def _systematic(sums: Grams, fraction: FloatArray) -> _Systematic:
-    gram, moment = sums.gram.sum(axis=0), sums.moment[:, :, 0].sum(axis=0)
     occupied = np.diag(gram) > 1e-9 * np.diag(gram).max()
-    inverse = np.linalg.pinv(gram[np.ix_(occupied, occupied)], hermitian=True)
+    covariance = np.linalg.pinv(gram[np.ix_(occupied, occupied)], hermitian=True)
+    beta, scatter = covariance @ moment[occupied], np.diag(covariance)
     fraction = fraction[occupied] / fraction[occupied].sum()
-    return _Systematic(inverse @ moment[occupied], inverse, fraction)
+    size = float(np.sqrt(max(0.0, float(fraction @ (beta**2 - scatter)))))
+    if rng is None:
+        return size, 0.0
+    # Posterior draws scatter once more than the estimate did; that scatter taken off twice leaves the true part.
+    root = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) * np.eye(len(beta)))
+    scattered = beta[:, None] + root @ rng.standard_normal((len(beta), 400))
+    squares = fraction @ scattered**2 - 2 * float(fraction @ scatter)
+    return size, float(np.sqrt(max(0.0, np.quantile(squares, 0.95))))

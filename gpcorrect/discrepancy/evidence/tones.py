@@ -26,16 +26,10 @@ CLIP = 5.0  # robust standard deviations
 
 @dataclass(frozen=True)
 class Tone:
-    """A narrow peak of a spectrum.
+    """A narrow peak of a spectrum between two frequencies, Hz.
 
-    Parameters
-    ----------
-    low, high : float
-        Where it lies, Hz.
-    rms : float
-        Of what is above the spectrum around it, unit of the residual.
-    nats : float
-        Minus the logarithm of a bound on the chance of such a peak anywhere in noise of a smooth spectrum.
+    `rms` is of what is above the spectrum around it, `nats` minus the logarithm of a bound on the chance of such a peak
+    anywhere in noise of a smooth spectrum.
     """
 
     low: float
@@ -54,12 +48,15 @@ def strongest_tone(time: FloatArray, residual: FloatArray, block: IntArray) -> T
     block : (n,) int array
         Trajectory of each row; -1 for rows to leave out.
     """
-    pieces = _pieces(np.where(np.isfinite(residual), block, -1))
+    seen = np.where(np.isfinite(residual), block, -1)
+    rows = [np.flatnonzero(seen == k) for k in np.unique(seen[seen >= 0])]
+    parts = [p for own in rows for p in np.array_split(own, int(np.ceil(len(own) / MOST_ROWS)))]
+    pieces = [p for p in parts if len(p) >= FEWEST_ROWS]
     if len(pieces) < FEWEST_PIECES:
         return None
-    spans = [float(np.ptp(time[p])) for p in pieces]
+    span = float(np.median([np.ptp(time[p]) for p in pieces]))
     step = float(np.median(np.concatenate([np.diff(time[p]) for p in pieces])))
-    frequency = np.arange(CYCLES / np.median(spans), 0.5 / step, 1.0 / (FINER * np.median(spans)))
+    frequency = np.arange(CYCLES / span, 0.5 / step, 1.0 / (FINER * span))
     if len(frequency) < FEWEST_FREQUENCIES:
         return None
     scale = float(np.median(np.abs(residual[np.concatenate(pieces)]))) / NORMAL_MAD
@@ -69,18 +66,9 @@ def strongest_tone(time: FloatArray, residual: FloatArray, block: IntArray) -> T
     peak = int(np.argmax(ratio))
     # Chernoff's bound on the chance that the mean of so many exponential variables is as large, at any frequency.
     nats = len(pieces) * float(ratio[peak] - 1.0 - np.log(ratio[peak])) - float(np.log(len(frequency)))
-    width = 1.0 / float(np.median(spans))
     rms = float(np.sqrt(max(0.0, power[peak] - background[peak])))
+    width = 1.0 / span  # of what can be resolved
     return Tone(float(frequency[peak]) - width, float(frequency[peak]) + width, rms, nats)
-
-
-def _pieces(block: IntArray) -> list[IntArray]:
-    """Rows of trajectories, long ones in parts of alike length."""
-    found = []
-    for k in np.unique(block[block >= 0]):
-        rows = np.flatnonzero(block == k)
-        found += np.array_split(rows, int(np.ceil(len(rows) / MOST_ROWS)))
-    return [rows for rows in found if len(rows) >= FEWEST_ROWS]
 
 
 def _power(time: FloatArray, values: FloatArray, scale: float, frequency: FloatArray) -> FloatArray:

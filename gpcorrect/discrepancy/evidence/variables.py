@@ -51,17 +51,10 @@ class Variable:
 class Covariates:
     """Variables for one joint's channel, from the motor side only, so that no truth leaks into them.
 
-    Parameters
-    ----------
-    values : dict of Variable to (n,) array
-        Those that do not vary are left out.
-    primary : tuple of Variable
-        Those that are tested together with every other one.
-    units : dict of Variable to str
-        SI units; empty for pure numbers.
-    memory : tuple of (n,) arrays
-        What plays of a few half widths and lags of a few time constants leave of the motors' path and load: what has a
-        memory, of whatever kind, is a function of such states (Preisach's operator is an integral over plays).
+    `values` `(n,)` leave out what does not vary, `primary` ones are tested together with every other, `units` are SI
+    and empty for pure numbers. `memory` `(n,)` is what plays of a few half widths and lags of a few time constants
+    leave of the motors' path and load: what has a memory, of whatever kind, is a function of such states (Preisach's
+    operator is an integral over plays).
     """
 
     values: dict[Variable, FloatArray]
@@ -95,108 +88,86 @@ def travel_direction(path: FloatArray, run: IntArray) -> FloatArray:
     return direction
 
 
-def _since_reversal(
-    time: FloatArray, path: FloatArray, direction: FloatArray, run: IntArray
-) -> tuple[FloatArray, FloatArray]:
-    """Seconds `(n,)` and way `(n,)` since the last reversal (or start) of each run."""
-    turned = np.r_[True, (direction[1:] != direction[:-1]) | (run[1:] != run[:-1])]
-    last = np.maximum.accumulate(np.where(turned, np.arange(len(path)), 0))
-    return time - time[last], np.abs(path - path[last])
-
-
-def covariates_of(scene: Scene, joint_index: int | None) -> Covariates:
+def covariates_of(scene: Scene, joint_index: int | None, rows: IntArray) -> Covariates:
     """Return the variables of a channel.
 
     Parameters
     ----------
     scene : Scene
-        Recording and simulator.
     joint_index : int or None
         Column of the channel's joint; None for a channel of all joints.
+    rows : (m,) int array
+        Of the log, at which they are wanted.
     """
-    motor, label, load = scene.motor_path(), scene.run_of_row(), scene.load()
+    time, motor, run, load = scene.time, scene.motor_path(), scene.run_of_row(), scene.load()
+    speed = scene.layout.gather(scene.motion.velocity)
+    inside, step = run[1:] == run[:-1], np.diff(time)
+    even = np.where(inside & (step > 0), step, np.inf)  # no acceleration from one run to the next
     values: dict[Variable, FloatArray] = {}
-    primary: list[Variable] = []
+    memory: list[FloatArray] = []
     columns = range(len(scene.joints)) if joint_index is None else [joint_index]
-    speed = scene.layout.gather(scene.motion.velocity, len(scene))
     for j in columns:
         joint = scene.joints[j]
-        direction = travel_direction(motor[:, j], label)
-        since, way = _since_reversal(scene.time, motor[:, j], direction, label)
+        direction = travel_direction(motor[:, j], run)
+        turned = np.r_[True, (np.diff(direction) != 0) | ~inside]
+        last = np.maximum.accumulate(np.where(turned, np.arange(len(time)), 0))  # reversal, or start of the run
         values |= {
             Variable(Quantity.POSITION, joint): motor[:, j],
             Variable(Quantity.DIRECTION, joint): direction,
             Variable(Quantity.SPEED, joint): np.abs(speed[:, j]),
-            Variable(Quantity.TIME_SINCE_REVERSAL, joint): since,
-            Variable(Quantity.WAY_SINCE_REVERSAL, joint): direction * way,
-            Variable(Quantity.ACCELERATION, joint): _acceleration(scene.time, speed[:, j], label),
+            Variable(Quantity.TIME_SINCE_REVERSAL, joint): time - time[last],
+            Variable(Quantity.WAY_SINCE_REVERSAL, joint): direction * np.abs(motor[:, j] - motor[last, j]),
+            Variable(Quantity.ACCELERATION, joint): np.r_[0.0, np.diff(speed[:, j]) / even],
             Variable(Quantity.LOAD, joint): load[:, j],
         }
         if scene.effort is not None:
             values[Variable(Quantity.EFFORT, joint)] = scene.effort[:, j]
-        primary += [Variable(Quantity.POSITION, joint), Variable(Quantity.DIRECTION, joint)]
-    for k, number in enumerate(scene.joints):
+        memory += _memories(scene, motor[:, j], load[:, j])
+    primary = [v for v in values if v.quantity in (Quantity.POSITION, Quantity.DIRECTION)]
+    for k, joint in enumerate(scene.joints):
         if k not in columns:
-            values[Variable(Quantity.POSITION, number)] = motor[:, k]
-            values[Variable(Quantity.DIRECTION, number)] = travel_direction(motor[:, k], label)
-    values |= _times(scene)
-    varying = {variable: v for variable, v in values.items() if np.nanstd(v) > 0}
-    units = {variable: _unit(variable, scene) for variable in varying}
-    memory = [state for j in columns for state in _memories(scene, j)]
+            values[Variable(Quantity.POSITION, joint)] = motor[:, k]
+            values[Variable(Quantity.DIRECTION, joint)] = travel_direction(motor[:, k], run)
+    first = np.r_[True, np.diff(scene.trajectory) != 0]
+    start = np.maximum.accumulate(np.where(first, np.arange(len(time)), 0))
+    values[Variable(Quantity.TIME_IN_TRAJECTORY)] = time - time[start]
+    values[Variable(Quantity.SESSION_TIME)] = scene.layout.gather(scene.motion.time)
+    if scene.n_sessions > 1:
+        values[Variable(Quantity.SESSION)] = scene.session.astype(np.float64)
+    varying = {variable: v[rows] for variable, v in values.items() if np.std(v[rows]) > 0}
     return Covariates(
-        varying, tuple(p for p in primary if p in varying), units, tuple(m for m in memory if np.nanstd(m) > 0)
+        varying,
+        tuple(v for v in primary if v in varying),
+        {v: _unit(v, scene) for v in varying},
+        tuple(m[rows] for m in memory if np.nanstd(m) > 0),
     )
 
 
-def _memories(scene: Scene, j: int) -> list[FloatArray]:
-    """States of plays and lags of a joint's motors, at the log's rows."""
-    motion = scene.motion
-    path, load = motion.position[..., j], scene.layout.spread(scene.load()[:, j])
-    span = float(np.ptp(scene.motor_path()[:, j]))
+def _memories(scene: Scene, motor: FloatArray, load: FloatArray) -> list[FloatArray]:
+    """States of plays and lags of a joint's motor path and load, at the log's rows `(n,)`."""
+    motion, span = scene.motion, float(np.ptp(motor))
+    path, carried = scene.layout.spread(motor), scene.layout.spread(load)
     states = [path - play(path, radius * span) for radius in PLAYS]
-    states += [x - lag(x, motion.time, seconds, motion.session) for x in (path, load) for seconds in LAGS]
-    return [scene.layout.gather(state, len(scene)) for state in states]
+    states += [x - lag(x, motion.time, seconds, motion.session) for x in (path, carried) for seconds in LAGS]
+    return [scene.layout.gather(state) for state in states]
 
 
 def _unit(variable: Variable, scene: Scene) -> str:
-    """SI unit of a variable: that of its joint, of its kind."""
-    match variable.quantity:
-        case Quantity.SESSION | Quantity.DIRECTION:
-            return ""
-        case Quantity.TIME_IN_TRAJECTORY | Quantity.SESSION_TIME | Quantity.TIME_SINCE_REVERSAL:
-            return "s"
+    """SI unit of a variable, that of its joint; empty for a pure number."""
     slides = variable.joint is not None and scene.machine.body.types[scene.joints.index(variable.joint)] == "P"
     length, force = ("m", "N") if slides else ("rad", "N m")
-    match variable.quantity:
-        case Quantity.SPEED:
-            return f"{length}/s"
-        case Quantity.ACCELERATION:
-            return f"{length}/s^2"
-        case Quantity.LOAD | Quantity.EFFORT:
-            return force
-        case _:
-            return length
-
-
-def _acceleration(time: FloatArray, speed: FloatArray, run: IntArray) -> FloatArray:
-    change = np.zeros(len(time))
-    inside = run[1:] == run[:-1]
-    step = np.diff(time)
-    change[1:] = np.where(inside & (step > 0), np.diff(speed) / np.where(step > 0, step, 1.0), 0.0)
-    return change
-
-
-def _times(scene: Scene) -> dict[Variable, FloatArray]:
-    first = np.r_[True, scene.trajectory[1:] != scene.trajectory[:-1]]
-    start = np.maximum.accumulate(np.where(first, np.arange(len(scene)), 0))
-    clock = scene.layout.gather(scene.motion.time, len(scene))
-    values = {
-        Variable(Quantity.TIME_IN_TRAJECTORY): scene.time - scene.time[start],
-        Variable(Quantity.SESSION_TIME): clock,
+    units = {
+        Quantity.POSITION: length,
+        Quantity.WAY_SINCE_REVERSAL: length,
+        Quantity.SPEED: f"{length}/s",
+        Quantity.ACCELERATION: f"{length}/s^2",
+        Quantity.LOAD: force,
+        Quantity.EFFORT: force,
+        Quantity.TIME_IN_TRAJECTORY: "s",
+        Quantity.SESSION_TIME: "s",
+        Quantity.TIME_SINCE_REVERSAL: "s",
     }
-    if scene.n_sessions > 1:
-        values[Variable(Quantity.SESSION)] = scene.session.astype(np.float64)
-    return values
+    return units.get(variable.quantity, "")
 
 
 @dataclass(frozen=True)
@@ -211,17 +182,7 @@ class Span:
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """The cells of one test.
-
-    Parameters
-    ----------
-    variables : tuple of Variable
-        One or two of them.
-    code : (n,) int array
-        Cell of each row.
-    spans : tuple of tuple of Span
-        Where each cell lies, a span for each variable.
-    """
+    """Cells of one test over one or two variables: the cell `(n,)` of each row, and where each cell lies along them."""
 
     variables: tuple[Variable, ...]
     code: IntArray
@@ -246,33 +207,22 @@ def all_cells(covariates: Covariates) -> list[Cells]:
     Parameters
     ----------
     covariates : Covariates
-        Of the channel.
     """
-    names = list(covariates.values)
-    pairs = [(a, b) for a, b in combinations(names, 2) if a in covariates.primary or b in covariates.primary]
-    wanted = [*((name,) for name in names), *pairs][: TESTS.max_tests]
-    return [cells_of({v: covariates.values[v] for v in variables}, covariates.units) for variables in wanted]
+    values, units, primary = covariates.values, covariates.units, covariates.primary
+    pairs = [(a, b) for a, b in combinations(values, 2) if a in primary or b in primary]
+    return [_cells_of(variables, values, units) for variables in [*((v,) for v in values), *pairs][: TESTS.max_tests]]
 
 
-def cells_of(values: Mapping[Variable, FloatArray], units: Mapping[Variable, str] | None = None) -> Cells:
-    """Cut one variable in 8 cells, or two in 5 by 5, that hold equally many rows; one of few values keeps them.
-
-    Parameters
-    ----------
-    values : mapping of Variable to (n,) array
-        One or two.
-    units : mapping, optional
-        SI units; pure numbers have none.
-    """
-    n_bins = BINS[len(values)]
-    codes, spans = [], []
-    for variable, column in values.items():
-        code, ends = _cut(column, n_bins)
-        codes.append(code)
-        spans.append([Span(variable, low, high, (units or {}).get(variable, "")) for low, high in ends])
-    if len(codes) == 1:
-        return Cells(tuple(values), codes[0], tuple((span,) for span in spans[0]))
-    return Cells(tuple(values), codes[0] * len(spans[1]) + codes[1], tuple(product(*spans)))
+def _cells_of(
+    variables: tuple[Variable, ...], values: Mapping[Variable, FloatArray], units: Mapping[Variable, str]
+) -> Cells:
+    """Cut one variable in 8 cells, or two in 5 by 5, that hold equally many rows; one of few values keeps them."""
+    code, spans = np.zeros(1, dtype=np.int64), []
+    for variable in variables:
+        own, ends = _cut(values[variable], BINS[len(variables)])
+        code = code * len(ends) + own
+        spans.append([Span(variable, low, high, units.get(variable, "")) for low, high in ends])
+    return Cells(variables, code, tuple(product(*spans)))
 
 
 def _cut(values: FloatArray, n_bins: int) -> tuple[IntArray, list[tuple[float, float]]]:

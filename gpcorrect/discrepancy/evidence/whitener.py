@@ -15,8 +15,6 @@ from gpcorrect.discrepancy.recording.stated_noise import (
     averaged,
     chosen_noise,
     rounded_to,
-    samples_a_row,
-    sampling_step,
     stated_noises,
 )
 from gpcorrect.discrepancy.settings import NOISE
@@ -25,18 +23,10 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class DatasetWhitener:
-    """Whitens columns of condensed rows and stacks their channels.
+    """Whitens columns of the m condensed rows of a dataset and stacks their channels to M rows.
 
-    Parameters
-    ----------
-    dataset : Dataset
-        Of m rows.
-    blocks : tuple of (m,) int arrays
-        For each channel, block of each row, -1 where the channel is missing or the row is left out; from 0 without
-        gaps.
-    noises : tuple of ChannelNoise
-    weight : (M,) array
-        Of each stacked row, for heavy tails.
+    `blocks` are of each channel `(m,)`, from 0 without gaps, -1 where the channel is missing or the row is left out;
+    `weight` `(M,)` reduces heavy tails.
     """
 
     dataset: Dataset
@@ -59,46 +49,33 @@ class DatasetWhitener:
         """(c,) standard deviation of the noise."""
         return np.array([n.std for n in self.noises])
 
+    @cached_property
+    def _filters(self) -> list[tuple[IntArray, Whitener]]:
+        """Rows of each channel that are used, and their filter."""
+        rows = [np.flatnonzero(block >= 0) for block in self.blocks]
+        parts = zip(rows, self.blocks, self.noises, strict=True)
+        return [(r, Whitener.of(noise, self.dataset.time[r], block[r])) for r, block, noise in parts]
+
     def whiten_columns(self, values: FloatArray) -> FloatArray:
-        """Whiten and weight columns.
+        """Return k columns of every channel whitened and weighted `(M, k)`.
 
         Parameters
         ----------
         values : (m, c, k) array
-            k columns of every channel.
-
-        Returns
-        -------
-        (M, k) array
         """
         white, begin = np.empty((len(self.weight), values.shape[2])), 0
-        for i, (rows, whitener) in enumerate(self._whiteners):
+        for i, (rows, whitener) in enumerate(self._filters):
             part = slice(begin, begin + len(rows))
             whitener.write(values[:, i], rows, self.weight[part], white[part])
             begin += len(rows)
         return white
 
-    @cached_property
-    def _whiteners(self) -> list[tuple[IntArray, Whitener]]:
-        """Rows of each channel that are used, and their filter."""
-        rows = [np.flatnonzero(block >= 0) for block in self.blocks]
-        filters = [
-            Whitener.of(noise, self.dataset.time[r], block[r])
-            for r, block, noise in zip(rows, self.blocks, self.noises, strict=True)
-        ]
-        return list(zip(rows, filters, strict=True))
-
     def whiten(self, values: FloatArray) -> FloatArray:
-        """Whiten and weight one column.
+        """Return one column of every channel whitened and weighted `(M,)`.
 
         Parameters
         ----------
         values : (m, c) array
-            Of every channel.
-
-        Returns
-        -------
-        (M,) array
         """
         return self.whiten_columns(values[:, :, None])[:, 0]
 
@@ -109,10 +86,6 @@ class DatasetWhitener:
         ----------
         columns, residual : (M, k) and (M,) arrays
             Whitened.
-
-        Returns
-        -------
-        Grams
         """
         return grams(columns, residual, self.block)
 
@@ -123,58 +96,57 @@ def estimate_noises(dataset: Dataset, residual: FloatArray, rows: BoolArray) -> 
     Parameters
     ----------
     dataset : Dataset
-        Recording and simulator.
     residual : (m, c) array
         Measured minus simulated.
     rows : (m,) bool array
         Those to estimate on.
     """
+    scene, channels = dataset.scene, dataset.scene.channels
     block = np.where(rows, dataset.block, -1)
-    own = [estimate_noise(dataset.time, column, block, dataset.still, NOISE.floor) for column in residual.T]
-    own = [rounded_to(n, resolution) for n, resolution in zip(own, dataset.resolution, strict=True)]
-    count, step = samples_a_row(dataset.group), sampling_step(dataset.scene)
-    stated = [n and averaged(n, count, step) for n in stated_noises(dataset.scene)]
-    own = [chosen_noise(o, s, count * step) for o, s in zip(own, stated, strict=True)]
-    channels = dataset.scene.channels
-    outside = {c.joint: n.std for c, n in zip(channels, own, strict=True) if c.signal == "external_jp"}
-    position = max((n.std for c, n in zip(channels, own, strict=True) if c.signal == "tracker_cp"), default=0.0)
-    levers = dict(zip(dataset.scene.joints, dataset.levers, strict=True))
-    felt = {joint: position / lever if position and lever else NOISE.motor_floor for joint, lever in levers.items()}
+    count, step = dataset.samples_a_row, scene.step
+    noises = []
+    for column, resolution, stated in zip(residual.T, dataset.resolution, stated_noises(scene), strict=True):
+        own = rounded_to(estimate_noise(dataset.time, column, block, dataset.still, NOISE.floor), resolution)
+        noises.append(chosen_noise(own, stated and averaged(stated, count, step), count * step))
+    outside = {c.joint: n.std for c, n in zip(channels, noises, strict=True) if c.signal == "external_jp"}
+    position = max((n.std for c, n in zip(channels, noises, strict=True) if c.signal == "tracker_cp"), default=0.0)
+    felt = {
+        joint: position / lever if position and lever else NOISE.motor_floor
+        for joint, lever in zip(scene.joints, dataset.levers, strict=True)
+    }
+    # Encoders have hardly any noise: a servo model that is wrong by less than the outside sensors see is not missing.
     floors = [
         NOISE.motor_fraction * outside.get(c.joint, felt[c.joint])
         if c.signal == "measured_jp"
         else position / NOISE.marker_size * (c.signal == "tracker_rotation")
         for c in channels
     ]
-    # Encoders have hardly any noise: a servo model that is wrong by less than the outside sensors see is not missing.
-    return tuple(replace(n, white=max(n.white, floor)) for n, floor in zip(own, floors, strict=True))
+    return tuple(replace(n, white=max(n.white, floor)) for n, floor in zip(noises, floors, strict=True))
 
 
 def whitener_on(
-    dataset: Dataset, residual: FloatArray, rows: BoolArray, noises: tuple[ChannelNoise, ...]
+    dataset: Dataset, residual: FloatArray, rows: BoolArray, noises: tuple[ChannelNoise, ...] | None = None
 ) -> DatasetWhitener:
     """Return the whitener of some condensed rows, with weights that reduce the tails of a residual.
 
     Parameters
     ----------
     dataset : Dataset
-        Recording and simulator.
     residual : (m, c) array
         Whose tails are reduced.
     rows : (m,) bool array
         Those to use.
-    noises : tuple of ChannelNoise
+    noises : tuple of ChannelNoise, optional
+        Estimated on these rows when None.
     """
-    blocks = []
+    noises = noises or estimate_noises(dataset, residual, rows)
     wanted = np.unique(dataset.block[rows])
     dense = np.full(int(dataset.block.max()) + 1, -1)
     dense[wanted] = np.arange(len(wanted))
-    for column in residual.T:
-        blocks.append(np.where(rows & np.isfinite(column), dense[dataset.block], -1))
-    n = sum(int((b >= 0).sum()) for b in blocks)
-    plain = DatasetWhitener(dataset, tuple(blocks), noises, np.ones(n))
-    z = plain.whiten(residual)
-    weight = np.ones(n)
+    blocks = tuple(np.where(rows & np.isfinite(column), dense[dataset.block], -1) for column in residual.T)
+    n_rows = sum(int((b >= 0).sum()) for b in blocks)
+    plain = DatasetWhitener(dataset, blocks, noises, np.ones(n_rows))
+    z, weight = plain.whiten(residual), np.ones(n_rows)
     for i, noise in enumerate(noises):
         own = plain.channel == i
         if np.isfinite(noise.tail) and own.any():

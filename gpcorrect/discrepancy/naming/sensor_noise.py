@@ -19,11 +19,11 @@ from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.recording.noise import NORMAL_MAD, ChannelNoise
 from gpcorrect.discrepancy.recording.quantisation import Quantisation, quantisation_of
 from gpcorrect.discrepancy.recording.scene import Scene
-from gpcorrect.discrepancy.recording.stated_noise import UNIFORM, samples_are_dense, sampling_step, stated_noises
+from gpcorrect.discrepancy.recording.stated_noise import UNIFORM, stated_noises
 from gpcorrect.discrepancy.search.candidates import Candidate, Estimate, FittedEffect
 from gpcorrect.discrepancy.search.coordinates import coordinate_of
 from gpcorrect.discrepancy.search.state import penalty
-from gpcorrect.discrepancy.settings import NAMING, SENSORS
+from gpcorrect.discrepancy.settings import NAMING, NOISE, SENSORS
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import Effect, of_kind
 from gpcorrect.sim.effects.geometry import HomingOffset
@@ -223,7 +223,7 @@ def noise_effects(dataset: Dataset, effects: Sequence[Effect], level: FloatArray
 def _grown(dataset: Dataset, effects: Sequence[Effect], coarse: set[int | str]) -> list[NoiseEffect]:
     """Noisier outside sensors; a joint whose encoder counts in steps is noisier by that."""
     scene = dataset.scene
-    if not samples_are_dense(scene):
+    if scene.step > NOISE.dense:  # neighbouring samples differ by motion more than by noise
         return []
     groups: dict[int | str, list[int]] = {}
     for i, channel in enumerate(scene.channels):
@@ -231,7 +231,7 @@ def _grown(dataset: Dataset, effects: Sequence[Effect], coarse: set[int | str]) 
             groups.setdefault(channel.joint or "tool", []).append(i)
     residual, seen = scene.residual(effects), dataset.group >= 0
     seen[seen] = dataset.training[dataset.group[seen]]
-    speeds = scene.layout.gather(scene.motion.velocity, len(scene))
+    speeds = scene.layout.gather(scene.motion.velocity)
     found, known = [], of_kind(scene.model.effects, SpeedNoise)
     for joint, indices in groups.items():
         own = residual[:, indices]
@@ -270,7 +270,7 @@ def _speed_noise(joint: int, growth: SpeedGrowth, channels: int) -> NoiseEffect:
     (seconds,) = SpeedNoise.about.parameters
     coordinate = coordinate_of(seconds, "R", amplitude=True)
     u = (growth.seconds / coordinate.typical,)
-    candidate = Candidate(SpeedNoise, joint, (), (coordinate,), (1,), u, (0,))
+    candidate = Candidate(SpeedNoise, joint, (), (coordinate,), u)
     numbers = {"seconds": Estimate(growth.seconds, growth.seconds_ci95, "s")}
     return NoiseEffect(_named(FittedEffect(candidate, np.array(u)), growth.nats, channels), numbers)
 
@@ -285,12 +285,11 @@ def _growth(
         return None
     levels = np.exp(np.mean([np.log(level) for level, _, _ in every], axis=0))
     errors = np.mean([error for _, _, error in every], axis=0) / np.sqrt(len(every))
-    clock = scene.layout.gather(scene.motion.time, len(scene))
+    clock = scene.layout.gather(scene.motion.time)
     moments = [clock[scene.trajectory == k] for k in numbers]
     start, end = np.array([m.min() for m in moments]), np.array([m.max() for m in moments])
     known = [stated_noises(scene)[i] for i in indices]
-    step = sampling_step(scene)
-    stated = [stated_level(n, step) for n in known if n is not None]
+    stated = [stated_level(n, scene.step) for n in known if n is not None]
     nominal = float(np.exp(np.mean(np.log(stated)))) if len(stated) == len(known) else None
     return growth_of(levels, errors, start, end, nominal, channels)
 
@@ -300,7 +299,7 @@ def _noise_change(channel: Channel, joint: int | str, growth: Growth, channels: 
     parameters = {p.name: p for p in NoiseChange.about.parameters}
     coordinates = tuple(coordinate_of(parameters[name], kind, amplitude=True) for name in ("std", "since"))
     u = (growth.std / coordinates[0].typical, growth.since / coordinates[1].typical)
-    candidate = Candidate(NoiseChange, joint, (), coordinates, (1, 0, 1), u, (0,))
+    candidate = Candidate(NoiseChange, joint, (), coordinates, u)
     numbers = {
         "std": Estimate(growth.std, growth.std_ci95, channel.unit),
         "since": Estimate(growth.since, growth.since_ci95, "s"),
@@ -319,7 +318,7 @@ def _rounded(scene: Scene, column: int, level: FloatArray) -> NoiseEffect | None
     (step,) = [p for p in EncoderQuantisation.about.parameters if p.name == "step"]
     coordinate = coordinate_of(step, kind, amplitude=True)
     u = (counts.step / coordinate.typical,)
-    candidate = Candidate(EncoderQuantisation, joint, (), (coordinate,), (1, 0), u, (0,))
+    candidate = Candidate(EncoderQuantisation, joint, (), (coordinate,), u)
     ends = (counts.step - counts.error, counts.step + counts.error)
     numbers = {"step": Estimate(counts.step, ends, "m" if kind == "P" else "rad")}
     # Each visited count beyond those that fix step and remainder agrees by chance in one of a hundred cases.

@@ -52,7 +52,6 @@ def provenance_of(
     """
     dataset, noises = prepared.dataset, state.whitener.noises
     scene, names = dataset.scene, [c.name for c in dataset.scene.channels]
-    traced = [t.candidate.name for t in state.traces]
     return Provenance(
         data=(DataSource(log.name, log.digest, len(log)),),
         seed=seed,
@@ -69,7 +68,7 @@ def provenance_of(
         bursts=() if state.fitted else bursts_of(dataset, noises),
         remarks=(*prepared.remarks, *_model_remarks(scene), *limits_of(scene), _noise_remark(state)),
         no_trace=tuple(c.label for c in state.without_trace),
-        not_nameable=(*lacks, *lacks_of_traces(state.without_trace, traced, scene)),
+        not_nameable=(*lacks, *lacks_of_traces(state)),
     )
 
 

@@ -7,20 +7,15 @@ from dataclasses import replace
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.discrepancy.recording.channels import (
-    compared_channels,
-    continuous_runs,
-    joint_columns,
-    motor_side,
-    sampling_is_even,
-    tracker_channels,
-)
+from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.layout import Layout, layout_of
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, estimate_noise
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.tolerance import Slack, slack_of, table_slopes
 from gpcorrect.discrepancy.recording.tracker import Tracker
 from gpcorrect.discrepancy.settings import NOISE
+from gpcorrect.errors import DataError
+from gpcorrect.sim.body import Body
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan, Segment, plan_of
@@ -28,6 +23,9 @@ from gpcorrect.sim.resolve import has_controller, machine_of
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
 PIECE, WARM_UP = 200, 400  # rows; pieces of long motions are replayed after a warm-up that fills the memories
+RUN_OUT = 40  # rows that a motion goes on for behind a piece's or a recording's end
+LAST = 5  # rows whose parabola it goes on along
+EVEN = 0.02  # relative spread of the time steps of a clock that a servo loop can be run on
 
 
 def build_scene(
@@ -39,16 +37,11 @@ def build_scene(
     ----------
     log : CalibrationLog
     model : Model
-        What is known of the machine.
     registered_on : (n,) bool array
         Rows that may be used to register the tracker.
     noises : tuple of ChannelNoise, optional
         Of each channel, against which the tolerance of table and registration is held; as the recording shows it when
         None.
-
-    Returns
-    -------
-    Scene
 
     Raises
     ------
@@ -57,15 +50,17 @@ def build_scene(
     """
     machine = machine_of(model).with_effects()
     joints = machine.body.joints
-    source = motor_side(log)
-    motor = joint_columns(log, source, joints)
-    label = continuous_runs(log, motor)
+    source = _motor_side(log)
+    motor = _joint_columns(log, source, joints)
+    label = _continuous_runs(log, motor)
     layout = layout_of(label, piece=PIECE, warm_up=WARM_UP, run_out=RUN_OUT)
     loop, remarks = _loop_remarks(log, model, label, source)
     session = np.unique(log.session, return_inverse=True)[1].astype(np.int64)
-    payload = _payloads(log, model, layout)
+    payload = np.full(layout.rows.shape[1], model.payload)
+    if log.payload is not None:
+        payload = np.median(layout.spread(np.nan_to_num(log.payload)), axis=0)
     motion = _motion(log, joints, motor, session, label, layout)
-    channels, observed = compared_channels(log, machine.body, source, loop=loop)
+    channels, observed = _compared_channels(log, machine.body, source, loop=loop)
     scene = Scene(
         model=model,
         machine=machine,
@@ -73,24 +68,28 @@ def build_scene(
         observed=observed,
         motion=motion,
         layout=layout,
-        plan=commanded_plan(log, joints, layout, motion, payload) if loop else None,
+        plan=_commanded_plan(log, joints, layout, motion, payload) if loop else None,
         payload=payload,
         time=log.time,
         trajectory=log.trajectory,
         session=session,
-        effort=None if log.measured_jf is None else joint_columns(log, "measured_jf", joints),
+        effort=None if log.measured_jf is None else _joint_columns(log, "measured_jf", joints),
         measured=source == "measured_jp",
         remarks=tuple(remarks),
     )
     if log.tracker_cp is None or machine.body.chain is None:
         return scene
-    given = model.T_tracker_base is not None, model.T_tip_marker is not None
-    tracker = Tracker.of(log.tracker_cp, registered_on, base_known=given[0], marker_known=given[1])
-    tracker, why = tracker.about(scene.marker_poses())
+    seen = log.tracker_cp
+    known = model.T_tracker_base is not None, model.T_tip_marker is not None
+    tracker, why = Tracker(seen.position, registered_on, *known).with_orientations(
+        seen.quaternion, scene.marker_poses()
+    )
+    kinds = (("tracker_cp", "m"), ("tracker_rotation", "rad"))
+    axes = [Channel(f"{signal}_{axis}", signal, i, 0, unit) for signal, unit in kinds for i, axis in enumerate("xyz")]
     scene = replace(
         scene,
         tracker=tracker,
-        channels=channels + tracker_channels(tracker.observed.shape[1]),
+        channels=(*channels, *axes[: tracker.observed.shape[1]]),
         observed=np.concatenate([observed, tracker.observed], axis=1),
         remarks=(*scene.remarks, why) if why else scene.remarks,
     )
@@ -112,19 +111,83 @@ def _slack(scene: Scene, tracker: Tracker, noises: tuple[ChannelNoise, ...] | No
     own = noises[-n_axes:]
     least = max(n.std for n in own[:3]) / NOISE.marker_size  # of turns, as everywhere
     own = (*own[:3], *(replace(n, white=max(n.white, least)) for n in own[3:]))
-    steps = np.diff(scene.time)
-    return slack_of(slopes, rows, own, float(np.median(steps[steps > 0])))
+    return slack_of(slopes, rows, own, scene.step)
+
+
+def _motor_side(log: CalibrationLog) -> str:
+    """Name of the signal that says where the motors were: measured, else commanded."""
+    for name in ("measured_jp", "setpoint_jp"):
+        if getattr(log, name) is not None:
+            return name
+    raise DataError(
+        "the log has neither measured_jp nor setpoint_jp: nothing says where the motors were.",
+        hint="Log measured_jp (joint positions from the motor encoders) or setpoint_jp.",
+    )
+
+
+def _joint_columns(log: CalibrationLog, signal: str, joints: tuple[int, ...]) -> FloatArray:
+    """Columns `(n, k)` of a joint signal for these joint numbers, in whose order just k columns stand."""
+    values: FloatArray = getattr(log, signal)
+    if values.shape[1] == len(joints):
+        return values
+    if values.shape[1] < max(joints):
+        raise DataError(
+            f"the model speaks of joints {list(joints)}, {signal} of the log has {values.shape[1]} columns.",
+            hint="Name the recorded joints in the model's `joints`.",
+        )
+    return values[:, [j - 1 for j in joints]]
+
+
+def _compared_channels(
+    log: CalibrationLog, body: Body, source: str, *, loop: bool
+) -> tuple[tuple[Channel, ...], FloatArray]:
+    """Joint channels that a log lets us compare, and what was measured in them `(n, c)`."""
+    kinematics = body.chain is not None
+    if log.external_jp is None and (log.tracker_cp is None or not kinematics):
+        raise DataError(
+            "the log has no external_jp"
+            + ("" if kinematics else ", and a bare joint chain has no kinematics to use tracker_cp with")
+            + ("" if log.tracker_cp is not None or not kinematics else " and no tracker_cp")
+            + ": nothing says where the arm really was.",
+            hint="Log external_jp, or tracker_cp with an arm that has kinematics.",
+        )
+    signals = ["measured_jp"] if loop and source == "measured_jp" else []
+    signals += [] if log.external_jp is None else ["external_jp"]
+    units = ["m" if kind == "P" else "rad" for kind in body.types]
+    channels = tuple(
+        Channel(f"{signal}_{joint}", signal, i, joint, unit)
+        for signal in signals
+        for i, (joint, unit) in enumerate(zip(body.joints, units, strict=True))
+    )
+    observed = [_joint_columns(log, signal, body.joints) for signal in signals]
+    return channels, np.concatenate([np.zeros((len(log), 0)), *observed], axis=1)
+
+
+def _continuous_runs(log: CalibrationLog, motor: FloatArray) -> IntArray:
+    """Label `(n,)` of the continuous motion of each row, for play and hysteresis remember across trajectory numbers.
+
+    Two trajectories of a session are one motion when time and motors `(n, k)` step from one to the next no further than
+    they ever do inside a trajectory.
+    """
+    change = np.diff(log.trajectory) != 0
+    if change.all():
+        return np.arange(len(log), dtype=np.int64)
+    step, moved = np.diff(log.time), np.abs(np.diff(motor, axis=0))
+    near = (moved <= np.nanmax(moved[~change], axis=0)).all(axis=1)
+    joined = (step > 0) & (step <= step[~change].max()) & near & (np.diff(log.session) == 0)
+    return np.concatenate([[0], np.cumsum(change & ~joined)]).astype(np.int64)
 
 
 def _loop_remarks(log: CalibrationLog, model: Model, label: IntArray, source: str) -> tuple[bool, list[str]]:
     """Whether the closed loop can be run, and what to say of it."""
     remarks = [f"motor side taken from {source}"]
+    steps = np.diff(log.time)[np.diff(label) == 0]
     why = ""
     if not has_controller(model):
         why = "the model has no controller: effects inside the servo loop leave no trace and cannot be named"
     elif log.setpoint_jp is None:
         why = "the closed loop needs setpoint_jp: effects inside it cannot be named"
-    elif not sampling_is_even(log.time, label):
+    elif len(steps) == 0 or np.abs(steps / np.median(steps) - 1.0).max() >= EVEN:
         why = "samples are uneven in time: the closed loop is not run, effects inside it cannot be named"
     if why:
         remarks.append(why)
@@ -132,13 +195,6 @@ def _loop_remarks(log: CalibrationLog, model: Model, label: IntArray, source: st
         path = "taken to follow their commands exactly" if why else "those of the simulated servo loop"
         remarks.append(f"the motors were not measured: they are {path}")
     return not why, remarks
-
-
-def _payloads(log: CalibrationLog, model: Model, layout: Layout) -> FloatArray:
-    if log.payload is None:
-        return np.full(layout.rows.shape[1], model.payload)
-    medians: FloatArray = np.median(np.nan_to_num(log.payload)[layout.rows], axis=0)
-    return medians
 
 
 def _motion(
@@ -149,56 +205,30 @@ def _motion(
     label: IntArray,
     layout: Layout,
 ) -> Motion:
+    """Motors as replayed, without loads."""
     begin = np.array([log.time[session == s].min() for s in range(session.max() + 1)])
-    clock = log.time - begin[session]
-    position = layout.spread(motor)
     velocity = np.zeros(motor.shape)
     for k in np.unique(label):
         rows = np.flatnonzero(label == k)
         if len(rows) > 1:
             velocity[rows] = np.gradient(motor[rows], log.time[rows], axis=0)
-    nothing = np.zeros(position.shape)
-    rates = layout.spread(velocity)
-    return Motion(joints, layout.spread(clock), session[layout.rows[0]], position, rates, nothing, nothing)
+    position, nothing = layout.spread(motor), np.zeros((*layout.rows.shape, len(joints)))
+    clock = layout.spread(log.time - begin[session])
+    return Motion(joints, clock, session[layout.rows[0]], position, layout.spread(velocity), nothing, nothing)
 
 
-LAST = 5  # rows whose parabola a motion goes on along
-RUN_OUT = 40  # rows that a motion goes on for behind a piece's or a recording's end
-
-
-def commanded_plan(
+def _commanded_plan(
     log: CalibrationLog, joints: tuple[int, ...], layout: Layout, motion: Motion, payload: FloatArray
 ) -> Plan:
-    """Plan of the commands that a log holds, a run for each column of its layout.
-
-    Parameters
-    ----------
-    log : CalibrationLog
-        With setpoint_jp on an even clock.
-    joints : tuple of int
-        Numbers of the columns.
-    layout : Layout
-        Where the rows stand.
-    motion : Motion
-        Of the motors, for the clock and the sessions.
-    payload : (N,) array
-        kg at the tip in each run.
-    """
-    command = joint_columns(log, "setpoint_jp", joints)
+    """Plan of the commands that a log holds on an even clock, a run for each column of its layout."""
+    command = _joint_columns(log, "setpoint_jp", joints)
     rate = 1.0 / float(np.median(np.diff(motion.time, axis=0)[layout.valid[1:]]))
     segments = []
     for k in range(layout.rows.shape[1]):
         length = int(np.argmax(layout.rows[:, k])) + 1  # behind its end a column repeats its last row
         path = _run_out(command[layout.rows[:length, k]], len(layout.rows))
-        segments.append(
-            Segment(
-                path,
-                np.zeros(len(path), dtype=np.int64),
-                int(motion.session[k]),
-                float(motion.time[0, k]),
-                float(payload[k]),
-            )
-        )
+        trajectory, session, start = np.zeros(len(path), dtype=np.int64), int(motion.session[k]), motion.time[0, k]
+        segments.append(Segment(path, trajectory, session, float(start), float(payload[k])))
     return plan_of(segments, rate)
 
 

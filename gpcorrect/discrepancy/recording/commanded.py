@@ -8,6 +8,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from gpcorrect import se3
+from gpcorrect.arms import Chain
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
@@ -43,37 +44,21 @@ def with_joint_paths(log: CalibrationLog, body: Body) -> tuple[CalibrationLog, t
     """
     remarks = []
     if body.chain is not None and log.measured_jp is None and log.setpoint_jp is None:
-        for poses, joints in (("measured_cp", "measured_jp"), ("setpoint_cp", "setpoint_jp")):
-            signal: PoseSignal | None = getattr(log, poses)
+        for side in ("measured", "setpoint"):
+            signal: PoseSignal | None = getattr(log, f"{side}_cp")
             if signal is not None:
-                path, how = joint_path_of_poses(body, signal, log.trajectory, poses)
-                measured = joints == "measured_jp"
+                path, how = joint_path_of_poses(body, signal, log.trajectory, f"{side}_cp")
+                measured = side == "measured"
                 log = replace(log, measured_jp=path) if measured else replace(log, setpoint_jp=path)
-                remarks.append(f"{joints} computed from {poses} by inverse kinematics of the nominal arm{how}")
-    whole = _has_motor_side(log)
+                remarks.append(f"{side}_jp computed from {side}_cp by inverse kinematics of the nominal arm{how}")
+    whole = np.ones(len(log), dtype=np.bool_)
+    for values in (log.measured_jp, log.setpoint_jp):
+        if values is not None:
+            whole &= np.isfinite(values).all(axis=1)
     if not whole.all() and whole.any():
         remarks.append(f"{int((~whole).sum())} of {len(log)} rows have no motor position and are left out")
         log = log.select(whole)
     return log, tuple(remarks)
-
-
-def _has_motor_side(log: CalibrationLog) -> BoolArray:
-    mask = np.ones(len(log), dtype=np.bool_)
-    for values in (log.measured_jp, log.setpoint_jp):
-        if values is not None:
-            mask &= np.isfinite(values).all(axis=1)
-    return mask
-
-
-@dataclass(frozen=True, eq=False)
-class _Goal:
-    """Poses to reach, and whether their orientation counts."""
-
-    T: FloatArray
-    turned: bool
-
-    def at(self, rows: IntArray) -> _Goal:
-        return _Goal(self.T[rows], self.turned)
 
 
 def joint_path_of_poses(
@@ -102,9 +87,13 @@ def joint_path_of_poses(
         More than a few of the poses are out of reach.
     """
     rows = np.flatnonzero(signal.finite)
-    goals = [_goal(signal, rows, turned=True)] if signal.quaternion is not None else []
+    position = signal.position[rows]
+    goals = []
+    if signal.quaternion is not None:
+        goals.append(_Goal(body, se3.from_parts(position, signal.quaternion[rows]), turned=True))
     if len(body.joints) <= 3:
-        goals.append(_goal(signal, rows, turned=False))
+        upright = np.broadcast_to(np.eye(3), (len(rows), 3, 3))
+        goals.append(_Goal(body, se3.pose(upright, position), turned=False))
     if not goals:
         raise DataError(
             f"{name} has no orientation: positions alone do not tell {len(body.joints)} joints.",
@@ -112,8 +101,8 @@ def joint_path_of_poses(
         )
     missed = []
     for goal in goals:
-        q, miss = _followed(body, goal, trajectory[rows])
-        miss = np.maximum(miss, _beyond_limits(body, q))
+        q = _followed(goal, trajectory[rows])
+        miss = np.maximum(_missed_by(goal, q), _beyond_limits(goal, q))
         good = miss < REACHED
         if good.mean() >= 1.0 - FEW:
             path = np.full((len(signal), len(body.joints)), np.nan)
@@ -128,85 +117,93 @@ def joint_path_of_poses(
     )
 
 
-def _goal(signal: PoseSignal, rows: IntArray, *, turned: bool) -> _Goal:
-    position = signal.position[rows]
-    if turned and signal.quaternion is not None:
-        return _Goal(se3.from_parts(position, signal.quaternion[rows]), turned=True)
-    return _Goal(se3.pose(np.broadcast_to(np.eye(3), (len(rows), 3, 3)), position), turned=False)
+@dataclass(frozen=True, eq=False)
+class _Goal:
+    """Poses `(m, 4, 4)` that an arm is to reach, and whether their orientations count."""
+
+    body: Body
+    T: FloatArray
+    turned: bool
+
+    @property
+    def chain(self) -> Chain:
+        assert self.body.chain is not None
+        return self.body.chain
+
+    @property
+    def limits(self) -> FloatArray:
+        """(k, 2) of the moving joints."""
+        return self.chain.limits[self.body.columns]
+
+    @property
+    def turning(self) -> BoolArray:
+        return np.array([kind == "R" for kind in self.body.types])
+
+    @property
+    def unit(self) -> FloatArray:
+        """(k,) what counts as one radian."""
+        return np.where(self.turning, 1.0, LENGTH)
 
 
-def _followed(body: Body, goal: _Goal, trajectory: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Joints `(n, k)` along poses, and how far each is missed `(n,)`, rad or m over LENGTH."""
+def _at(goal: _Goal, rows: IntArray) -> _Goal:
+    return replace(goal, T=goal.T[rows])
+
+
+def _followed(goal: _Goal, trajectory: IntArray) -> FloatArray:
+    """Joints `(m, k)` along the poses."""
     groups = [np.flatnonzero(trajectory == k) for k in np.unique(trajectory)]
     stops = [np.unique(np.r_[np.arange(0, len(g), STRIDE), len(g) - 1]) for g in groups]
-    here = _firsts(body, goal.at(np.array([g[0] for g in groups])))
+    here = _firsts(_at(goal, np.array([g[0] for g in groups])))
     longest = max(len(s) for s in stops)
     solved = np.empty((longest, *here.shape))
     for i in range(longest):
         now = np.array([g[s[min(i, len(s) - 1)]] for g, s in zip(groups, stops, strict=True)])
-        here = solved[i] = _newton(body, goal.at(now), here, WALK)
+        here = solved[i] = _newton(_at(goal, now), here, WALK)
     start = np.empty((len(trajectory), here.shape[1]))
     for k, (g, s) in enumerate(zip(groups, stops, strict=True)):
         for j, column in enumerate(solved[: len(s), k].T):
             start[g, j] = np.interp(np.arange(len(g)), s, column)
-    q = _newton(body, goal, start, POLISH)
-    return q, _miss(body, goal, q)
+    return _newton(goal, start, POLISH)
 
 
-def _firsts(body: Body, goal: _Goal) -> FloatArray:
-    """Joints `(N, k)` at the first poses, all on one branch; the nearest there is where none is reached."""
-    limits = _limits(body)
-    middle, span = limits.mean(axis=1), np.ptp(limits, axis=1)
-    spread = qmc.Halton(len(limits), scramble=False).random(STARTS + 1)[1:]
-    starts = np.concatenate([middle[None], limits[:, 0] + span * spread])
+def _firsts(goal: _Goal) -> FloatArray:
+    """Joints `(m, k)` at poses apart, all on one branch; the nearest there is where none is reached."""
+    low, high = goal.limits.T
+    middle, span = (low + high) / 2, high - low
+    spread = qmc.Halton(len(low), scramble=False).random(STARTS + 1)[1:]
+    starts = np.concatenate([middle[None], low + span * spread])
     near, chosen = middle, []
     for k in range(len(goal.T)):
-        rows = np.full(len(starts) + (k > 0), k)
         tried = np.concatenate([near[None], starts]) if k else starts
-        found = _near_middle(body, _newton(body, goal.at(rows), tried, SEEK), middle)
-        miss = _miss(body, goal.at(rows), found)
-        inside = ((found >= limits[:, 0]) & (found <= limits[:, 1])).all(axis=1)
+        same = _at(goal, np.full(len(tried), k))
+        found = _newton(same, tried, SEEK)
+        turns = np.round((middle - found) / (2 * np.pi))  # nearest to the middle of the limits
+        found = found + np.where(goal.turning, 2 * np.pi * turns, 0.0)
+        inside = ((found >= low) & (found <= high)).all(axis=1)
         far = (((found - near) / span) ** 2).sum(axis=1)
-        near = found[np.lexsort((far, ~inside, np.maximum(miss, REACHED)))[0]]
+        near = found[np.lexsort((far, ~inside, np.maximum(_missed_by(same, found), REACHED)))[0]]
         chosen.append(near)
     return np.array(chosen)
 
 
-def _beyond_limits(body: Body, q: FloatArray) -> FloatArray:
-    """How far `(n,)` joints are beyond their limits, rad or m over LENGTH, half a range to spare on either side."""
-    limits = _limits(body)
-    spare = 0.5 * np.ptp(limits, axis=1)
-    unit = np.where([kind == "R" for kind in body.types], 1.0, LENGTH)
-    over = np.maximum(limits[:, 0] - spare - q, q - limits[:, 1] - spare) / unit
-    beyond: FloatArray = np.maximum(over, 0.0).max(axis=1)
+def _beyond_limits(goal: _Goal, q: FloatArray) -> FloatArray:
+    """How far `(m,)` joints are beyond their limits, rad or m over LENGTH, half a range to spare on either side."""
+    low, high = goal.limits.T
+    spare = 0.5 * (high - low)
+    beyond: FloatArray = np.maximum(np.maximum(low - spare - q, q - high - spare) / goal.unit, 0.0).max(axis=1)
     return beyond
 
 
-def _limits(body: Body) -> FloatArray:
-    assert body.chain is not None
-    return body.chain.limits[body.columns]
-
-
-def _near_middle(body: Body, q: FloatArray, middle: FloatArray) -> FloatArray:
-    """Angles by full turns nearest to the middle of their limits."""
-    turning = np.array([kind == "R" for kind in body.types])
-    turns: FloatArray = q + np.where(turning, 2 * np.pi * np.round((middle - q) / (2 * np.pi)), 0.0)
-    return turns
-
-
-def _newton(body: Body, goal: _Goal, q: FloatArray, steps: int) -> FloatArray:
-    """Damped Gauss-Newton steps `(m, k)` towards poses, all at once."""
-    assert body.chain is not None
-    unit = np.where([kind == "R" for kind in body.types], 1.0, LENGTH)
-    q = np.array(q)
-    left = np.arange(len(q))
+def _newton(goal: _Goal, q: FloatArray, steps: int) -> FloatArray:
+    """Damped Gauss-Newton steps `(m, k)` towards the poses, all at once."""
+    unit, q, left = goal.unit, np.array(q), np.arange(len(q))
     for _ in range(steps):
-        error = _error(body, goal.at(left), q[left])
+        error = _error(_at(goal, left), q[left])
         far = np.abs(error).max(axis=1) > SOLVED
         left, error = left[far], error[far]
         if len(left) == 0:
             break
-        J = body.chain.jacobian(body.all_joints(q[left]))[..., body.columns] * unit
+        J = goal.chain.jacobian(goal.body.all_joints(q[left]))[..., goal.body.columns] * unit
         J = np.concatenate([J[:, :3] / LENGTH, J[:, 3:]], axis=1)[:, : error.shape[1]]
         square = np.swapaxes(J, 1, 2) @ J + DAMPING * np.eye(len(unit))
         move = np.linalg.solve(square, np.swapaxes(J, 1, 2) @ error[..., None])[..., 0]
@@ -214,10 +211,9 @@ def _newton(body: Body, goal: _Goal, q: FloatArray, steps: int) -> FloatArray:
     return q
 
 
-def _error(body: Body, goal: _Goal, q: FloatArray) -> FloatArray:
-    """Pose errors, wanted less reached: `(m, 6)` positions over LENGTH and rotation vectors, or positions `(m, 3)`."""
-    T = body.forward(q)
-    assert T is not None
+def _error(goal: _Goal, q: FloatArray) -> FloatArray:
+    """Wanted less reached: `(m, 6)` positions over LENGTH and rotation vectors, or positions `(m, 3)`."""
+    T = goal.chain.forward(goal.body.all_joints(q))
     position = (goal.T[:, :3, 3] - T[:, :3, 3]) / LENGTH
     if not goal.turned:
         return position
@@ -225,6 +221,7 @@ def _error(body: Body, goal: _Goal, q: FloatArray) -> FloatArray:
     return np.concatenate([position, turn], axis=1)
 
 
-def _miss(body: Body, goal: _Goal, q: FloatArray) -> FloatArray:
-    missed: FloatArray = np.abs(_error(body, goal, q)).max(axis=1)
+def _missed_by(goal: _Goal, q: FloatArray) -> FloatArray:
+    """How far `(m,)` the poses are missed, rad or m over LENGTH."""
+    missed: FloatArray = np.abs(_error(goal, q)).max(axis=1)
     return missed

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, outliers
 from gpcorrect.discrepancy.recording.quantisation import quantisation_of
 from gpcorrect.discrepancy.recording.scene import Scene
-from gpcorrect.discrepancy.recording.split import Parts, Split
+from gpcorrect.discrepancy.recording.split import Split
 from gpcorrect.sim.effects import Effect
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
@@ -23,61 +22,27 @@ STILL = 1e-4  # of a joint's travel between samples: slower is standing still
 
 
 class SignalMemory:
-    """Condensed simulated channels of the sets asked for last, each channel by what it depends on."""
+    """Condensed signals by what they depend on, and which of them the sets of effects asked for last consist of."""
 
     def __init__(self) -> None:
-        self._keys: dict[tuple[Effect, ...], list[Hashable]] = {}
-        self._columns: dict[Hashable, FloatArray] = {}
-
-    def columns(self, dataset: Dataset, effects: tuple[Effect, ...]) -> FloatArray:
-        """Return the channels `(m, c)` of a set, simulated where they are not known.
-
-        Parameters
-        ----------
-        dataset : Dataset
-            Always the same one.
-        effects : tuple of Effect
-            Beyond the model's own.
-        """
-        if effects not in self._keys:
-            _make_room(self._keys, REMEMBERED_SETS)
-            self._keys[effects] = self._simulated(dataset, effects)
-        if any(k not in self._columns for k in self._keys[effects]):
-            self._simulated(dataset, effects)
-        return np.stack([self._columns[k] for k in self._keys[effects]], axis=1)
-
-    def _simulated(self, dataset: Dataset, effects: tuple[Effect, ...]) -> list[Hashable]:
-        signals = dataset.scene.signals(effects)
-        _make_room(self._columns, REMEMBERED_BYTES // (8 * len(dataset)))
-        for signal in signals:
-            if signal.key not in self._columns:
-                self._columns[signal.key] = dataset.means(signal.rows())
-        return [signal.key for signal in signals]
-
-
-def _make_room(memory: dict[Any, Any], most: int) -> None:
-    while len(memory) > most:
-        memory.pop(next(iter(memory)))
+        self.keys: dict[tuple[Effect, ...], list[Hashable]] = {}
+        self.means: dict[Hashable, FloatArray] = {}
 
 
 @dataclass(frozen=True, eq=False)
-class Dataset(Parts):
+class Dataset:
     """Condensed rows: each the mean over consecutive samples of one block.
 
     Parameters
     ----------
     scene : Scene
-        The recording and its simulator.
     group : (n,) int array
         Condensed row that each log row goes into, -1 for none.
     good : (n, c) bool array
         Measured samples that are no outliers.
-    time : (m,) array
-        Of the condensed rows, s.
-    block, part : (m,) int arrays
-        Their block, from 0 without gaps, and part (0 discovery, 1 confirmation, 2 test).
-    still : (m,) bool array
-        Whether nothing moved.
+    time, block, part, still : (m,) arrays
+        Of the condensed rows: s, block from 0 without gaps, part (0 discovery, 1 confirmation, 2 test), and whether
+        nothing moved.
     """
 
     scene: Scene
@@ -91,6 +56,26 @@ class Dataset(Parts):
 
     def __len__(self) -> int:
         return len(self.time)
+
+    @property
+    def discovery(self) -> BoolArray:
+        """(m,) rows in which effects are looked for."""
+        return np.asarray(self.part == 0)
+
+    @property
+    def confirmation(self) -> BoolArray:
+        """(m,) rows on which what was found must hold again."""
+        return np.asarray(self.part == 1)
+
+    @property
+    def training(self) -> BoolArray:
+        """(m,) rows of discovery and confirmation."""
+        return np.asarray(self.part != 2)
+
+    @property
+    def test(self) -> BoolArray:
+        """(m,) rows that only the final figures see."""
+        return np.asarray(self.part == 2)
 
     def means(self, values: FloatArray) -> FloatArray:
         """Return means `(m, ...)` over the samples of each condensed row.
@@ -106,6 +91,11 @@ class Dataset(Parts):
         result: FloatArray = (sums / count[:, None]).reshape(len(self), *values.shape[1:])
         return result
 
+    @property
+    def samples_a_row(self) -> int:
+        """How many samples a condensed row is usually the mean of."""
+        return int(np.median(self._grouping[2]))
+
     @cached_property
     def _grouping(self) -> tuple[IntArray, IntArray, IntArray]:
         """Log rows that are used, the condensed row of each, and how many go into one."""
@@ -118,7 +108,6 @@ class Dataset(Parts):
         Parameters
         ----------
         effects : sequence of Effect
-            Beyond the model's own.
         """
         error = self.scene.residual(effects)
         count, sums = self.means(self.good.astype(np.float64)), self.means(np.where(self.good, error, 0.0))
@@ -136,9 +125,19 @@ class Dataset(Parts):
         Parameters
         ----------
         effects : sequence of Effect
-            Beyond the model's own.
         """
-        return self.memory.columns(self, tuple(effects))
+        keys, means, wanted = self.memory.keys, self.memory.means, tuple(effects)
+        if wanted not in keys or any(key not in means for key in keys[wanted]):
+            signals = self.scene.signals(wanted)
+            while len(keys) > REMEMBERED_SETS:
+                keys.pop(next(iter(keys)))
+            while sum(m.nbytes for m in means.values()) > REMEMBERED_BYTES:
+                means.pop(next(iter(means)))
+            for signal in signals:
+                if signal.key not in means:
+                    means[signal.key] = self.means(signal.rows())
+            keys[wanted] = [signal.key for signal in signals]
+        return np.concatenate([means[key] for key in keys[wanted]], axis=1)
 
     def strict(self) -> Dataset:
         """Return the dataset with all of the residual in account, for what is reported of it."""
@@ -147,16 +146,13 @@ class Dataset(Parts):
         return replace(self, scene=self.scene.strict(), memory=SignalMemory())
 
     def tolerated(self, noises: Sequence[ChannelNoise]) -> dict[str, float]:
-        """Return what the tolerance of table and registration takes up; empty where there is none.
+        """Return what the tolerance of table and registration takes up of each channel, RMS over its noise.
+
+        Empty where there is none.
 
         Parameters
         ----------
         noises : sequence of ChannelNoise
-
-        Returns
-        -------
-        dict of str to float
-            Of each channel, root mean square over the standard deviation of its noise.
         """
         if self.scene.slack is None:
             return {}
@@ -192,11 +188,6 @@ class Dataset(Parts):
         used, index, _ = self._grouping
         return self.scene.trajectory[used[np.unique(index, return_index=True)[1]]]
 
-    @property
-    def training(self) -> BoolArray:
-        """(m,) rows of discovery and confirmation."""
-        return np.asarray(self.part != 2)
-
 
 def build_dataset(scene: Scene, split: Split, max_rows: int) -> Dataset:
     """Condense a scene to about `max_rows` rows.
@@ -204,7 +195,6 @@ def build_dataset(scene: Scene, split: Split, max_rows: int) -> Dataset:
     Parameters
     ----------
     scene : Scene
-        Recording and simulator.
     split : Split
         Blocks and parts of its rows.
     max_rows : int
@@ -218,19 +208,17 @@ def build_dataset(scene: Scene, split: Split, max_rows: int) -> Dataset:
         rows = np.flatnonzero(split.block == k)
         group[rows] = count + np.arange(len(rows)) // stride
         count = int(group[rows[-1]]) + 1
-    first = np.flatnonzero(np.r_[True, np.diff(group[used]) != 0])
-    rows = np.flatnonzero(used)[first]
+    first = np.flatnonzero(used)[np.r_[True, np.diff(group[used]) != 0]]
     error = scene.residual()
     spikes = np.stack([outliers(column, split.block) for column in error.T], axis=1)
-    moved = np.abs(np.diff(scene.motor_path(), axis=0, prepend=np.nan))
-    still = (moved < STILL * np.ptp(scene.motor_path(), axis=0)).all(axis=1).astype(np.float64)
-    dataset = Dataset(
+    motor = scene.motor_path()
+    still = (np.abs(np.diff(motor, axis=0, prepend=np.nan)) < STILL * np.ptp(motor, axis=0)).all(axis=1)
+    return Dataset(
         scene=scene,
         group=group,
         good=np.isfinite(error) & ~spikes,
-        time=np.zeros(count),
-        block=np.unique(split.block[rows], return_inverse=True)[1].astype(np.int64),
-        part=split.part[rows],
-        still=np.zeros(count, dtype=np.bool_),
+        time=np.bincount(group[used], scene.time[used]) / np.bincount(group[used]),
+        block=np.unique(split.block[first], return_inverse=True)[1].astype(np.int64),
+        part=split.part[first],
+        still=np.bincount(group[used], ~still[used]) == 0.0,
     )
-    return replace(dataset, time=dataset.means(scene.time), still=dataset.means(still) == 1.0)

@@ -1,15 +1,13 @@
-"""What of a residual is noise.
-
-White plus slowly varying (first-order autoregressive) noise with heavy tails, in real time gaps.
-"""
+"""What of a residual is noise: white plus first-order autoregressive noise with heavy tails, in real time gaps."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
 from numba import njit
+from scipy.ndimage import binary_opening, median_filter
 from scipy.optimize import minimize, nnls
 from scipy.stats import t as student
 
@@ -35,24 +33,12 @@ class NoiseSource(Enum):
 
 @dataclass(frozen=True)
 class ChannelNoise:
-    """Noise of one channel.
+    """Noise of one channel, in its unit.
 
-    Parameters
-    ----------
-    white : float
-        Standard deviation of the part that is new at every sample, unit of the channel.
-    slow : float
-        Standard deviation of the autoregressive part.
-    time_constant : float
-        Its correlation time, s.
-    tail : float
-        Degrees of freedom of Student's t that the whitened noise follows; infinite is normal.
-    source : NoiseSource
-        What it was taken from.
-    rounding_step : float or None
-        Step in which the channel is written down, where that makes the noise.
-    times_stated : float or None
-        How many times what the model states it is, where the recording is believed against it.
+    Standard deviations of the part that is new at every sample and of the autoregressive part with its correlation time
+    (s), and the degrees of freedom of Student's t that the whitened noise follows; infinite is normal. `rounding_step`
+    is the step in which the channel is written down, where that makes the noise, `times_stated` how many times what the
+    model states it is, where the recording is believed against it.
     """
 
     white: float
@@ -74,10 +60,9 @@ def estimate_noise(
 ) -> ChannelNoise:
     """Estimate a channel's noise from how its residual changes over short time lags.
 
-    Where nothing moves they are then made most likely, each hold about a mean of its own.
-
     Half the squared change over a lag h has the expectation w^2 + a^2 (1 - exp(-h / T)), plus c h^2 from what moves
-    smoothly with the motion. Medians are used for it, so that rare jumps at reversals and outliers count little.
+    smoothly with the motion. Medians are used for it, so that rare jumps at reversals and outliers count little. Where
+    nothing moves the three are then made most likely, each hold about a mean of its own.
 
     Parameters
     ----------
@@ -87,10 +72,6 @@ def estimate_noise(
         Rows at which nothing moved; where there are enough, only they are used, for there the residual is noise alone.
     floor : float
         Smallest standard deviation to return: resolution of the channel.
-
-    Returns
-    -------
-    ChannelNoise
     """
     usable = np.isfinite(residual) & (block >= 0)
     still = still & usable
@@ -107,8 +88,8 @@ def estimate_noise(
     if source == NoiseSource.HOLDS:
         white, slow, time_constant = _most_likely(time, residual, holds, (white, slow, time_constant), floor)
     core = ChannelNoise(max(white, floor), slow, time_constant, source=source)
-    z = whiten(core, time, label, residual[:, None])[:, 0]
-    return ChannelNoise(core.white, slow, time_constant, _tail(z[np.isfinite(z)]), source)
+    rows = np.flatnonzero(label >= 0)
+    return replace(core, tail=_tail(Whitener.of(core, time[rows], label[rows])(residual[rows, None])))
 
 
 def _structure(time: FloatArray, residual: FloatArray, label: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -134,11 +115,11 @@ def _half_square(change: FloatArray) -> float:
     size = np.abs(change)
     if np.mean(size == 0.0) < MANY:
         return float((np.median(size) / NORMAL_MAD) ** 2 / 2)
-    bulk = size[size <= np.quantile(size, BULK)]
-    return float(np.mean(bulk**2) / 2)
+    return float(np.mean(size[size <= np.quantile(size, BULK)] ** 2) / 2)
 
 
 def _fit_structure(lags: FloatArray, halves: FloatArray, floor: float) -> tuple[float, float, float]:
+    """White and slow standard deviation and time constant that fit the changes over the lags best."""
     weight = 1.0 / np.maximum(halves, floor**2)
     best, found = np.inf, (floor, 0.0, 1.0)
     for time_constant in CORRELATION_TIMES:
@@ -168,15 +149,12 @@ def _most_likely(
         return start
 
     def cost(p: FloatArray) -> float:
-        white, slow, time_constant = np.exp(np.clip(p, low, high))
-        gain, size, phi = _filter(t, block, white, slow, time_constant)
-        z, ones = _innovations(values, block, gain, size, phi).T
+        whitener = Whitener.of(ChannelNoise(*np.exp(np.clip(p, low, high))), t, block)
+        z, ones = whitener(values).T
         energy = np.bincount(block, ones**2)
         left = z - (np.bincount(block, ones * z) / energy)[block] * ones
-        likely = (
-            0.5 * (NOISE.likely_tail + 1.0) * np.log1p(left**2 / (NOISE.likely_tail - 2.0)).sum() + np.log(size).sum()
-        )
-        return float(likely + 0.5 * np.log(energy).sum())
+        tails = 0.5 * (NOISE.likely_tail + 1.0) * np.log1p(left**2 / (NOISE.likely_tail - 2.0)).sum()
+        return float(tails + np.log(whitener.scale).sum() + 0.5 * np.log(energy).sum())
 
     first = np.clip(np.log(np.maximum(start, 1e-300)), low, high)
     found = minimize(cost, first, method="Nelder-Mead", options={"maxiter": 120, "xatol": 0.02, "fatol": 0.05})
@@ -193,42 +171,13 @@ def _tail(z: FloatArray) -> float:
     return TAILS[int(np.argmin(np.abs(np.log(ratios) - np.log(max(high, 1e-300) / max(low, 1e-300)))))]
 
 
-def whiten(noise: ChannelNoise, time: FloatArray, block: IntArray, values: FloatArray) -> FloatArray:
-    """Turn columns that carry this noise into columns of independent noise of unit variance.
-
-    Innovations of the Kalman filter of the noise model, started afresh in every block; linear in `values`, gaps count
-    in real time.
-
-    Parameters
-    ----------
-    noise : ChannelNoise
-        Of these columns.
-    time, block : (n,) arrays
-        Seconds and block of each row; -1 for rows to leave out.
-    values : (n, k) array
-        Residuals or signatures; a row with a NaN must be left out by its block.
-
-    Returns
-    -------
-    (n, k) array
-        NaN in rows left out.
-    """
-    rows = np.flatnonzero(block >= 0)
-    white = np.full(values.shape, np.nan)
-    white[rows] = Whitener.of(noise, time[rows], block[rows])(values[rows])
-    return white
-
-
 @dataclass(frozen=True, eq=False)
 class Whitener:
-    """The filter of :func:`whiten` on given rows, for many columns.
+    """Turns columns that carry a noise into columns of independent noise of unit variance.
 
-    Parameters
-    ----------
-    block : (n,) int array
-        Of each row, from 0.
-    gain, scale, phi : (n,) arrays
-        Kalman gain, deviation of the innovation, and correlation with the sample before.
+    Innovations of the Kalman filter of the noise model, started afresh in every block; linear in the columns, gaps
+    count in real time. Of each row `(n,)` it holds the block, the Kalman gain, the deviation of the innovation, and the
+    correlation with the sample before.
     """
 
     block: IntArray
@@ -238,29 +187,22 @@ class Whitener:
 
     @classmethod
     def of(cls, noise: ChannelNoise, time: FloatArray, block: IntArray) -> Whitener:
-        """Prepare it for rows that all have a block.
+        """Prepare the filter.
 
         Parameters
         ----------
         noise : ChannelNoise
-            Of the columns.
         time : (n,) array
             s.
         block : (n,) int array
             Of each row, from 0.
         """
-        if noise.slow == 0.0:
-            nothing = np.zeros(len(block))
-            return cls(block, nothing, np.full(len(block), noise.white), nothing)
         return cls(block, *_filter(time, block, noise.white, noise.slow, noise.time_constant))
 
     def __call__(self, values: FloatArray) -> FloatArray:
         """Whitened columns of columns `(n, k)`."""
-        if not len(values):
-            return np.array(values)
-        if not self.gain.any():
-            return values / self.scale[:, None]
-        white: FloatArray = _innovations(np.ascontiguousarray(values), self.block, self.gain, self.scale, self.phi)
+        white = np.empty(values.shape)
+        self.write(values, np.arange(len(values)), np.ones(len(values)), white)
         return white
 
     def write(self, values: FloatArray, rows: IntArray, weight: FloatArray, white: FloatArray) -> None:
@@ -269,7 +211,6 @@ class Whitener:
         Parameters
         ----------
         values : (m, k) array
-            Columns.
         rows : (n,) int array
             The filter's rows among the m.
         weight : (n,) array
@@ -277,8 +218,7 @@ class Whitener:
         white : (n, k) array
             To write to.
         """
-        if len(rows):
-            _write(values, rows, self.block, self.gain, weight / self.scale, self.phi, white)
+        _innovations(values, rows, self.block, self.gain, weight / self.scale, self.phi, white)
 
 
 @njit(cache=True)
@@ -286,13 +226,11 @@ def _filter(
     time: FloatArray, block: IntArray, white: float, slow: float, time_constant: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Kalman gain, deviation of the innovation, and correlation with the sample before, of each row `(n,)`."""
-    n, n_blocks = len(block), block.max() + 1
+    n = len(block)
     gain, scale, phi = np.zeros(n), np.ones(n), np.zeros(n)
+    n_blocks = block.max() + 1 if n else 0
     variance, last = np.full(n_blocks, slow**2), np.full(n_blocks, -1)
-    for i in range(n):
-        b = block[i]
-        if b < 0:
-            continue
+    for i, b in enumerate(block):
         if last[b] >= 0:
             phi[i] = np.exp(-max(time[i] - time[last[b]], 0.0) / time_constant)
         predicted = phi[i] ** 2 * variance[b] + slow**2 * (1.0 - phi[i] ** 2)
@@ -305,25 +243,6 @@ def _filter(
 
 @njit(cache=True)
 def _innovations(
-    values: FloatArray, block: IntArray, gain: FloatArray, scale: FloatArray, phi: FloatArray
-) -> FloatArray:
-    """Run the filter over every column; time runs once, each block with its own state."""
-    n, k = values.shape
-    white, state = np.full((n, k), np.nan), np.zeros((block.max() + 1, k))
-    for i in range(n):
-        b = block[i]
-        if b < 0:
-            continue
-        for j in range(k):
-            predicted = phi[i] * state[b, j]
-            surprise = values[i, j] - predicted
-            white[i, j] = surprise / scale[i]
-            state[b, j] = predicted + gain[i] * surprise
-    return white
-
-
-@njit(cache=True)
-def _write(
     values: FloatArray,
     rows: IntArray,
     block: IntArray,
@@ -332,8 +251,8 @@ def _write(
     phi: FloatArray,
     white: FloatArray,
 ) -> None:
-    """Run the filter of :func:`_innovations` over rows of a table, their sizes scaled, without copies on the way."""
-    state = np.zeros((block.max() + 1, values.shape[1]))
+    """Run the filter over some rows of every column, its innovations scaled; each block has its own state."""
+    state = np.zeros((block.max() + 1 if len(block) else 0, values.shape[1]))
     for i, row in enumerate(rows):
         b = block[i]
         for j in range(values.shape[1]):
@@ -345,6 +264,8 @@ def _write(
 
 def outliers(residual: FloatArray, block: IntArray) -> BoolArray:
     """Mark single samples far from the running median of their neighbours: faults of a sensor, not of the machine.
+
+    What stands among more than a few in a row is a machine that was pushed aside.
 
     Parameters
     ----------
@@ -359,37 +280,9 @@ def outliers(residual: FloatArray, block: IntArray) -> BoolArray:
         rows = np.flatnonzero((block == k) & np.isfinite(residual))
         if len(rows) < 4 * window:
             continue
-        padded = np.pad(residual[rows], SPIKE_REACH, mode="edge")
-        local = np.median(np.lib.stride_tricks.sliding_window_view(padded, window), axis=1)
-        distance = np.abs(residual[rows] - local)
+        distance = np.abs(residual[rows] - median_filter(residual[rows], window, mode="nearest"))
         scale = np.median(distance) / NORMAL_MAD
-        around = np.lib.stride_tricks.sliding_window_view(np.pad(distance, SPIKE_REACH, mode="edge"), window)
-        far = (distance > NOISE.spike * max(scale, 1e-300)) & (distance > 3 * np.median(around, axis=1))
-        spikes[rows] = far & ~_in_long_run(far)
+        around = median_filter(distance, window, mode="nearest")
+        far = (distance > NOISE.spike * max(scale, 1e-300)) & (distance > 3 * around)
+        spikes[rows] = far & ~binary_opening(far, np.ones(NOISE.longest_spike + 1))
     return spikes
-
-
-def _in_long_run(flags: BoolArray) -> BoolArray:
-    """Whether each flag stands among more than a few in a row: a machine that was pushed aside, not a fault."""
-    edges = np.flatnonzero(np.diff(np.r_[0, flags.astype(np.int8), 0]))
-    long = np.zeros(len(flags), dtype=np.bool_)
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
-        long[start:stop] = stop - start > NOISE.longest_spike
-    return long
-
-
-def standard_draws(tail: float, shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
-    """Return independent draws with the whitened noise's tails; their median of |z| is that of a normal.
-
-    Parameters
-    ----------
-    tail : float
-        Degrees of freedom; infinite is normal.
-    shape : tuple of int
-        Of the result.
-    rng : numpy.random.Generator
-    """
-    if np.isinf(tail):
-        return rng.standard_normal(shape)
-    draws: FloatArray = rng.standard_t(tail, shape) * (NORMAL_MAD / student.ppf(0.75, tail))
-    return draws

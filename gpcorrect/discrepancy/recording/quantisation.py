@@ -14,18 +14,9 @@ TRIES = 25  # step sizes near a first guess
 
 @dataclass(frozen=True)
 class Quantisation:
-    """A step in which values are written down.
+    """A step in which values are written down, in their unit, with the half width of what they leave open of it.
 
-    Parameters
-    ----------
-    step : float
-        Its size, in the values' unit.
-    error : float
-        Half width of what the values leave open of it.
-    agreement : float
-        Of the remainders, from 0 (spread evenly) to 1 (all the same).
-    visited : int
-        Different counts among the values.
+    `agreement` of the remainders is from 0 (spread evenly) to 1 (all the same), `visited` counts differ.
     """
 
     step: float
@@ -48,16 +39,11 @@ def quantisation_of(values: FloatArray) -> Quantisation | None:
     if len(distinct) < SENSORS.fewest_counts:
         return None
     gaps = np.diff(distinct)
-    found = [c for guess in _guesses(gaps) if (c := _fitted(distinct, guess)) is not None]
+    gaps = np.sort(gaps[gaps > 1e-9 * gaps.max()])
+    jump = int(np.argmax(gaps[1:] / gaps[:-1])) + 1 if len(gaps) > 1 else 0
+    guesses = {float(gaps[0]), float(np.median(gaps[jump:]))}  # the smallest, and that between groups of neighbours
+    found = [c for guess in sorted(guesses) if (c := _fitted(distinct, guess)) is not None]
     return max(found, key=lambda c: c.step, default=None)
-
-
-def _guesses(gaps: FloatArray) -> list[float]:
-    """Typical gaps: the smallest one, and that between groups of neighbouring values."""
-    real = gaps[gaps > 1e-9 * gaps.max()]
-    ordered = np.sort(real)
-    jump = int(np.argmax(ordered[1:] / ordered[:-1])) if len(ordered) > 1 else 0
-    return sorted({float(ordered[0]), float(np.median(ordered[jump + 1 :])) if len(ordered) > 1 else float(ordered[0])})
 
 
 def _fitted(distinct: FloatArray, guess: float) -> Quantisation | None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -17,23 +17,42 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.layout import Layout
-from gpcorrect.discrepancy.recording.replay_memory import ReplayMemory
 from gpcorrect.discrepancy.recording.tolerance import Slack
 from gpcorrect.discrepancy.recording.tracker import Tracker
 from gpcorrect.sim.dynamics import posture_at
-from gpcorrect.sim.effects import Effect, Stage, in_order
+from gpcorrect.sim.effects import Effect, PathEffect, Stage, in_order, of_kind
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan
-from gpcorrect.sim.plant import Driven, tip_path
+from gpcorrect.sim.plant import Command, Driven, follow_command, tip_path
 from gpcorrect.types import FloatArray, IntArray
 
 LOOP_STAGES = (Stage.LOAD, Stage.CHAIN, Stage.TORQUE, Stage.FRICTION)
+REMEMBERED = 48  # closed-loop runs in memory
+REMEMBERED_BYTES = 120_000_000  # of joint paths: memory only, no result depends on it
+
+
+class ReplayMemory:
+    """What was simulated so far: closed-loop runs by their effects, and joint paths by a number for what made them.
+
+    That is the motion and the joint, or an effect and the numbers of the paths it looks at: a change at one joint need
+    not walk the others' paths again. The oldest are forgotten.
+    """
+
+    def __init__(self) -> None:
+        self.command: Command | None = None
+        self.loops: dict[tuple[Effect, ...], Driven] = {}
+        self.numbers: dict[Hashable, int] = {}
+        self.paths: dict[int, FloatArray] = {}
+
+    def number(self, *made: Hashable) -> int:
+        """Return the number that stands for what made a path."""
+        return self.numbers.setdefault(made, len(self.numbers))
 
 
 class Signal(NamedTuple):
-    """One channel as simulated: two of a scene with the same key say the same."""
+    """One or more channels as simulated: two of a scene with the same key have the same rows `(n, k)`."""
 
     key: Hashable
     rows: Callable[[], FloatArray]
@@ -45,18 +64,12 @@ class Scene:
 
     Parameters
     ----------
-    model : Model
-        Nominal model; its own effects are always present.
-    machine : Machine
-        The model resolved, without effects.
-    channels : tuple of Channel
-        What is compared.
-    observed : (n, c) array
-        What the sensors measured.
-    motion : Motion
-        The motors as replayed, n samples of N continuous runs.
-    layout : Layout
-        Where the log's rows stand in the runs.
+    model, machine : Model, Machine
+        Nominal model, whose own effects are always present, and the same resolved, without effects.
+    channels, observed : tuple of Channel, (n, c) array
+        What is compared, and what the sensors measured; the tracker's stand last.
+    motion, layout : Motion, Layout
+        The motors as replayed, n samples of N continuous runs, and where the log's rows stand in these.
     plan : Plan or None
         Commands for the closed loop; None when it cannot be run.
     payload : (N,) array
@@ -64,13 +77,10 @@ class Scene:
     time, trajectory, session : (n,) arrays
         Of the log's rows; sessions numbered from 0.
     effort : (n, k) array or None
-        Reported efforts.
-    tracker : Tracker or None
-        Where one saw the arm: its channels stand last.
+    tracker, slack : Tracker, Slack, or None
+        Where a tracker saw the arm; the part of its residual that is left out of account.
     measured : bool
         Whether the motors are measured; else their path is what the closed loop makes of the commands, where it runs.
-    slack : Slack or None
-        Part of the tracker's residual that is left out of account.
     remarks : tuple of str
         What had to be assumed.
     """
@@ -101,6 +111,12 @@ class Scene:
         """Numbers of the joints."""
         return self.machine.body.joints
 
+    @cached_property
+    def step(self) -> float:
+        """Usual time between samples, s."""
+        steps = np.diff(self.time)
+        return float(np.median(steps[steps > 0]))
+
     @property
     def n_sessions(self) -> int:
         """Number of sessions."""
@@ -108,22 +124,15 @@ class Scene:
 
     def run_of_row(self) -> IntArray:
         """Run `(n,)` that each of the log's rows stands in."""
-        columns = np.broadcast_to(np.arange(self.layout.rows.shape[1], dtype=np.float64), self.layout.rows.shape)
-        return self.layout.gather(columns, len(self)).astype(np.int64)
+        return self.layout.gather(np.broadcast_to(np.arange(len(self.payload)), self.layout.rows.shape))
 
     def motor_path(self) -> FloatArray:
         """Replayed motor path `(n, k)` of the log's rows."""
-        return self.layout.gather(self.motion.position, len(self))
+        return self.layout.gather(self.motion.position)
 
-    def load(self, effects: Sequence[Effect] = ()) -> FloatArray:
-        """Return the load `(n, k)` of each joint at the log's rows, N m or N.
-
-        Parameters
-        ----------
-        effects : sequence of Effect
-            Beyond the model's own.
-        """
-        return self.layout.gather(self._replay(self._machine(effects)).load, len(self))
+    def load(self) -> FloatArray:
+        """Load `(n, k)` of each joint of the nominal model at the log's rows, N m or N."""
+        return self.layout.gather(self._replay(self._machine(())).load)
 
     def peak_torque(self) -> FloatArray | None:
         """Largest torque `(k,)` that the controllers ask for, N m or N; None where the closed loop cannot be run."""
@@ -136,67 +145,39 @@ class Scene:
         Parameters
         ----------
         effects : sequence of Effect
-            Beyond the model's own.
 
         Raises
         ------
         DataError
             An effect does not fit the machine.
         """
-        return np.stack([signal.rows() for signal in self.signals(effects)], axis=1)
+        return np.concatenate([signal.rows() for signal in self.signals(effects)], axis=1)
 
     def signals(self, effects: Sequence[Effect] = ()) -> list[Signal]:
-        """Return the same channel by channel, each with what it depends on.
+        """Return the same joint by joint, and for the tracker as a whole, each with what it depends on.
 
         Parameters
         ----------
         effects : sequence of Effect
-            Beyond the model's own.
-
-        Raises
-        ------
-        DataError
-            An effect does not fit the machine.
         """
         machine = self._machine(effects)
-        inside = _inside(machine)
-        loop, columns = (
-            self._loop(machine),
-            self.memory.paths.joint_columns(machine.effects, self._replay(machine), inside),
-        )
+        inside, loop, motion = _inside(machine), self._loop(machine), self._replay(machine)
+        numbers, paths = self._joint_paths(machine, motion)
         measured = self.motion.position if loop is None else loop.motion.position
-        joints = [
-            Signal((c.name, columns[c.index].number), self._rows_of(columns[c.index].path))
-            if c.signal == "external_jp"
-            else Signal((c.name, inside), self._rows_of(measured[..., c.index]))
-            for c in self.channels
-            if c.joint
-        ]
-        return joints + self._tracked_signals(effects, machine)
+        found = []
+        for c in self.channels:
+            if c.joint:
+                outside = c.signal == "external_jp"
+                made, path = (numbers[c.index], paths[c.index]) if outside else (inside, measured[..., c.index])
+                found.append(Signal((c.name, made), partial(self.layout.gather, path[..., None])))
+        if self.tracker is not None:
+            found.append(Signal(("tracker", machine.effects), partial(self._tracked_rows, self.tracker, effects)))
+        return found
 
-    def _rows_of(self, grid: FloatArray) -> Callable[[], FloatArray]:
-        return lambda: self.layout.gather(grid, len(self))
-
-    def _tracked_signals(self, effects: Sequence[Effect], machine: Machine) -> list[Signal]:
-        """Signals of the tracker, each of which depends on every effect."""
-        if self.tracker is None:
-            return []
-
-        @cache
-        def together() -> FloatArray:
-            return self._tracked_rows(effects)
-
-        def one(i: int) -> Callable[[], FloatArray]:
-            return lambda: together()[:, i]
-
-        first = len(self.channels) - self.tracker.observed.shape[1]
-        return [Signal((c.name, machine.effects), one(i)) for i, c in enumerate(self.channels[first:])]
-
-    def _tracked_rows(self, effects: Sequence[Effect]) -> FloatArray:
+    def _tracked_rows(self, tracker: Tracker, effects: Sequence[Effect]) -> FloatArray:
         """Return what the tracker says `(n, a)`."""
-        assert self.tracker is not None
-        predicted = self.tracker.predicted(self.marker_poses(effects))
-        return predicted if self.slack is None else predicted + self.slack.part(self.tracker.observed - predicted)
+        predicted = tracker.predicted(self.marker_poses(effects))
+        return predicted if self.slack is None else predicted + self.slack.part(tracker.observed - predicted)
 
     def marker_poses(self, effects: Sequence[Effect] = ()) -> FloatArray:
         """Return the marker's poses `(n, 4, 4)` in the tracker's frame as far as the model states it.
@@ -208,10 +189,10 @@ class Scene:
         """
         machine = self._machine(effects)
         replay = self._replay(machine)
-        q = self.memory.paths.joint_path(machine.effects, replay, _inside(machine))
+        q = np.stack(self._joint_paths(machine, replay)[1], axis=-1)
         tip = tip_path(machine.effects, machine.actual_body(self.payload).forward(q), replay)
         assert tip is not None
-        return self.layout.gather(se3.compose(machine.T_tracker_base, tip, machine.T_tip_marker), len(self))
+        return self.layout.gather(se3.compose(machine.T_tracker_base, tip, machine.T_tip_marker))
 
     def strict(self) -> Scene:
         """Return the scene with all of the residual in account, also what is within the tolerance of the table."""
@@ -223,7 +204,6 @@ class Scene:
         Parameters
         ----------
         effects : sequence of Effect
-            Beyond the model's own.
         """
         return self.observed - self.predict(effects)
 
@@ -231,6 +211,7 @@ class Scene:
         return self.machine.with_effects(*in_order((*self.model.effects, *effects)))
 
     def _replay(self, machine: Machine) -> Motion:
+        """Motion and load of the motors, as measured where they are."""
         loop = self._loop(machine)
         if loop is not None:
             made = loop.motion
@@ -244,14 +225,49 @@ class Scene:
         return replace(self.motion, load=gravity, gravity_load=gravity, tip_force=body.tip_force)
 
     def _loop(self, machine: Machine) -> Driven | None:
+        """Closed-loop run with the effects inside the loop."""
         if self.plan is None:
             return None
-        return self.memory.loop(machine.with_effects(*_inside(machine)), self.plan)
+        memory, inside = self.memory, _inside(machine)
+        memory.command = memory.command or Command.of(machine.with_effects(), self.plan)
+        if inside not in memory.loops:
+            while len(memory.loops) >= REMEMBERED:
+                memory.loops.pop(next(iter(memory.loops)))
+            memory.loops[inside] = follow_command(machine.with_effects(*inside), memory.command)
+        return memory.loops[inside]
 
-    @property
-    def tracked(self) -> bool:
-        """Whether the arm is seen by a tracker."""
-        return self.tracker is not None
+    def _joint_paths(self, machine: Machine, motion: Motion) -> tuple[list[int], list[FloatArray]]:
+        """Return the number and the true path `(n, N)` of each joint, as `gpcorrect.sim.plant.joint_path` does."""
+        paths, inside = list(np.moveaxis(motion.position, -1, 0)), _inside(machine)
+        numbers = [self.memory.number(inside, j) for j in range(len(paths))]
+        for effect in of_kind(machine.effects, PathEffect):
+            changed = self._changed(effect, numbers)
+            if any(number not in self.memory.paths for number in changed.values()):
+                self._walk(effect, paths, motion, changed)
+            for j, number in changed.items():
+                numbers[j], paths[j] = number, self.memory.paths[number]
+        return numbers, paths
+
+    def _changed(self, effect: PathEffect, numbers: list[int]) -> dict[int, int]:
+        """Numbers of the paths behind an effect, by the joints that it changes."""
+        if isinstance(effect.joint, int):
+            looked_at = [numbers[effect.column(self.joints, joint)] for joint in effect.joints]
+            return {effect.column(self.joints): self.memory.number(effect, *looked_at)}
+        if effect.joint_by_joint:
+            return {j: self.memory.number(effect, number) for j, number in enumerate(numbers)}
+        return {j: self.memory.number(effect, tuple(numbers), j) for j in range(len(numbers))}
+
+    def _walk(self, effect: PathEffect, paths: list[FloatArray], motion: Motion, changed: dict[int, int]) -> None:
+        known = self.memory.paths
+        while len(known) * paths[0].nbytes > REMEMBERED_BYTES:
+            known.pop(next(iter(known)))
+        if not effect.joint_by_joint:
+            behind = effect.act(np.stack(paths, axis=-1), motion)
+            known.update({number: behind[..., j] for j, number in changed.items()})
+            return
+        for j, number in changed.items():
+            if number not in known:
+                known[number] = effect.act(paths[j][..., None], motion)[..., 0]
 
 
 def _inside(machine: Machine) -> tuple[Effect, ...]:

@@ -8,44 +8,16 @@ import numpy as np
 
 from gpcorrect.discrepancy.settings import SPLIT
 from gpcorrect.errors import DataError
-from gpcorrect.types import BoolArray, FloatArray, IntArray
+from gpcorrect.types import BoolArray, IntArray
 
 NOT_USED = -1  # block of a row that is left out
 
 
-class Parts:
-    """Rows by the part that they were dealt to: 0 discovery, 1 confirmation, 2 test."""
-
-    part: IntArray
-
-    @property
-    def discovery(self) -> BoolArray:
-        """(n,) rows in which effects are looked for."""
-        return np.asarray(self.part == 0)
-
-    @property
-    def confirmation(self) -> BoolArray:
-        """(n,) rows on which what was found must hold again."""
-        return np.asarray(self.part == 1)
-
-    @property
-    def test(self) -> BoolArray:
-        """(n,) rows that only the final figures see."""
-        return np.asarray(self.part == 2)
-
-
 @dataclass(frozen=True, eq=False)
-class Split(Parts):
-    """The parts of the rows, and the blocks that resampling keeps whole.
+class Split:
+    """Block `(n,)` of each row, a trajectory or piece of a long one that resampling keeps whole, and its part `(n,)`.
 
-    Parameters
-    ----------
-    block : (n,) int array
-        Trajectory, or piece of a long one, each row belongs to; -1 for rows left out.
-    part : (n,) int array
-        0 discovery, 1 confirmation, 2 test, -1 left out.
-    remark : str
-        How it was done.
+    Parts are 0 discovery, 1 confirmation and 2 test; -1 marks rows left out. `remark` says how it was done.
     """
 
     block: IntArray
@@ -67,10 +39,6 @@ class Split(Parts):
         length : int
             Rows of a piece.
         rng : numpy.random.Generator
-
-        Returns
-        -------
-        Split
         """
         part, begins = self.part.copy(), np.r_[True, np.diff(self.block) != 0]
         within = [np.flatnonzero(rows & (self.block == b)) for b in np.unique(self.block[rows & (self.block >= 0)])]
@@ -82,73 +50,53 @@ class Split(Parts):
         return Split(block, part, self.remark)
 
 
-def split_rows(time: FloatArray, trajectory: IntArray, session: IntArray, rng: np.random.Generator) -> Split:
-    """Deal rows 60 : 20 : 20 by session where there are three or more, else by trajectory.
-
-    Else by blocks of long trajectories.
+def split_rows(trajectory: IntArray, session: IntArray, rng: np.random.Generator) -> Split:
+    """Deal rows 60 : 20 : 20 by session where there are three or more, by trajectory, or by blocks of a few long ones.
 
     Parameters
     ----------
-    time, trajectory, session : (n,) arrays
-        Of the log.
+    trajectory, session : (n,) int arrays
     rng : numpy.random.Generator
-
-    Returns
-    -------
-    Split
 
     Raises
     ------
     DataError
         There are too few rows to make three parts.
     """
-    block, remark = _blocks(time, trajectory)
+    block, remark = _blocks(trajectory)
     used = block != NOT_USED
     n_sessions = len(np.unique(session))
-    unit = session if n_sessions >= SPLIT.min_sessions else block
-    if n_sessions >= SPLIT.min_sessions:
+    by_session = n_sessions >= SPLIT.min_sessions
+    if by_session:
         remark = (
             f"split by session ({n_sessions} sessions), the opening of each in discovery: a homing is new every time"
         )
-    units = np.unique(unit[used])
+    unit = session if by_session else block
+    units, first = np.unique(unit[used], return_index=True)
     if len(units) < SPLIT.min_sessions:
         raise DataError(
             f"the log has {len(units)} separate motions, a split into discovery, confirmation and test set needs 3.",
             hint="Record more trajectories, or longer ones.",
         )
-    part_of_unit = _dealt(len(units), rng)
-    if 1 < n_sessions < SPLIT.min_sessions:  # a homing is new in each: none of them in one part alone
-        first = session[used][np.unique(unit[used], return_index=True)[1]]
-        part_of_unit = _spread(part_of_unit, first, rng)
-    part = np.full(len(time), NOT_USED)
+    n_confirmation, n_test = (max(1, round(fraction * len(units))) for fraction in SPLIT.fractions[1:])
+    part_of_unit = rng.permutation(np.repeat([2, 1, 0], [n_test, n_confirmation, len(units) - n_test - n_confirmation]))
+    if n_sessions > 1 and not by_session:  # a homing is new in each: none of them in one part alone
+        part_of_unit = _spread(part_of_unit, session[used][first], rng)
+    part = np.full(len(trajectory), NOT_USED)
     part[used] = part_of_unit[np.searchsorted(units, unit[used])]
-    if n_sessions >= SPLIT.min_sessions:
+    if by_session:
         part[_openings(block, session)] = 0
     return Split(block, part, remark)
 
 
 def _openings(block: IntArray, session: IntArray) -> BoolArray:
-    """Rows of the first fifth of every session's blocks.
-
-    What is new in each session, a homing, must be learned somewhere.
-    """
+    """Rows of the first fifth of every session's blocks: what is new in it, a homing, must be learned somewhere."""
     opening = np.zeros(len(block), dtype=np.bool_)
     for number in np.unique(session):
         blocks = np.unique(block[(session == number) & (block != NOT_USED)])
         if len(blocks) > 1:
             opening |= (session == number) & np.isin(block, blocks[: max(1, round(SPLIT.opening * len(blocks)))])
     return opening
-
-
-def _dealt(n: int, rng: np.random.Generator) -> IntArray:
-    """Part of each of n units in a random order, none of the parts empty."""
-    n_test = max(1, round(SPLIT.fractions[2] * n))
-    n_confirmation = max(1, round(SPLIT.fractions[1] * n))
-    parts = np.zeros(n, dtype=np.int64)
-    parts[:n_test] = 2
-    parts[n_test : n_test + n_confirmation] = 1
-    shuffled: IntArray = rng.permutation(parts)
-    return shuffled
 
 
 def _spread(parts: IntArray, session: IntArray, rng: np.random.Generator) -> IntArray:
@@ -159,16 +107,16 @@ def _spread(parts: IntArray, session: IntArray, rng: np.random.Generator) -> Int
     return spread
 
 
-def _blocks(time: FloatArray, trajectory: IntArray) -> tuple[IntArray, str]:
+def _blocks(trajectory: IntArray) -> tuple[IntArray, str]:
+    """Whole trajectories, or pieces of a few long ones with gaps between them, and words on it."""
     numbers, inverse, counts = np.unique(trajectory, return_inverse=True, return_counts=True)
     if len(numbers) >= SPLIT.min_units:
         return inverse.astype(np.int64), f"split by trajectory ({len(numbers)} trajectories)"
     pieces = np.maximum(1, np.round(counts / counts.sum() * 2 * SPLIT.min_units)).astype(np.int64)
-    block = np.full(len(time), NOT_USED)
+    block = np.full(len(trajectory), NOT_USED)
     first = 0
-    for number, count in zip(range(len(numbers)), pieces, strict=True):
-        rows = np.flatnonzero(inverse == number)
-        for piece in np.array_split(rows, count):
+    for number, count in enumerate(pieces):
+        for piece in np.array_split(np.flatnonzero(inverse == number), count):
             guard = int(np.ceil(SPLIT.guard * len(piece))) if count > 1 else 0
             block[piece[: len(piece) - guard]] = first
             first += 1

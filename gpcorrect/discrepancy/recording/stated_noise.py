@@ -13,32 +13,9 @@ from gpcorrect.discrepancy.settings import NOISE
 from gpcorrect.sim import Noise
 from gpcorrect.sim.effects import of_kind
 from gpcorrect.sim.effects.noise import EncoderQuantisation, NoiseChange, SpeedNoise
-from gpcorrect.types import IntArray
 
 FINEST = 1e-9  # rad or m; a sensor without any white noise is rounding
 UNIFORM = np.sqrt(12.0)  # step of a rounded value over the standard deviation of its error
-
-
-def sampling_step(scene: Scene) -> float:
-    """Return the usual time between samples, s.
-
-    Parameters
-    ----------
-    scene : Scene
-        Recording and simulator.
-    """
-    steps = np.diff(scene.time)
-    return float(np.median(steps[steps > 0]))
-
-
-def samples_are_dense(scene: Scene) -> bool:
-    """Return whether neighbouring samples differ by noise more than by motion, as tests of the noise alone need it.
-
-    Parameters
-    ----------
-    scene : Scene
-    """
-    return sampling_step(scene) <= NOISE.dense
 
 
 def stated_noises(scene: Scene) -> tuple[ChannelNoise | None, ...]:
@@ -47,30 +24,27 @@ def stated_noises(scene: Scene) -> tuple[ChannelNoise | None, ...]:
     Parameters
     ----------
     scene : Scene
-        Recording and simulator.
     """
-    return tuple(_of_channel(scene, i) for i in range(len(scene.channels)))
-
-
-def _of_channel(scene: Scene, index: int) -> ChannelNoise | None:
-    noise, channel = scene.model.noise, scene.channels[index]
+    noise = scene.model.noise
     if noise is None:
-        return None
-    white, slow, phi = _parts(noise, channel)
+        return (None,) * len(scene.channels)
+    return tuple(_of_channel(scene, channel, *_parts(noise, channel)) for channel in scene.channels)
+
+
+def _of_channel(scene: Scene, channel: Channel, white: float, slow: float, phi: float) -> ChannelNoise | None:
+    """Noise of a channel by its parts and the model's effects on it."""
     if not white and not slow:
         return None
-    step = sampling_step(scene)
-    more = [e.std for e in of_kind(scene.model.effects, NoiseChange) if e.joint == (channel.joint or "tool")]
-    more += [_at_speed(scene, e) for e in of_kind(scene.model.effects, SpeedNoise) if e.joint == channel.joint]
-    rounded = [e.step / UNIFORM for e in of_kind(scene.model.effects, EncoderQuantisation) if e.joint == channel.joint]
-    time_constant = -step / np.log(phi) if 0.0 < phi < 1.0 else step / 10.0
-    white = float(np.linalg.norm([white, FINEST, *more, *rounded]))
-    return ChannelNoise(white, slow, time_constant)
-
-
-def _at_speed(scene: Scene, effect: SpeedNoise) -> float:
-    speed = scene.motion.velocity[..., effect.column(scene.joints)]
-    return effect.seconds * float(np.sqrt(np.nanmean(speed**2)))
+    effects = scene.model.effects
+    parts = [white, FINEST]
+    parts += [e.std for e in of_kind(effects, NoiseChange) if e.joint == (channel.joint or "tool")]
+    for effect in of_kind(effects, SpeedNoise):
+        if effect.joint == channel.joint:
+            speed = scene.motion.velocity[..., effect.column(scene.joints)]
+            parts.append(effect.seconds * float(np.sqrt(np.nanmean(speed**2))))
+    parts += [e.step / UNIFORM for e in of_kind(effects, EncoderQuantisation) if e.joint == channel.joint]
+    time_constant = -scene.step / np.log(phi) if 0.0 < phi < 1.0 else scene.step / 10.0
+    return ChannelNoise(float(np.linalg.norm(parts)), slow, time_constant)
 
 
 def _parts(noise: Noise, channel: Channel) -> tuple[float, float, float]:
@@ -79,15 +53,14 @@ def _parts(noise: Noise, channel: Channel) -> tuple[float, float, float]:
         return noise.tracker_white, noise.tracker_ar_std, noise.tracker_ar_phi
     if channel.signal == "tracker_rotation":
         return noise.tracker_rotation_white, noise.tracker_rotation_ar_std, noise.tracker_ar_phi
-    rounded = _number(noise.encoder_step, channel.index) / UNIFORM
+    rounded, white, slow = (
+        values[channel.index] if values else 0.0
+        for values in (noise.encoder_step, noise.external_jp_white, noise.external_jp_ar_std)
+    )
+    rounded /= float(UNIFORM)
     if channel.signal == "measured_jp":
         return rounded, 0.0, 0.0
-    white, slow = _number(noise.external_jp_white, channel.index), _number(noise.external_jp_ar_std, channel.index)
     return float(np.hypot(white, rounded)) if white or slow else 0.0, slow, noise.external_jp_ar_phi
-
-
-def _number(values: tuple[float, ...], index: int) -> float:
-    return values[index] if values else 0.0
 
 
 def averaged(noise: ChannelNoise, count: int, step: float) -> ChannelNoise:
@@ -144,24 +117,8 @@ def chosen_noise(own: ChannelNoise, stated: ChannelNoise | None, step: float) ->
     """
     if stated is None:
         return own
-    ratio = _from_row_to_row(own, step) / _from_row_to_row(stated, step)
-    if ratio > NOISE.noisier:
-        return replace(own, times_stated=ratio)
-    return replace(stated, tail=own.tail)
-
-
-def _from_row_to_row(noise: ChannelNoise, step: float) -> float:
-    """Root of half the mean squared change from one row to the next."""
-    return float(np.sqrt(noise.white**2 - noise.slow**2 * np.expm1(-step / noise.time_constant)))
-
-
-def samples_a_row(group: IntArray) -> int:
-    """Return how many samples a condensed row is usually the mean of.
-
-    Parameters
-    ----------
-    group : (n,) int array
-        Condensed row of each log row, -1 for none.
-    """
-    counts = np.bincount(group[group >= 0])
-    return int(np.median(counts)) if len(counts) else 1
+    change, stated_change = (
+        np.sqrt(n.white**2 - n.slow**2 * np.expm1(-step / n.time_constant)) for n in (own, stated)
+    )  # root of half the mean squared change from one row to the next
+    ratio = float(change) / float(stated_change)
+    return replace(own, times_stated=ratio) if ratio > NOISE.noisier else replace(stated, tail=own.tail)

@@ -20,26 +20,15 @@ from gpcorrect.discrepancy.settings import NOISE
 from gpcorrect.types import BoolArray, FloatArray
 
 STEP = 1e-5  # rad or m, for slopes
-ROW_TERMS = {
-    "alpha": NOISE.table_angle,
-    "a": NOISE.table_length,
-    "d": NOISE.table_length,
-    "theta": NOISE.table_angle,
-}
+ROW_TERMS = {"alpha": NOISE.table_angle, "a": NOISE.table_length, "d": NOISE.table_length, "theta": NOISE.table_angle}
 
 
 @dataclass(frozen=True, eq=False)
 class Slack:
     """A linear part of the residual that is left out of account.
 
-    Parameters
-    ----------
-    slopes : (n, c, r) array
-        What a standard deviation of each error changes in the channels.
-    pick : (r, m) array
-        Sizes of the errors, as far as they are left out of account, from the residual of `rows`.
-    rows : (n, c) bool array
-        Residuals that the sizes are taken from, m of them.
+    `pick` `(r, m)` takes the sizes of the errors, as far as they are left out, from the m residuals of `rows` `(n, c)`;
+    `slopes` `(n, c, r)` is what a standard deviation of each changes in the channels.
     """
 
     slopes: FloatArray
@@ -52,7 +41,6 @@ class Slack:
         Parameters
         ----------
         residual : (n, c) array
-            Measured minus simulated.
         """
         taken: FloatArray = self.slopes @ (self.pick @ residual[self.rows])
         return taken

@@ -9,68 +9,52 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.discrepancy.settings import NOISE
-from gpcorrect.types import BoolArray, FloatArray, PoseSignal
+from gpcorrect.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Tracker:
-    """What a tracker measured, and what the model leaves open of its frames.
+    """Measured positions `(n, 3)`, m (NaN is missing), and what the model leaves open of the tracker's frames.
 
-    Parameters
-    ----------
-    position : (n, 3) array
-        Measured, m; NaN is missing.
-    rotation : (n, 3, 3) array or None
-        Measured orientations; NaN is missing, None where only positions are compared.
-    rows : (n,) bool array
-        On which an open frame is registered.
-    base_known, marker_known : bool
-        Whether the model states where the base stands in the tracker's frame, and how the marker sits on the tip.
-    reference : (n, 3, 3) array or None
-        Orientations from which measured and simulated turns are written down: the nominal model's, so that turns stay
-        small.
+    An open frame, of the base in the tracker's or of the marker on the tip, is registered on `rows` `(n,)`. `rotation`
+    `(n, 3, 3)` are measured orientations, and `reference` the nominal model's, from which measured and simulated turns
+    are written down, so that these stay small; both are None where only positions are compared.
     """
 
     position: FloatArray
-    rotation: FloatArray | None
     rows: BoolArray
     base_known: bool
     marker_known: bool
+    rotation: FloatArray | None = None
     reference: FloatArray | None = None
 
-    @classmethod
-    def of(cls, signal: PoseSignal, rows: BoolArray, *, base_known: bool, marker_known: bool) -> Tracker:
-        """Return the tracker of a recording's signal, positions only until it is :meth:`about` a reference."""
-        rotation = None if signal.quaternion is None else se3.matrix_from_quaternion(signal.quaternion)
-        return cls(signal.position, rotation, rows, base_known, marker_known)
-
-    def about(self, T: FloatArray) -> tuple[Tracker, str]:
+    def with_orientations(self, quaternion: FloatArray | None, T: FloatArray) -> tuple[Tracker, str]:
         """Return the tracker with orientations compared about simulated ones, and why not, where they cannot be.
 
         Parameters
         ----------
+        quaternion : (n, 4) array or None
+            Measured, wxyz.
         T : (n, 4, 4) array
             Marker poses of the nominal model.
         """
-        if self.rotation is None:
+        if quaternion is None:
             return self, "the tracker's log holds no orientations: positions alone are compared"
-        about = replace(self, reference=self._placed(T)[1])
-        assert about.reference is not None
-        seen = self.rows & np.isfinite(self.rotation[:, 0, 0])
+        rotation = se3.matrix_from_quaternion(quaternion)
+        seen = self.rows & np.isfinite(rotation[:, 0, 0])
         if not seen.any():
-            return replace(self, rotation=None), "the tracker's orientations are missing: positions alone are compared"
-        angle = float(np.sqrt(np.mean(se3.angle(about.reference[seen].swapaxes(1, 2) @ self.rotation[seen]) ** 2)))
+            return self, "the tracker's orientations are missing: positions alone are compared"
+        _, reference = self._placed(T, rotation)
+        angle = float(np.sqrt(np.mean(se3.angle(reference[seen].swapaxes(1, 2) @ rotation[seen]) ** 2)))
         if angle > NOISE.most_turned:
             words = f"the tracker's orientations do not follow the arm's ({np.degrees(angle):.0f} degrees RMS between)"
-            return replace(self, rotation=None), f"{words}: positions alone are compared"
-        return about, ""
+            return self, f"{words}: positions alone are compared"
+        return replace(self, rotation=rotation, reference=reference), ""
 
     @cached_property
     def observed(self) -> FloatArray:
         """Measured `(n, 3)` positions, with `(n, 3)` rotation vectors behind them where orientations are compared."""
-        if self.rotation is None or self.reference is None:
-            return self.position
-        return np.concatenate([self.position, self._turns(self.rotation)], axis=1)
+        return self.position if self.rotation is None else self._with_turns(self.position, self.rotation)
 
     def predicted(self, T: FloatArray) -> FloatArray:
         """Return what the tracker should say, of the same shape as what was observed.
@@ -80,10 +64,9 @@ class Tracker:
         T : (n, 4, 4) array
             Simulated marker poses, in the tracker's frame as far as the model knows it.
         """
-        if self.rotation is None or self.reference is None:
+        if self.rotation is None:
             return self._position(T)[0]
-        position, rotation = self._placed(T)
-        return np.concatenate([position, self._turns(rotation)], axis=1)
+        return self._with_turns(*self._placed(T, self.rotation))
 
     def _position(self, T: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Positions moved rigidly onto the tracker's where its frame is open (Arun 1987), and by which rotation."""
@@ -97,20 +80,18 @@ class Tracker:
         moved: FloatArray = (position - middle) @ turn.T + centre
         return moved, turn
 
-    def _placed(self, T: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _placed(self, T: FloatArray, measured: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Positions and orientations in the tracker's frame, the marker turned on the tip as it fits best."""
         position, turn = self._position(T)
         rotation: FloatArray = turn @ T[:, :3, :3]
         if not self.marker_known:
-            assert self.rotation is not None
-            seen = self.rows & np.isfinite(self.rotation[:, 0, 0])
-            if seen.any():
-                rotation = rotation @ se3.nearest_rotation(
-                    np.mean(rotation[seen].swapaxes(1, 2) @ self.rotation[seen], axis=0)
-                )
+            seen = self.rows & np.isfinite(measured[:, 0, 0])
+            between = np.mean(rotation[seen].swapaxes(1, 2) @ measured[seen], axis=0)
+            rotation = rotation @ se3.nearest_rotation(between)
         return position, rotation
 
-    def _turns(self, rotation: FloatArray) -> FloatArray:
-        """Rotation vectors `(n, 3)`, tracker's frame, from the reference to these orientations; NaN stays."""
+    def _with_turns(self, position: FloatArray, rotation: FloatArray) -> FloatArray:
+        """Positions, and rotation vectors (tracker's frame) from the reference to these orientations; NaN stays."""
         assert self.reference is not None
-        return se3.rotvec_from_matrix(rotation @ self.reference.swapaxes(1, 2))
+        turns = se3.rotvec_from_matrix(rotation @ self.reference.swapaxes(1, 2))
+        return np.concatenate([position, turns], axis=1)

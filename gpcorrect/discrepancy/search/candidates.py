@@ -1,7 +1,4 @@
-"""Every effect of the catalogue on every joint it could act on.
-
-What may be missing. Nothing here knows an effect by name.
-"""
+"""What may be missing: every effect of the catalogue on every joint it could act on. None is known here by name."""
 
 from __future__ import annotations
 
@@ -33,7 +30,7 @@ def watched(scene: Scene, session: int) -> tuple[float, float]:
     session : int
         Index of the session, from 0.
     """
-    here, time = scene.session == session, scene.layout.gather(scene.motion.time, len(scene))
+    here, time = scene.session == session, scene.layout.gather(scene.motion.time)
     motions = [time[here & (scene.trajectory == t)] for t in np.unique(scene.trajectory[here])]
     n = SEARCH.watched
     if len(motions) < 2 * n:
@@ -55,21 +52,15 @@ class Candidate:
         Fields that are no numbers to estimate, such as a coupling's source.
     coordinates : tuple of Coordinate
         Numbers to estimate, one for each session where the effect has one a session.
-    counts : tuple of int
-        How many coordinates each parameter has, in the order of its description; 0 for those left at their default.
     start : tuple of float
         Coordinates at which its signature is taken.
-    amplitudes : tuple of int
-        Indices of the coordinates that its trace simply grows with; none where its shape says all.
     """
 
     kind: type[Effect]
     joint: int | str
     fixed: tuple[tuple[str, Any], ...]
     coordinates: tuple[Coordinate, ...]
-    counts: tuple[int, ...]
     start: tuple[float, ...]
-    amplitudes: tuple[int, ...]
 
     @property
     def name(self) -> str:
@@ -82,19 +73,34 @@ class Candidate:
         return str(self.kind.about.family)
 
     @cached_property
+    def places(self) -> dict[str, list[int]]:
+        """Indices of the coordinates of every parameter that is estimated."""
+        places: dict[str, list[int]] = {}
+        for i, coordinate in enumerate(self.coordinates):
+            places.setdefault(coordinate.parameter.name, []).append(i)
+        return places
+
+    @cached_property
+    def amplitudes(self) -> tuple[int, ...]:
+        """Indices of the coordinates that its trace simply grows with; none where its shape says all."""
+        return tuple(i for i, c in enumerate(self.coordinates) if c.amplitude)
+
+    @property
+    def instant(self) -> int | None:
+        """Index of the coordinate that is a change-point, if there is one."""
+        return next((i for i, c in enumerate(self.coordinates) if c.parameter.change_point), None)
+
+    @cached_property
     def key(self) -> tuple[Any, ...]:
         """What it is, whatever its numbers: two fitted of a set with one key are one."""
         return (self.name, self.joint, self.fixed)
 
     def called_like(self, other: Candidate) -> bool:
-        """Return whether a report gives both the same name.
-
-        On which side of the cable friction sits, and by which law a hysteresis is best described, are details.
+        """Return whether a report gives both the same name, whatever the cable's side or the law of a hysteresis.
 
         Parameters
         ----------
         other : Candidate
-            The other one.
         """
         own, others = ({k: v for k, v in c.fixed if k not in DETAILS} for c in (self, other))
         return (self.name, self.joint, own) == (other.name, other.joint, others)
@@ -107,8 +113,8 @@ class Candidate:
 
     @property
     def extra(self) -> int:
-        """Return how many parameters it has beyond the first; one with a value a session counts once."""
-        return sum(count > 0 for count in self.counts) - 1
+        """How many parameters it has beyond the first; one with a value a session counts once."""
+        return len(self.places) - 1
 
     @property
     def sizes(self) -> tuple[int, ...]:
@@ -121,35 +127,17 @@ class Candidate:
         low, high = np.array([c.bounds for c in self.coordinates]).T
         return low, high
 
-    def single(self, index: int) -> FloatArray:
-        """Return the start, with every amplitude but one at what does nothing.
-
-        Parameters
-        ----------
-        index : int
-            Of the amplitude.
-        """
-        u = np.array(self.start)
-        for i in self.amplitudes:
-            u[i] = self.start[i] if i == index else self.coordinates[i].identity
-        return u
-
     def build(self, u: FloatArray) -> Effect:
-        """Return the effect at these coordinates.
+        """Return the effect at coordinates.
 
         Parameters
         ----------
         u : array
-            Coordinates.
         """
         values: dict[str, Any] = {}
-        position = 0
-        for parameter, count in zip(self.kind.about.parameters, self.counts, strict=True):
-            if count == 0:
-                continue
-            numbers = [self.coordinates[i].value(float(u[i])) for i in range(position, position + count)]
-            values[parameter.name] = tuple(numbers) if count > 1 else numbers[0]
-            position += count
+        for name, places in self.places.items():
+            numbers = [self.coordinates[i].value(float(u[i])) for i in places]
+            values[name] = tuple(numbers) if len(numbers) > 1 else numbers[0]
         return self.kind(joint=self.joint, **dict(self.fixed), **values)
 
     def scaled(self, factors: FloatArray) -> FloatArray:
@@ -168,8 +156,7 @@ class Candidate:
         for i, factor in zip(self.amplitudes, factors, strict=False):
             base = self.coordinates[i].identity
             u[i] = base + factor * (u[i] - base)
-        low, high = self.bounds
-        clipped: FloatArray = np.clip(u, low, high)
+        clipped: FloatArray = np.clip(u, *self.bounds)
         return clipped
 
 
@@ -185,14 +172,26 @@ class FittedEffect:
         """The effect."""
         return self.candidate.build(self.u)
 
+    def moved(self, index: int, u: float) -> FittedEffect:
+        """Return the effect with one coordinate at another place.
+
+        Parameters
+        ----------
+        index : int
+        u : float
+        """
+        moved = np.array(self.u)
+        moved[index] = u
+        return FittedEffect(self.candidate, moved)
+
     def canonical(self) -> FittedEffect:
         """Return the same effect with its numbers in the one way to write them."""
-        effect = self.effect.canonical()
-        if effect == self.effect or len(self.candidate.counts) != len(self.u):
+        effect, coordinates = self.effect.canonical(), self.candidate.coordinates
+        names = [c.parameter.name for c in coordinates]
+        if effect == self.effect or names != [p.name for p in effect.about.parameters]:
             return self
-        names = [p.name for p in self.candidate.kind.about.parameters]
-        pairs = zip(self.candidate.coordinates, names, strict=True)
-        return FittedEffect(self.candidate, np.array([c.coordinate(float(getattr(effect, n))) for c, n in pairs]))
+        u = [c.coordinate(float(getattr(effect, name))) for c, name in zip(coordinates, names, strict=True)]
+        return FittedEffect(self.candidate, np.array(u))
 
     @property
     def at_edge(self) -> tuple[str, ...]:
@@ -200,12 +199,12 @@ class FittedEffect:
 
         Sizes at the edge of their physical range, and shapes at that of the narrower one of this recording.
         """
+        coordinates = self.candidate.coordinates
         names = []
-        narrowed = [i for i, c in enumerate(self.candidate.coordinates) if c.narrowed]
-        for i in (*self.candidate.sizes, *narrowed):
-            low, high = self.candidate.coordinates[i].bounds
+        for i in (*self.candidate.sizes, *(i for i, c in enumerate(coordinates) if c.narrowed)):
+            low, high = coordinates[i].bounds
             if not low + SEARCH.edge * abs(low) + 1e-9 < self.u[i] < high - SEARCH.edge * abs(high):
-                names.append(self.candidate.coordinates[i].parameter.name)
+                names.append(coordinates[i].parameter.name)
         return tuple(names)
 
 
@@ -217,108 +216,77 @@ def all_candidates(scene: Scene) -> list[Candidate]:
     Parameters
     ----------
     scene : Scene
-        Recording and simulator.
     """
-    motor = scene.motor_path()
-    body = scene.machine.body
-    clock = scene.motion.time
+    motor, body = scene.motor_path(), scene.machine.body
     scope = Scope(
         body.joints,
         body.types,
         np.stack([motor.min(axis=0), motor.max(axis=0)], axis=1),
-        float(np.ptp(clock)),
+        float(np.ptp(scene.motion.time)),
         kinematics=body.chain is not None,
         torques=scene.peak_torque(),
     )
     wanted = (s for s in shapes(scope) if s.kind.about.family != Family.NOISE)
-    found = [c for s in wanted for c in _of_shape(s, scene)]
-    return [c for c in found if _is_possible(c)]
+    return [c for s in wanted for c in _of_shape(s, scene)]
 
 
 def _of_shape(shape: Shape, scene: Scene) -> Iterator[Candidate]:
-    coordinates, counts, start, amplitudes = _coordinates(shape, scene.n_sessions)
+    """Candidates of a shape: one, or one for each session where the effect is of one session."""
+    coordinates, start = _coordinates(shape, scene.n_sessions)
     place = dict(shape.place)
     joint = place.pop("joint")
     own_session = "session" in {f.name for f in fields(shape.kind)}
+    instant = any(c.parameter.change_point for c in coordinates)
     for session in range(scene.n_sessions) if own_session else (None,):
         fixed = tuple(place.items()) + (() if session is None else (("session", session),))
-        within = _watched(coordinates, *watched(scene, session or 0))
-        if within is not None and all(
+        within = coordinates
+        if instant:
+            first, last = watched(scene, session or 0)
+            if first >= last:
+                continue
+            within = tuple(replace(c, low=first, high=last) if c.parameter.change_point else c for c in coordinates)
+        if not all(
             c.bounds[0] < c.bounds[1] and (c.bounds[0] <= u <= c.bounds[1] or not c.parameter.change_point)
             for u, c in zip(start, within, strict=True)
         ):  # the rest was clipped to its bounds
-            yield Candidate(shape.kind, joint, fixed, within, counts, start, amplitudes)
-
-
-def _watched(coordinates: tuple[Coordinate, ...], first: float, last: float) -> tuple[Coordinate, ...] | None:
-    """Coordinates whose change-points lie between two instants; None when there is nothing between."""
-    if not any(c.parameter.change_point for c in coordinates):
-        return coordinates
-    bounded = tuple(replace(c, low=first, high=last) if c.parameter.change_point else c for c in coordinates)
-    return bounded if first < last else None
-
-
-def _coordinates(
-    shape: Shape, n_sessions: int
-) -> tuple[tuple[Coordinate, ...], tuple[int, ...], tuple[float, ...], tuple[int, ...]]:
-    """Coordinates, how many a parameter has, where they start, and which are amplitudes."""
-    coordinates: list[Coordinate] = []
-    counts: list[int] = []
-    start: list[float] = []
-    amplitudes: list[int] = []
-    grows = {p.name for p in shape.amplitudes}
-    for parameter in shape.kind.about.parameters:
-        rung = shape.shape.get(parameter.name)
-        if (rung is None and parameter.name not in grows) or (
-            rung is not None and _says_nothing(shape.kind, parameter.name, rung)
-        ):
-            counts.append(0)
             continue
-        count = n_sessions if parameter.per_session else 1
+        candidate = Candidate(shape.kind, joint, fixed, within, start)
+        try:
+            candidate.build(np.array(start))
+        except DataError:  # the shape is not possible
+            continue
+        yield candidate
+
+
+def _coordinates(shape: Shape, n_sessions: int) -> tuple[tuple[Coordinate, ...], tuple[float, ...]]:
+    """Coordinates of the parameters that are not left at their default, and where they start."""
+    coordinates: list[Coordinate] = []
+    start: list[float] = []
+    grows = {p.name for p in shape.amplitudes}
+    defaults = {f.name: f.default for f in fields(shape.kind)}
+    for parameter in shape.kind.about.parameters:
+        name, rung = parameter.name, shape.shape.get(parameter.name)
+        if name not in grows if rung is None else rung == defaults[name] or np.isinf(rung):
+            continue
         coordinate = coordinate_of(parameter, shape.joint_type, amplitude=rung is None)
-        if parameter.name in shape.bounds:
-            lowest, highest = shape.bounds[parameter.name]
-            narrowed = max(coordinate.low, lowest), min(coordinate.high, highest)
-            coordinate = replace(coordinate, low=narrowed[0], high=narrowed[1], narrowed=True)
-        low, high = coordinate.bounds
+        if name in shape.bounds:
+            low, high = shape.bounds[name]
+            low, high = max(coordinate.low, low), min(coordinate.high, high)
+            coordinate = replace(coordinate, low=low, high=high, narrowed=True)
         at = coordinate.coordinate(coordinate.typical if rung is None else rung)
-        if rung is None:
-            amplitudes += range(len(coordinates), len(coordinates) + count)
+        count = n_sessions if parameter.per_session else 1
         coordinates += [coordinate] * count
-        start += [float(np.clip(at, low, high))] * count
-        counts.append(count)
-    return tuple(coordinates), tuple(counts), tuple(start), tuple(amplitudes)
-
-
-def _says_nothing(kind: type[Effect], name: str, value: float) -> bool:
-    """Whether a rung is the value that the field has by default."""
-    default = next(f.default for f in fields(kind) if f.name == name)
-    return bool(value == default) or bool(np.isinf(value))
-
-
-def _is_possible(candidate: Candidate) -> bool:
-    try:
-        candidate.build(np.array(candidate.start))
-    except DataError:
-        return False
-    return True
+        start += [float(np.clip(at, *coordinate.bounds))] * count
+    return tuple(coordinates), tuple(start)
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A parameter's value, 95 % interval and unit; one of each a session where it has one a session.
+    """A parameter's value, 95 % interval and unit, SI; one of each a session where it has one a session.
 
-    Parameters
-    ----------
-    value : float, tuple of float, int or str
-        SI; an int or a str for a field that is no number to estimate.
-    ci95 : pair of float, tuple of pairs, or None
-        None where nothing was estimated.
-    unit : str
-        Empty where there is none.
-    nothing : tuple of float or None
-        For each value: that of an effect of no size (zero, or an infinite stiffness) where the interval holds it. Empty
-        for a parameter that is no size.
+    An int or a str is a field that is no number to estimate; the interval is None where nothing was estimated. For each
+    value of a size, `nothing` is that of an effect of no size (zero, or an infinite stiffness) where the interval holds
+    it; it is empty for a parameter that is no size.
     """
 
     value: float | int | str | tuple[float, ...]
@@ -343,21 +311,16 @@ def describe(fit: FittedEffect, half_widths: Mapping[int, float]) -> dict[str, E
         Of the 95 % intervals of its coordinates.
     """
     result: dict[str, Estimate] = {}
-    position = 0
     candidate = fit.candidate
-    for parameter, count in zip(candidate.kind.about.parameters, candidate.counts, strict=True):
+    for name, places in candidate.places.items():
         entries = []
-        for i in range(position, position + count):
+        for i in places:
             c, u, half = candidate.coordinates[i], float(fit.u[i]), half_widths.get(i, np.inf)
-            low, high = c.bounds
-            first, last = sorted(c.value(float(np.clip(u + side * half, low, high))) for side in (-1.0, 1.0))
+            first, last = sorted(c.value(float(np.clip(u + side * half, *c.bounds))) for side in (-1.0, 1.0))
             nothing = c.value(c.identity) if abs(u - c.identity) <= half else None
             entries.append((c.value(u), (first, last), nothing))
-        if not entries:
-            continue
-        unit, is_size = candidate.coordinates[position].unit, position in candidate.sizes
-        position += count
         values, intervals, nothings = zip(*entries, strict=True)
-        value, ci95 = (values, intervals) if count > 1 else (values[0], intervals[0])
-        result[parameter.name] = Estimate(value, ci95, unit, nothings if is_size else ())
+        value, ci95 = (values, intervals) if len(places) > 1 else (values[0], intervals[0])
+        unit, is_size = candidate.coordinates[places[0]].unit, places[0] in candidate.sizes
+        result[name] = Estimate(value, ci95, unit, nothings if is_size else ())
     return result

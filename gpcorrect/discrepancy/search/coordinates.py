@@ -9,28 +9,16 @@ import numpy as np
 from gpcorrect.sim.effects import Parameter
 
 WIDEST = np.log(1e4)  # of a shape parameter's logarithm around its typical value
-PRIOR_LOG = np.log(3.0)
+PRIOR_LOG = np.log(3.0)  # standard deviation of a shape parameter's logarithm: a factor of three either way
 
 
 @dataclass(frozen=True)
 class Coordinate:
-    """How one parameter is stretched.
+    """How one parameter is stretched, by its typical value and range on this type of joint.
 
-    Parameters
-    ----------
-    parameter : Parameter
-        From the effect's description.
-    kind : str
-        "scaled" (in units of the typical value), "inverse" (typical over value, for stiffness-like amplitudes) or
-        "log".
-    typical, low, high : float
-        From its range on this type of joint.
-    unit : str
-        Of the parameter.
-    amplitude : bool
-        Whether the effect grows with it.
-    narrowed : bool
-        Whether this recording bounds it more narrowly than the parameter's physical range.
+    Kinds are "scaled" (in units of the typical value), "inverse" (typical over value, for stiffness-like amplitudes)
+    and "log". The effect grows with an amplitude; what is narrowed has less than the parameter's physical range in this
+    recording.
     """
 
     parameter: Parameter
@@ -61,12 +49,10 @@ class Coordinate:
         """Bounds of the coordinate; what turns has none, for a wave far from zero may have to turn it many times."""
         if self.parameter.period is not None:
             return -np.inf, np.inf
+        low, high = self.coordinate(self.low), self.coordinate(self.high)
         if self.kind == "inverse":
-            return self.typical / self.high, self.typical / self.low
-        if self.kind == "log":
-            low = np.log(max(self.low, 1e-300) / self.typical)
-            return max(low, -WIDEST), min(np.log(self.high / self.typical), WIDEST)
-        return self.low / self.typical, self.high / self.typical
+            return high, low
+        return (max(low, -WIDEST), min(high, WIDEST)) if self.kind == "log" else (low, high)
 
     def value(self, u: float) -> float:
         """Return the parameter at a coordinate.
@@ -87,7 +73,6 @@ class Coordinate:
         Parameters
         ----------
         value : float
-            Of the parameter.
         """
         if self.kind == "inverse":
             return self.typical / value
@@ -95,15 +80,11 @@ class Coordinate:
             return float(np.log(max(value, 1e-300) / self.typical))
         return value / self.typical
 
-    def prior_residual(self, u: float) -> float:
-        """Return the standard score of a shape parameter under its prior; amplitudes are left free.
-
-        Parameters
-        ----------
-        u : float
-        """
+    @property
+    def prior_weight(self) -> float:
+        """One over the prior standard deviation of a shape's coordinate; 0 for amplitudes, which are left free."""
         free = self.amplitude or self.kind != "log" or self.parameter.change_point
-        return 0.0 if free else u / PRIOR_LOG
+        return 0.0 if free else 1.0 / PRIOR_LOG
 
 
 def coordinate_of(parameter: Parameter, joint_type: str, *, amplitude: bool) -> Coordinate:
@@ -112,7 +93,6 @@ def coordinate_of(parameter: Parameter, joint_type: str, *, amplitude: bool) -> 
     Parameters
     ----------
     parameter : Parameter
-        From the effect's description.
     joint_type : str
         "R" or "P".
     amplitude : bool

@@ -23,55 +23,36 @@ COARSE, NEAR = 8, 200  # rows: of a first look, and on either side of the best o
 AT_ONCE = 128  # traces, for memory's sake
 
 
-@dataclass(frozen=True, eq=False)
-class Profile:
-    """Gain of one change-point over its instant.
-
-    Parameters
-    ----------
-    u : (k,) array
-        Its coordinate.
-    factor : (k,) array
-        By which the effect's sizes are best multiplied there.
-    nats : (k,) array
-        Gain over nothing there.
-    """
-
-    u: FloatArray
-    factor: FloatArray
-    nats: FloatArray
-
-
-def has_instant(fit: FittedEffect) -> bool:
-    """Return whether one of an effect's numbers is a change-point.
-
-    Parameters
-    ----------
-    fit : FittedEffect
-        One of the set.
-    """
-    return any(c.parameter.change_point for c in fit.candidate.coordinates)
-
-
 def with_best_instant(whitener: DatasetWhitener, others: Sequence[FittedEffect], fit: FittedEffect) -> FittedEffect:
     """Move an effect's change-point, and its size with it, to where they explain most.
 
     Parameters
     ----------
     whitener : DatasetWhitener
-        Data, and the rows and noise to use.
     others : sequence of FittedEffect
         Present beside it.
     fit : FittedEffect
-        One of the set.
     """
     fit = _scanned(whitener, others, fit)
-    profile = instant_profile(whitener, others, fit, _row_seconds(whitener.dataset))
-    best = int(np.argmax(profile.nats))
-    return _moved(fit, float(profile.u[best]), float(profile.factor[best])) if len(profile.u) else fit
+    index, dataset, effects = _place(fit), whitener.dataset, [f.effect for f in others]
+    coordinate, window = fit.candidate.coordinates[index], _row_seconds(dataset)
+    base = dataset.predict(effects)
+    z = whitener.whiten(dataset.observed - base)
+    instants = coordinate.value(float(fit.u[index])) + np.linspace(-window, window, POINTS)
+    u = np.unique(np.clip([coordinate.coordinate(t) for t in instants if t > 0.0], *coordinate.bounds))
+    factor, nats = np.zeros(len(u)), np.zeros(len(u))
+    for i, x in enumerate(u):
+        white = whitener.whiten(dataset.predict([*effects, fit.moved(index, x).effect]) - base)
+        energy = float(white @ white)
+        if energy > 0.0:
+            factor[i] = float(white @ z) / energy
+            nats[i] = 0.5 * factor[i] ** 2 * energy
+    best = int(np.argmax(nats)) if len(u) else None
+    return fit if best is None else _resized(fit, float(u[best]), float(factor[best]))
 
 
-def _moved(fit: FittedEffect, u_instant: float, factor: float) -> FittedEffect:
+def _resized(fit: FittedEffect, u_instant: float, factor: float) -> FittedEffect:
+    """Return an effect with its change-point elsewhere, and its sizes multiplied."""
     u = np.array(fit.u)
     u[list(fit.candidate.sizes)] *= factor
     u[_place(fit)] = u_instant
@@ -80,13 +61,12 @@ def _moved(fit: FittedEffect, u_instant: float, factor: float) -> FittedEffect:
 
 def _scanned(whitener: DatasetWhitener, others: Sequence[FittedEffect], fit: FittedEffect) -> FittedEffect:
     """Move an effect to the best row: first of every few rows, then of all rows near the best of those."""
-    coordinate = fit.candidate.coordinates[_place(fit)]
     cuts = _cuts(whitener, others, fit)
     instants = cuts.instants
+    if len(instants) == 0:
+        return fit
     for stride in (COARSE, 1):
         tried = instants[::stride]
-        if len(tried) == 0:
-            return fit
         factor, nats = cuts.at(tried)
         flat = np.flatnonzero(nats >= nats.max() - 1e-9 * abs(nats.max()))
         best = int(flat[len(flat) // 2])  # where nothing is seen, the middle
@@ -95,7 +75,7 @@ def _scanned(whitener: DatasetWhitener, others: Sequence[FittedEffect], fit: Fit
     place = int(np.searchsorted(cuts.instants, tried[best]))
     since = max(cuts.instants[max(place - 1, 0)] + _row_seconds(whitener.dataset), cuts.instants[0])
     instant = 0.5 * (since + tried[best]) if since < tried[best] else tried[best]  # in the middle of a pause
-    return _moved(fit, float(coordinate.coordinate(float(instant))), float(factor[best]))
+    return _resized(fit, fit.candidate.coordinates[_place(fit)].coordinate(float(instant)), float(factor[best]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,12 +111,12 @@ class _Cuts:
 
 def _cuts(whitener: DatasetWhitener, others: Sequence[FittedEffect], fit: FittedEffect) -> _Cuts:
     """Trace of an effect from the earliest instant on, and the instants just before each row at which it may begin."""
-    dataset = whitener.dataset
-    bounds = fit.candidate.coordinates[_place(fit)].bounds
-    first, last = (fit.candidate.coordinates[_place(fit)].value(x) for x in bounds)
-    clock = dataset.means(dataset.scene.layout.gather(dataset.scene.motion.time, len(dataset.scene)))
-    base = dataset.predict([m.effect for m in others])
-    trace = dataset.predict([*(m.effect for m in others), _moved(fit, bounds[0], 1.0).effect]) - base
+    dataset, coordinate = whitener.dataset, fit.candidate.coordinates[_place(fit)]
+    first, last = (coordinate.value(u) for u in coordinate.bounds)
+    clock = dataset.means(dataset.scene.layout.gather(dataset.scene.motion.time))
+    base = dataset.predict([f.effect for f in others])
+    earliest = _resized(fit, coordinate.bounds[0], 1.0)
+    trace = dataset.predict([*(f.effect for f in others), earliest.effect]) - base
     rows = (clock >= first) & (clock <= last) & trace.any(axis=1)
     instants = np.clip(np.unique(clock[rows]) - 0.5 * _row_seconds(dataset), first, last)
     return _Cuts(whitener, whitener.whiten(dataset.observed - base), trace, clock, instants)
@@ -144,47 +124,6 @@ def _cuts(whitener: DatasetWhitener, others: Sequence[FittedEffect], fit: Fitted
 
 def _row_seconds(dataset: Dataset) -> float:
     return float(np.median(np.diff(dataset.time)[np.diff(dataset.block) == 0]))
-
-
-def instant_profile(
-    whitener: DatasetWhitener,
-    others: Sequence[FittedEffect],
-    fit: FittedEffect,
-    window: float,
-) -> Profile:
-    """Return the gain at instants near an effect's own, its size fitted at each.
-
-    Parameters
-    ----------
-    whitener : DatasetWhitener
-        Data, and the rows and noise to use.
-    others : sequence of FittedEffect
-        Present beside it.
-    fit : FittedEffect
-        One of the set.
-    window : float
-        s on either side.
-    """
-    index = _place(fit)
-    coordinate = fit.candidate.coordinates[index]
-    low, high = coordinate.bounds
-    at = coordinate.value(float(fit.u[index]))
-    dataset = whitener.dataset
-    base = dataset.predict([m.effect for m in others])
-    z = whitener.whiten(dataset.observed - base)
-    u = np.array([coordinate.coordinate(t) for t in at + np.linspace(-window, window, POINTS) if t > 0.0])
-    u = np.unique(np.clip(u, low, high))
-    factor, nats = np.zeros(len(u)), np.zeros(len(u))
-    for i, x in enumerate(u):
-        moved = np.array(fit.u)
-        moved[index] = x
-        trace = dataset.predict([*(m.effect for m in others), replace(fit, u=moved).effect]) - base
-        white = whitener.whiten(trace)
-        energy = float(white @ white)
-        if energy > 0.0:
-            factor[i] = float(white @ z) / energy
-            nats[i] = 0.5 * factor[i] ** 2 * energy
-    return Profile(u, factor, nats)
 
 
 def instant_half_width(whitener: DatasetWhitener, others: Sequence[FittedEffect], fit: FittedEffect) -> float:
@@ -195,11 +134,9 @@ def instant_half_width(whitener: DatasetWhitener, others: Sequence[FittedEffect]
     Parameters
     ----------
     whitener : DatasetWhitener
-        Data, and the rows and noise to use.
     others : sequence of FittedEffect
         Present beside it.
     fit : FittedEffect
-        One of the set.
     """
     index = _place(fit)
     coordinate, cuts = fit.candidate.coordinates[index], _cuts(whitener, others, fit)
@@ -214,4 +151,5 @@ def instant_half_width(whitener: DatasetWhitener, others: Sequence[FittedEffect]
 
 
 def _place(fit: FittedEffect) -> int:
-    return next(i for i, c in enumerate(fit.candidate.coordinates) if c.parameter.change_point)
+    assert fit.candidate.instant is not None
+    return fit.candidate.instant

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
-from gpcorrect.discrepancy.evidence.linear import fold_of, solve
+from gpcorrect.discrepancy.evidence.linear import fold_of, held_out_nats
 from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
-from gpcorrect.discrepancy.search.instants import has_instant, with_best_instant
+from gpcorrect.discrepancy.search.instants import with_best_instant
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
@@ -36,17 +36,17 @@ def signature(
     others : sequence of FittedEffect
         Present beside it.
     candidate : Candidate
-        To insert.
 
     Returns
     -------
     (m, c, a) array or None
         A column for each amplitude (or one); None when the simulator refuses the effect on this machine.
     """
-    columns = []
+    columns, nothing = [], [c.identity for c in candidate.coordinates]
     for i in candidate.amplitudes or (-1,):
+        alone = [nothing[k] if k in candidate.amplitudes and k != i else u for k, u in enumerate(candidate.start)]
         try:
-            effect = candidate.build(candidate.single(i))
+            effect = candidate.build(np.array(alone))
             columns.append(dataset.predict([*(f.effect for f in others), effect]) - base)
         except DataError:
             return None
@@ -62,15 +62,13 @@ def _tangents(
     for i, fit in enumerate(free):
         low, high = fit.candidate.bounds
         for j, u in enumerate(fit.u):
-            if fit.candidate.coordinates[j].parameter.change_point:  # no slope
+            if j == fit.candidate.instant:  # no slope
                 columns.append(np.zeros(at.shape))
                 continue
             step = max(STEP * abs(u), SMALLEST_STEP)
-            step = step if u + step <= high[j] else -step
-            moved = np.array(fit.u)
-            moved[j] = max(u + step, low[j])
-            others = [*fixed, *free[:i], FittedEffect(fit.candidate, moved), *free[i + 1 :]]
-            columns.append((dataset.predict([f.effect for f in others]) - at) / (moved[j] - u))
+            moved = fit.moved(j, max(u + (step if u + step <= high[j] else -step), low[j]))
+            others = [*fixed, *free[:i], moved, *free[i + 1 :]]
+            columns.append((dataset.predict([f.effect for f in others]) - at) / (moved.u[j] - u))
     return at, np.stack(columns, axis=2) if columns else np.zeros((*at.shape, 0))
 
 
@@ -93,32 +91,24 @@ def refine(
         Of the set, at most.
     worth : float
         Nats of misfit, half the sum of squares, that somebody asks for: a fit that will not come there ends early.
-
-    Returns
-    -------
-    list of FittedEffect
-        The free ones with their new numbers.
     """
     dataset, free = whitener.dataset, list(free)
     for i, fit in enumerate(free):
-        if has_instant(fit):
+        if fit.candidate.instant is not None:
             free[i] = with_best_instant(whitener, [*fixed, *free[:i], *free[i + 1 :]], fit)
     coordinates = [c for f in free for c in f.candidate.coordinates]
     if not coordinates:
         return []
     low, high = np.array([c.bounds for c in coordinates]).T
-    start = np.clip(np.concatenate([f.u for f in free]), low, high)
+    prior = np.array([c.prior_weight for c in coordinates])
 
     def errors(u: FloatArray) -> FloatArray:
         at = dataset.predict([f.effect for f in (*fixed, *_at(free, u))])
-        prior = [c.prior_residual(x) for c, x in zip(coordinates, u, strict=True)]
-        return np.concatenate([whitener.whiten(dataset.observed - at), prior])
+        return np.concatenate([whitener.whiten(dataset.observed - at), prior * u])
 
     def jacobian(u: FloatArray) -> FloatArray:
-        slopes = -whitener.whiten_columns(_tangents(dataset, fixed, _at(free, u))[1])
-        prior = np.diag([1.0 if c.prior_residual(1.0) else 0.0 for c in coordinates])
-        prior *= 1.0 / np.log(3.0)
-        return np.concatenate([slopes, prior])
+        slopes = whitener.whiten_columns(_tangents(dataset, fixed, _at(free, u))[1])
+        return np.concatenate([-slopes, np.diag(prior)])
 
     costs: list[float] = []
 
@@ -127,10 +117,9 @@ def refine(
         if len(costs) > 1 and costs[-1] - HOPE * (costs[-2] - costs[-1]) > worth:
             raise StopIteration
 
-    inner = np.clip(start, np.nextafter(low, high), np.nextafter(high, low))
     found = least_squares(
         errors,
-        inner,
+        np.clip(np.concatenate([f.u for f in free]), np.nextafter(low, high), np.nextafter(high, low)),
         jac=jacobian,
         bounds=(low, high),
         max_nfev=evaluations,
@@ -147,17 +136,7 @@ def _at(fitted: Sequence[FittedEffect], u: FloatArray) -> list[FittedEffect]:
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """A set with what it leaves, and how that changes with its numbers.
-
-    Parameters
-    ----------
-    fitted : tuple of FittedEffect
-        The set.
-    z : (M,) array
-        Whitened residual that it leaves.
-    slopes : (M, p) array
-        Whitened tangents of the coordinates of its free effects.
-    """
+    """A set, the whitened residual `(M,)` that it leaves, and whitened tangents `(M, p)` of its free coordinates."""
 
     fitted: tuple[FittedEffect, ...]
     z: FloatArray
@@ -175,10 +154,6 @@ def linearise(
         Data, and the rows and noise to take them with.
     free, fixed : sequences of FittedEffect
         The set; the fixed ones' numbers stay.
-
-    Returns
-    -------
-    Linearisation
     """
     at, slopes = _tangents(whitener.dataset, fixed, free)
     residual = whitener.whiten(whitener.dataset.observed - at)
@@ -203,13 +178,6 @@ def held_out(whitener: DatasetWhitener, reference: FloatArray, z: FloatArray, sl
     n_blocks = int(block.max()) + 1
     before, after = np.bincount(block, reference**2, n_blocks), np.bincount(block, z**2, n_blocks)
     gains: FloatArray = 0.5 * (before - after).astype(np.float64)
-    if slopes.shape[1] == 0:
-        return gains
-    sums = whitener.grams(slopes, z)
-    fold = fold_of(n_blocks)
-    numbers = np.unique(fold)
-    gram = sums.gram.sum(axis=0) - np.stack([sums.gram[fold == k].sum(axis=0) for k in numbers])
-    moment = sums.moment.sum(axis=0) - np.stack([sums.moment[fold == k].sum(axis=0) for k in numbers])
-    shift = solve(gram, moment, ridge=1e-4)[np.searchsorted(numbers, fold)]
-    gains += (shift * (sums.moment - 0.5 * (sums.gram @ shift[..., None])[..., 0])).sum(axis=1)
+    if slopes.shape[1]:
+        gains += held_out_nats(whitener.grams(slopes, z), fold_of(n_blocks), ridge=1e-4)
     return gains

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from gpcorrect.arms import RemoteCentreArm
 from gpcorrect.discrepancy.recording.scene import LOOP_STAGES, Scene
-from gpcorrect.discrepancy.recording.stated_noise import samples_are_dense
 from gpcorrect.discrepancy.search.candidates import Candidate
+from gpcorrect.discrepancy.search.state import Search
 from gpcorrect.discrepancy.settings import NOISE, SEARCH
 from gpcorrect.sim.effects import EFFECTS, ChainEffect, Effect, Family, LoadEffect, Site, TipEffect
 from gpcorrect.types import CalibrationLog
@@ -30,37 +30,26 @@ def split_by_needs(
     Parameters
     ----------
     candidates : iterable of Candidate
-        To be searched.
     scene : Scene
-        Recording and model.
     log : CalibrationLog
     """
     every = list(candidates)
     placed = {c.name for c in every}
-    lacks = {}
-    for name, kind in EFFECTS.items():
-        why = _lacking(kind, scene, log, placed=name in placed)
-        if why:
-            lacks[name] = Lack(name, why)
-    return [c for c in every if c.name not in lacks], tuple(lacks.values())
+    whys = {name: _lacking(kind, scene, log, placed=name in placed) for name, kind in EFFECTS.items()}
+    return [c for c in every if not whys[c.name]], tuple(Lack(name, why) for name, why in whys.items() if why)
 
 
-def lacks_of_traces(without_trace: Iterable[Candidate], traced: Iterable[str], scene: Scene) -> tuple[Lack, ...]:
+def lacks_of_traces(search: Search) -> tuple[Lack, ...]:
     """Return the effects no candidate of which left a trace.
 
     Parameters
     ----------
-    without_trace : iterable of Candidate
-        Those that left none.
-    traced : iterable of str
-        Names of the effects that left one.
-    scene : Scene
-        Recording and model.
+    search : Search
     """
-    known = set(traced)
-    weightless = not scene.load().any()
+    known = {t.candidate.name for t in search.traces}
+    weightless = not search.dataset.scene.load().any()
     why = "no load is known that it could answer to" if weightless else "it leaves no trace in these signals"
-    return tuple(Lack(name, why) for name in dict.fromkeys(c.name for c in without_trace) if name not in known)
+    return tuple(Lack(name, why) for name in dict.fromkeys(c.name for c in search.without_trace) if name not in known)
 
 
 def limits_of(scene: Scene) -> tuple[str, ...]:
@@ -69,12 +58,11 @@ def limits_of(scene: Scene) -> tuple[str, ...]:
     Parameters
     ----------
     scene : Scene
-        Recording and model.
     """
     limits = []
-    if scene.tracked and scene.model.T_tracker_base is None:
+    if scene.tracker is not None and scene.model.T_tracker_base is None:
         limits.append("of a registration error only the scale can show: the tracker is registered from this recording")
-    if scene.tracked and not any(c.signal == "tracker_rotation" for c in scene.channels):
+    if scene.tracker is not None and not any(c.signal == "tracker_rotation" for c in scene.channels):
         limits.append(
             "of the tracker, positions are compared, not orientations: a joint that does not move the tip is unseen"
         )
@@ -93,7 +81,7 @@ def _lacking(kind: type[Effect], scene: Scene, log: CalibrationLog, *, placed: b
     if kind.about.remote_centre and not isinstance(scene.machine.description, RemoteCentreArm):
         return "the arm has no remote centre of motion"
     if kind.about.family == Family.NOISE:
-        return "" if samples_are_dense(scene) else f"samples come slower than {1.0 / NOISE.dense:.0f} Hz"
+        return "" if scene.step <= NOISE.dense else f"samples come slower than {1.0 / NOISE.dense:.0f} Hz"
     if kind.stage in LOOP_STAGES and not issubclass(kind, ChainEffect | LoadEffect) and scene.plan is None:
         return "the servo loop is not simulated: it takes [controller] in the model, setpoints, and an even clock"
     return "" if placed else _no_place(kind)

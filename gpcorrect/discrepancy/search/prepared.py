@@ -1,4 +1,4 @@
-"""A recording prepared out for the workflow: dataset, the tests and the variables of each channel."""
+"""A recording prepared for the workflow: dataset, the tests and the variables of each channel."""
 
 from __future__ import annotations
 
@@ -25,22 +25,10 @@ from gpcorrect.types import CalibrationLog
 
 @dataclass(frozen=True, eq=False)
 class PreparedData:
-    """A recording prepared for the workflow.
+    """What the workflow needs of a recording.
 
-    Parameters
-    ----------
-    log : CalibrationLog
-        The recording, with the joint paths that its poses stand for.
-    split : Split
-        Blocks and parts of its rows.
-    dataset : Dataset
-        Condensed rows and simulator.
-    tests : tuple of tuple of Cells
-        Of each channel.
-    inputs : tuple of Covariates
-        Variables of each channel, at the condensed rows.
-    remarks : tuple of str
-        How it was split, and what had to be assumed.
+    `log` has the joint paths that its poses stand for. `tests` and `inputs` (variables at the condensed rows) are of
+    each channel; `remarks` say how it was split, and what had to be assumed.
     """
 
     log: CalibrationLog
@@ -58,7 +46,6 @@ def prepare_data(log: CalibrationLog, model: Model, rng: np.random.Generator) ->
     ----------
     log : CalibrationLog
     model : Model
-        What is known of the machine.
     rng : numpy.random.Generator
         Deals the parts.
 
@@ -68,7 +55,7 @@ def prepare_data(log: CalibrationLog, model: Model, rng: np.random.Generator) ->
         The log lacks a needed signal or is too short to split.
     """
     log, remarks = with_joint_paths(log, machine_of(model).body)
-    split = split_rows(log.time, log.trajectory, log.session, rng)
+    split = split_rows(log.trajectory, log.session, rng)
     scene = build_scene(log, model, split.training)
     dataset = build_dataset(scene, split, SPLIT.most_rows)
     return _prepared(log, split, dataset, (split.remark, *remarks, *scene.remarks))
@@ -100,20 +87,17 @@ def in_pieces(prepared: PreparedData, bursts: Sequence[Burst], rng: np.random.Ge
 
 def _prepared(log: CalibrationLog, split: Split, dataset: Dataset, remarks: tuple[str, ...]) -> PreparedData:
     scene = dataset.scene
-    by_joint: dict[int, Covariates] = {}
+    used = np.flatnonzero(dataset.group >= 0)
+    first, last = (np.searchsorted(dataset.group[used], np.arange(len(dataset)), side) for side in ("left", "right"))
+    middle = used[(first + last - 1) // 2]  # not the mean, so that signs stay signs
+    inputs: dict[int, Covariates] = {}
     for channel in scene.channels:
-        if channel.joint not in by_joint:
-            by_joint[channel.joint] = _condensed(
-                dataset, covariates_of(scene, channel.index if channel.joint else None)
-            )
-    tests = {joint: tuple(all_cells(c)) for joint, c in by_joint.items()}
+        if channel.joint not in inputs:
+            inputs[channel.joint] = covariates_of(scene, channel.index if channel.joint else None, middle)
+    tests = {joint: tuple(all_cells(covariates)) for joint, covariates in inputs.items()}
+    own = [channel.joint for channel in scene.channels]
     return PreparedData(
-        log,
-        split,
-        dataset,
-        tuple(tests[c.joint] for c in scene.channels),
-        tuple(by_joint[c.joint] for c in scene.channels),
-        remarks,
+        log, split, dataset, tuple(tests[joint] for joint in own), tuple(inputs[joint] for joint in own), remarks
     )
 
 
@@ -129,9 +113,7 @@ def localise_residual(
     Parameters
     ----------
     prepared : PreparedData
-        The recording.
     fitted : sequence of FittedEffect
-        The set.
     noises : tuple of ChannelNoise
     tolerance : float
         Of the task, rad or m.
@@ -140,31 +122,11 @@ def localise_residual(
     """
     dataset = prepared.dataset
     residual = dataset.residual([m.effect for m in fitted])
-    whitener = whitener_on(dataset, residual, dataset.training, noises)
+    blocks = whitener_on(dataset, residual, dataset.training, noises).blocks
     # A servo model that is wrong by far less than the outside sensors see is not missing, however often it is seen.
+    least = {"measured_jp": TESTS.equivalence}
     channels = [
-        ChannelData(
-            c,
-            dataset.time,
-            residual[:, i],
-            whitener.blocks[i],
-            noises[i],
-            prepared.tests[i],
-            least=TESTS.equivalence if c.signal == "measured_jp" else 0.0,
-        )
+        ChannelData(c, dataset.time, residual[:, i], blocks[i], noises[i], prepared.tests[i], least.get(c.signal, 0.0))
         for i, c in enumerate(dataset.scene.channels)
     ]
     return localise(channels, rng, draws=TESTS.draws, tolerance=tolerance)
-
-
-def _condensed(dataset: Dataset, covariates: Covariates) -> Covariates:
-    """Covariates of the condensed rows: the value at the middle sample, so that signs stay signs."""
-    used = np.flatnonzero(dataset.group >= 0)
-    group = dataset.group[used]
-    first = np.searchsorted(group, np.arange(len(dataset)))
-    last = np.searchsorted(group, np.arange(len(dataset)), side="right") - 1
-    middle = used[(first + last) // 2]
-    values = {name: v[middle] for name, v in covariates.values.items()}
-    varying = {name: v for name, v in values.items() if np.std(v) > 0}
-    primary = tuple(p for p in covariates.primary if p in varying)
-    return Covariates(varying, primary, covariates.units, tuple(m[middle] for m in covariates.memory))

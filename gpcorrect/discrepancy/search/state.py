@@ -8,7 +8,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener, estimate_noises, whitener_on
+from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener, whitener_on
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.linearisation import Linearisation, linearise, refine, signature
@@ -19,16 +19,9 @@ from gpcorrect.types import BoolArray, FloatArray, Progress
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """A candidate's signature.
+    """A candidate's signature at its start `(m, c, a)`, a column for each amplitude.
 
-    Parameters
-    ----------
-    candidate : Candidate
-        At its start.
-    change : (m, c, a) array
-        Of the condensed channels, a column for each amplitude.
-    touched : (c,) bool array
-        Channels in which it is more than a fiftieth of the noise.
+    It touches the channels `(c,)` in which it is more than a fiftieth of the noise.
     """
 
     candidate: Candidate
@@ -54,12 +47,10 @@ class Search:
         Data, and how the discovery part is whitened now.
     traces : tuple of Trace
         Of the candidates that leave one in the nominal machine.
-    fitted : tuple of FittedEffect
-        What was found so far.
+    fitted, waterfall : tuples of FittedEffect and Step
+        What was found so far, and the steps taken.
     without_trace : tuple of Candidate
         One of each label whose candidates leave no trace in these channels.
-    waterfall : tuple of Step
-        Steps taken.
     """
 
     whitener: DatasetWhitener
@@ -84,7 +75,6 @@ class Search:
         Parameters
         ----------
         fitted : sequence of FittedEffect
-            Set that is simulated.
         """
         return self.dataset.observed - self.dataset.predict([f.effect for f in fitted])
 
@@ -94,7 +84,6 @@ class Search:
         Parameters
         ----------
         candidate : Candidate
-            Whatever its numbers.
         """
         known = self._touched.get(candidate.key)
         return np.ones(len(self.whitener.noises), dtype=np.bool_) if known is None else known
@@ -110,7 +99,6 @@ class Search:
         Parameters
         ----------
         a, b : Candidate
-            The two.
         """
         return bool((self.touched(a) & self.touched(b)).any())
 
@@ -122,9 +110,7 @@ class Search:
         Parameters
         ----------
         fitted : sequence of FittedEffect
-            To part.
         candidate : Candidate
-            In whose channels.
         """
         near = [f for f in fitted if self.alike(f.candidate, candidate)][-SEARCH.free_together :]
         return [f for f in fitted if not any(f is n for n in near)], near
@@ -135,9 +121,7 @@ class Search:
         Parameters
         ----------
         fitted : sequence of FittedEffect
-            The set.
         candidate : Candidate
-            In whose channels.
         """
         fixed, near = self.parted(fitted, candidate)
         return linearise(self.whitener, near, fixed)
@@ -150,9 +134,7 @@ class Search:
         Parameters
         ----------
         fitted : sequence of FittedEffect
-            The set.
         candidate : Candidate
-            In whose channels.
         worth : float
             Misfit that somebody asks for: a fit that will not come there ends early.
         """
@@ -165,16 +147,14 @@ class Search:
         Parameters
         ----------
         fitted : sequence of FittedEffect
-            The set.
         """
         z = self.whitener.whiten(self.residual(fitted))
         return 0.5 * float(z @ z)
 
     def refreshed(self) -> Search:
         """Estimate the noise anew from what the set leaves, and whiten with that."""
-        residual, rows = self.residual(self.fitted), self.dataset.discovery
-        noises = estimate_noises(self.dataset, residual, rows)
-        return replace(self, whitener=whitener_on(self.dataset, residual, rows, noises))
+        residual = self.residual(self.fitted)
+        return replace(self, whitener=whitener_on(self.dataset, residual, self.dataset.discovery))
 
     def overdispersion(self, z: FloatArray, channels: BoolArray) -> float:
         """Return the mean square of a residual in units of the noise, 1 at least: evidence is divided by it.
@@ -209,31 +189,21 @@ def start_search(dataset: Dataset, candidates: Iterable[Candidate], progress: Pr
     Parameters
     ----------
     dataset : Dataset
-        Recording and simulator.
     candidates : iterable of Candidate
-        To be searched.
     progress : Progress, optional
-        Reported every candidate.
     """
-    residual = dataset.residual()
-    noises = estimate_noises(dataset, residual, dataset.discovery)
-    whitener = whitener_on(dataset, residual, dataset.discovery, noises)
-    todo, base = list(candidates), dataset.predict()
-    changes = each(partial(signature, dataset, base, ()), todo, progress, "signatures")
+    whitener = whitener_on(dataset, dataset.residual(), dataset.discovery)
+    todo = list(candidates)
+    changes = each(partial(signature, dataset, dataset.predict(), ()), todo, progress, "signatures")
     traces: list[Trace] = []
     silent: dict[str, Candidate] = {}
     for candidate, change in zip(todo, changes, strict=True):
-        trace = _trace(candidate, change, whitener.std)
-        if trace is None:
-            silent.setdefault(candidate.label, candidate)
+        touched = np.zeros(len(whitener.noises), dtype=np.bool_)
+        if change is not None and np.isfinite(change).all():
+            touched = np.sqrt(np.mean(change**2, axis=(0, 2))) > SEARCH.trace * whitener.std
+        if change is not None and touched.any():
+            traces.append(Trace(candidate, change, touched))
         else:
-            traces.append(trace)
+            silent.setdefault(candidate.label, candidate)
     active = {t.candidate.label for t in traces}
     return Search(whitener, tuple(traces), (), tuple(c for label, c in silent.items() if label not in active))
-
-
-def _trace(candidate: Candidate, change: FloatArray | None, std: FloatArray) -> Trace | None:
-    if change is None or not np.isfinite(change).all():
-        return None
-    touched: BoolArray = np.sqrt(np.mean(change**2, axis=(0, 2))) > SEARCH.trace * std
-    return Trace(candidate, change, touched) if touched.any() else None

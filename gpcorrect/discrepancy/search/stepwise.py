@@ -1,12 +1,9 @@
-"""Which effects explain the discrepancy.
-
-Forward steps by held-out nats, refinement before the next step, backward deletion.
-"""
+"""Which effects explain the discrepancy: forward steps by held-out nats, refinement at each, backward deletion."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -25,7 +22,7 @@ class Ranked:
 
     candidate: Candidate
     nats: float
-    factors: FloatArray = field(default_factory=lambda: np.ones(1))
+    factors: FloatArray
 
     @property
     def fit(self) -> FittedEffect:
@@ -45,7 +42,6 @@ def rank(
     Parameters
     ----------
     search : Search
-        Data and signatures.
     linearised : Linearisation
         The set, whose free numbers move along with the candidate's.
     without : sequence of Candidate
@@ -55,26 +51,25 @@ def rank(
     beyond : sequence of Candidate, optional
         Only shapes of these that have more numbers than they have.
     """
-    least = None if beyond is None else {c.key: c.extra for c in beyond}
+    fewest = {} if beyond is None else {c.key: c.extra for c in beyond}
     taken = {m.candidate.key for m in linearised.fitted} | {c.key for c in without}
-    whitener = search.whitener
-    base = whitener.grams(linearised.slopes, linearised.z)
-    p = linearised.slopes.shape[1]
+    whitener, slopes, z = search.whitener, linearised.slopes, linearised.z
+    base, p = whitener.grams(slopes, z), slopes.shape[1]
     fold = fold_of(int(whitener.block.max()) + 1)
     base_nats = float(held_out_nats(base, fold).sum()) if p else 0.0
-    best: dict[tuple[object, ...], Ranked] = {}
+    best: dict[Hashable, Ranked] = {}
     for trace in search.traces:
         candidate = trace.candidate
         if candidate.key in taken or (channels is not None and not (trace.touched & channels).any()):
             continue
-        if least is not None and candidate.extra <= least.get(candidate.key, candidate.extra):
+        if beyond is not None and candidate.extra <= fewest.get(candidate.key, candidate.extra):
             continue
-        sums = bordered(base, linearised.slopes, whitener.whiten_columns(trace.change), linearised.z, whitener.block)
+        sums = bordered(base, slopes, whitener.whiten_columns(trace.change), z, whitener.block)
         factors = solve(sums.gram.sum(axis=0), sums.moment.sum(axis=0))[p:]
         if not _is_physical(candidate, factors):
             continue
         nats = float(held_out_nats(sums, fold).sum()) - base_nats - SEARCH.complexity * candidate.extra
-        slot = candidate.key if least is None else (candidate.key, candidate.counts)  # fuller ones: one of each make
+        slot = candidate.key if beyond is None else (candidate.key, *candidate.places)  # fuller ones: one of each make
         if slot not in best or nats > best[slot].nats:
             best[slot] = Ranked(candidate, nats, factors)
     return sorted(best.values(), key=lambda r: -r.nats)
@@ -100,42 +95,28 @@ def search(
     Parameters
     ----------
     state : Search
-        Where to start.
     rounds : int
-        At most.
     refused : sequence of Candidate
         Not to be added.
     progress : Progress, optional
-        Reported each round.
-
-    Returns
-    -------
-    Search
-        With the effects found.
     """
-    refused = list(refused)
+    refused, progress = list(refused), progress or Progress()
     for number in range(rounds):
         threshold = penalty(state.n_kinds, number)
         joints: set[int | str] = set()
-        grown = state
         while (grown := _forward(state, threshold, joints, refused)) is not state:
             state = grown
-        if progress is not None:
-            progress.step("search", (number + 1) / rounds)
+        progress.step("search", (number + 1) / rounds)
         if not joints:
             break
         state = _physical(_merged(state, threshold), refused)
         state = _backward(state, threshold).refreshed()
-    if progress is not None:
-        progress.step("search", 1.0)
+    progress.step("search", 1.0)
     return state
 
 
 def _forward(state: Search, threshold: float, joints: set[int | str], refused: Sequence[Candidate]) -> Search:
-    """Add the best of the refined leaders on a joint that is still open in this round.
-
-    The same state when none pays.
-    """
+    """Add the best of the refined leaders on a joint that is still open in this round; the same state if none pays."""
     linearised = linearise(state.whitener, state.fitted)
     ranked = [r for r in rank(state, linearised, refused) if r.candidate.joint not in joints and r.nats > 0]
     leaders = [
@@ -151,7 +132,7 @@ def _forward(state: Search, threshold: float, joints: set[int | str], refused: S
         if fitted[-1].at_edge:
             continue
         refined += 1
-        gain = gain_over(state, linearised, fitted, leader.fit)
+        gain = _gain_over(state, linearised, fitted, leader.fit)
         if best is None or gain > best[0]:
             best, worth = (gain, fitted), state.misfit(fitted)
         if refined == SEARCH.refined:
@@ -161,7 +142,7 @@ def _forward(state: Search, threshold: float, joints: set[int | str], refused: S
     new = best[1][-1].candidate
     for leader in rank(state, linearised, refused, beyond=[new]):  # such as one that has a home
         fitted = state.refit((*state.fitted, leader.fit), leader.candidate, worth)
-        gain = gain_over(state, linearised, fitted, leader.fit)
+        gain = _gain_over(state, linearised, fitted, leader.fit)
         gain -= SEARCH.complexity * (leader.candidate.extra - new.extra)
         if gain > best[0] and not fitted[-1].at_edge:
             best = gain, fitted
@@ -171,34 +152,21 @@ def _forward(state: Search, threshold: float, joints: set[int | str], refused: S
     return replace(state, fitted=best[1], waterfall=steps).refreshed()
 
 
-def gain_over(
+def _gain_over(
     state: Search,
     before: Linearisation,
     fitted: Sequence[FittedEffect],
     new: FittedEffect,
     channels: BoolArray | None = None,
 ) -> float:
-    """Return the held-out log Bayes factor of a set against another one, divided by the overdispersion.
+    """Return the held-out log Bayes factor of a set with a new effect against another one, by the overdispersion.
 
-    In these channels; by default in those in which the new fit shows.
-
-    Parameters
-    ----------
-    state : Search
-        Data, signatures and the fitted effects.
-    before : Linearisation
-        The other set.
-    fitted : sequence of FittedEffect
-        The set.
-    new : FittedEffect
-        What it has beyond the other.
-    channels : (c,) bool array, optional
-        Whose overdispersion counts; by default those in which the new effect shows.
+    That of these channels `(c,)`, by default of those in which the new effect shows.
     """
     after = state.linearise_near(fitted, new.candidate)
-    nats = held_out(state.whitener, before.z, after.z, after.slopes) - held_out(
-        state.whitener, before.z, before.z, state.linearise_near(before.fitted, new.candidate).slopes
-    )
+    slopes_before = state.linearise_near(before.fitted, new.candidate).slopes
+    nats = held_out(state.whitener, before.z, after.z, after.slopes)
+    nats -= held_out(state.whitener, before.z, before.z, slopes_before)
     return float(nats.sum()) / state.overdispersion(
         after.z, state.touched(new.candidate) if channels is None else channels
     )
@@ -223,7 +191,7 @@ def _merged(state: Search, threshold: float) -> Search:
         rest = tuple(m for m in state.fitted if m is not a and m is not b)
         bare = state.linearise_near(rest, a.candidate)
         both = state.touched(a.candidate) & state.touched(b.candidate)
-        pair = gain_over(state, bare, state.fitted, b, both)
+        pair = _gain_over(state, bare, state.fitted, b, both)
         touched = state.touched(a.candidate)
         worth = state.misfit(state.fitted) + threshold * state.overdispersion(
             state.whitener.whiten(state.residual(state.fitted)), touched
@@ -232,7 +200,7 @@ def _merged(state: Search, threshold: float) -> Search:
         fuller = rank(state, bare, channels=touched, beyond=[a.candidate, b.candidate])[: SEARCH.refined]
         for leader in [*(r for r in others if r.nats > 0.8 * pair), *fuller]:
             fitted = state.refit((*rest, leader.fit), leader.candidate, worth)
-            one = gain_over(state, bare, fitted, leader.fit, both)
+            one = _gain_over(state, bare, fitted, leader.fit, both)
             if not fitted[-1].at_edge and one > pair - threshold:
                 label = f"{leader.candidate.label} for {a.candidate.label} and {b.candidate.label}"
                 steps = (*state.waterfall, Step(label, leader.nats - pair))
@@ -240,41 +208,30 @@ def _merged(state: Search, threshold: float) -> Search:
     return state
 
 
+def _without(state: Search, gone: FittedEffect, why: str, nats: float) -> Search:
+    """Return the state without an effect, the others' numbers fitted anew."""
+    rest = state.refit([m for m in state.fitted if m is not gone], gone.candidate)
+    steps = (*state.waterfall, Step(f"without {gone.candidate.label}{why}", nats))
+    return replace(state, fitted=rest, waterfall=steps)
+
+
 def _physical(state: Search, refused: list[Candidate]) -> Search:
-    """Take out fitted whose numbers have left for the edge of their range as others came; they do not come again."""
+    """Take out effects whose numbers have left for the edge of their range as others came; they do not come again."""
     while edgy := [m for m in state.fitted if m.at_edge]:
-        gone = edgy[-1]
-        refused.append(gone.candidate)
-        rest = state.refit([m for m in state.fitted if m is not gone], gone.candidate)
-        steps = (*state.waterfall, Step(f"without {gone.candidate.label}, not physical", 0.0))
-        state = replace(state, fitted=rest, waterfall=steps)
+        refused.append(edgy[-1].candidate)
+        state = _without(state, edgy[-1], ", not physical", 0.0)
     return state
 
 
 def _backward(state: Search, threshold: float) -> Search:
-    """Take out fitted that the others make superfluous, the least useful first."""
+    """Take out effects that the others make superfluous, the least useful first."""
     while len(state.fitted) > 1:
-        worth = [contribution(state, i) for i in range(len(state.fitted))]
+        worth = []
+        for fit in state.fitted:
+            rest = [m for m in state.fitted if m is not fit]
+            worth.append(_gain_over(state, state.linearise_near(rest, fit.candidate), state.fitted, fit))
         least = int(np.argmin(worth))
         if worth[least] >= threshold:
             break
-        gone = state.fitted[least]
-        rest = state.refit([m for m in state.fitted if m is not gone], gone.candidate)
-        steps = (*state.waterfall, Step(f"without {gone.candidate.label}", -worth[least]))
-        state = replace(state, fitted=rest, waterfall=steps)
+        state = _without(state, state.fitted[least], "", -worth[least])
     return state
-
-
-def contribution(state: Search, index: int) -> float:
-    """Return the held-out nats that the set loses without one effect, the others refitted to first order.
-
-    Parameters
-    ----------
-    state : Search
-        Data, signatures and the fitted effects.
-    index : int
-        Which one of the set.
-    """
-    fit = state.fitted[index]
-    rest = [m for m in state.fitted if m is not fit]
-    return gain_over(state, state.linearise_near(rest, fit.candidate), state.fitted, fit)
