@@ -29,9 +29,5 @@ def robust_scale(lengths: FloatArray, dimension: int = 1) -> FloatArray:
         Lengths of n residual vectors, of each of k kinds.
     dimension : int
         Components that each vector has.
-
-    Returns
-    -------
-    () or (k,) array
     """
     return np.asarray(np.median(lengths, axis=0) / _median_length(dimension))

@@ -43,10 +43,6 @@ def segment_labels(
     max_gap : float, optional
         A longer time step, s, breaks the run; by default five times the trajectory's median step.
 
-    Returns
-    -------
-    (n,) int array
-
     Raises
     ------
     DataError
@@ -85,11 +81,6 @@ def derivative(time: ArrayLike, values: ArrayLike, labels: ArrayLike, step: floa
         t+2h, or where these are no more than five, the five nearest to t-2h, t-h, t, t+h, t+2h. Adjacent samples by
         default.
 
-    Returns
-    -------
-    (n, k) array
-        NaN for label -1 and for runs of one sample.
-
     Raises
     ------
     DataError
@@ -111,7 +102,7 @@ def twists(
     labels: ArrayLike,
     step: float | None = None,
 ) -> FloatArray:
-    """Linear (m/s) and spatial-frame angular velocity (rad/s) of a path, `(n, 6)`.
+    """Linear (m/s) and spatial-frame angular velocity (rad/s) of a path, `(n, 6)`; NaN where there is no derivative.
 
     Parameters
     ----------
@@ -124,11 +115,6 @@ def twists(
         middle and the ends of a window.
     labels, step
         See :func:`derivative`.
-
-    Returns
-    -------
-    (n, 6) array
-        NaN where there is no derivative.
 
     Raises
     ------

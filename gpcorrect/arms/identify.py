@@ -88,7 +88,6 @@ def workspace(T: FloatArray) -> float:
     Parameters
     ----------
     T : (n, 4, 4) array
-        Poses.
     """
     return max(float(np.linalg.norm(T[:, :3, 3].std(axis=0))), 1e-3)
 

@@ -92,7 +92,6 @@ def raven2(side: Side, instrument: Raven2Tool = RAVEN_TOOL, tool: ArrayLike | No
     side : "left" or "right"
         The gold or the green arm.
     instrument : Raven2Tool
-        Tool on the arm.
     tool : (4, 4) array, optional
         Tip in frame 6; frame 6 itself by default.
 

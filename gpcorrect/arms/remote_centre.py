@@ -35,25 +35,14 @@ ROUNDING = 1e-12  # of a square that is zero at the edge of reach: some thousand
 
 @dataclass(frozen=True, eq=False)
 class RcmInverse:
-    """Inverse of one arm: its screw axes at joint zero and what follows from them.
+    """Inverse of one arm: its screw axes at joint zero and what follows from them."""
 
-    Parameters
-    ----------
-    axes : (6, 3) array
-        Unit directions of the joint axes at joint zero, base frame.
-    centre : (3,) array
-        The remote centre, m.
-    wrist, yaw_point : (3,) arrays
-        Where the pitch axis crosses the shaft, and the foot of its perpendicular on the yaw axis, m.
-    T_zero : (4, 4) array
-        Tip pose at joint zero.
-    """
-
-    axes: FloatArray
-    centre: FloatArray
+    axes: FloatArray  # (6, 3) unit directions of the joint axes at joint zero, base frame
+    centre: FloatArray  # (3,) the remote centre, m
+    # (3,) where the pitch axis crosses the shaft, and the foot of its perpendicular on the yaw axis, m
     wrist: FloatArray
     yaw_point: FloatArray
-    T_zero: FloatArray
+    T_zero: FloatArray  # (4, 4) tip pose at joint zero
 
     @classmethod
     def of(cls, chain: Chain, wrist_link: int) -> RcmInverse:
@@ -65,11 +54,6 @@ class RcmInverse:
             The arm, RRPRRR.
         wrist_link : int
             Link, from 1, whose frame sits in the wrist point.
-
-        Raises
-        ------
-        DataError
-            The chain is not RRPRRR or its axes do not meet as this solution needs.
         """
         if chain.joint_types != "RRPRRR":
             raise DataError(f"the remote-centre solution is for RRPRRR arms, got {chain.joint_types}.")

@@ -154,7 +154,6 @@ class RobotEdit:
         Parameters
         ----------
         path : str or Path
-            Of the new file.
 
         Raises
         ------

@@ -108,7 +108,6 @@ def is_robot_file(path: str | Path) -> bool:
     Parameters
     ----------
     path : str or Path
-        Of the file.
     """
     return Path(path).suffix.lower() in SUFFIXES
 
@@ -116,12 +115,11 @@ def is_robot_file(path: str | Path) -> bool:
 def read_robot(
     path: str | Path, joints: Sequence[str] | None = None, tool: str | None = None, base: str | None = None
 ) -> Robot:
-    """Return one serial arm of a robot file.
+    """Return one serial arm of a robot file; the same object while the file stays the same.
 
     Parameters
     ----------
     path : str or Path
-        MJCF or URDF.
     joints : sequence of str, optional
         Names of joints on the arm; the arm then ends at the last of them. Needed where the file branches, unless
         `tool` says the same.
@@ -129,11 +127,6 @@ def read_robot(
         Body or site whose frame is the tip; the body behind the last joint when None.
     base : str, optional
         Body whose frame is the arm's base; the world when None.
-
-    Returns
-    -------
-    Robot
-        The same object while the file stays the same.
 
     Raises
     ------
@@ -169,13 +162,7 @@ def _read(
 
 
 def mujoco_library() -> Any:
-    """Return the module.
-
-    Raises
-    ------
-    MissingExtraError
-        It is not installed.
-    """
+    """Return the module."""
     try:
         import mujoco
     except ImportError as error:
@@ -189,12 +176,6 @@ def parse(path: str | Path) -> Any:
     Parameters
     ----------
     path : str or Path
-        MJCF or URDF.
-
-    Raises
-    ------
-    DataError
-        The file is no XML, neither MJCF nor URDF, or MuJoCo refuses it.
     """
     library = mujoco_library()
     try:

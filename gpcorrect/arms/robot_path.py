@@ -20,33 +20,16 @@ SITE = 6  # MuJoCo's number of the object type
 
 @dataclass(frozen=True, eq=False)
 class ArmPath:
-    """The joints between a base and a tool.
+    """The joints between a base and a tool."""
 
-    Parameters
-    ----------
-    base : int
-        Body.
-    joint_ids : tuple of int
-        Joints from the base on, MuJoCo's numbers.
-    names : tuple of str
-        Their names.
-    tool : str
-        Body or site of the tip.
-    T_world_tool : (4, 4) array
-        Its pose with all joints at their reference.
-    link_of : tuple of int
-        For every body the number of the arm's link that it rides on, from 1; 0 for what does not move with the arm.
-    remarks : tuple of str
-        What the file says of this arm that is not simulated.
-    """
-
-    base: int
-    joint_ids: tuple[int, ...]
-    names: tuple[str, ...]
-    tool: str
-    T_world_tool: FloatArray
+    base: int  # body
+    joint_ids: tuple[int, ...]  # joints from the base on, MuJoCo's numbers
+    names: tuple[str, ...]  # their names
+    tool: str  # body or site of the tip
+    T_world_tool: FloatArray  # (4, 4) its pose with all joints at their reference
+    # for every body the number of the arm's link that it rides on, from 1; 0 for what does not move with the arm
     link_of: tuple[int, ...]
-    remarks: tuple[str, ...]
+    remarks: tuple[str, ...]  # what the file says of this arm that is not simulated
 
 
 def arm_path(
@@ -57,18 +40,11 @@ def arm_path(
     Parameters
     ----------
     model : mujoco.MjModel
-        Compiled.
     file : str
         What an error's message begins with.
     joints : sequence of str, optional
-        Names of joints on the arm.
     tool, base : str, optional
         Where it ends (body or site) and begins (body).
-
-    Raises
-    ------
-    DataError
-        A name is unknown, the file branches, or what lies between base and tool is no serial arm.
     """
     start = WORLD if base is None else _body(model, file, base, "base")
     names = _named_joints(model, file, joints)
@@ -95,7 +71,6 @@ def pose_of(model: Any, body: int) -> FloatArray:
     Parameters
     ----------
     model : mujoco.MjModel
-        Compiled.
     body : int
     """
     T = np.eye(4)

@@ -54,18 +54,10 @@ def parse(title: str, read: Callable[[Path, ReadSettings], T], path: Path, setti
     Parameters
     ----------
     title : str
-        Name of the format.
     read : callable
         From path and settings to what is wanted of the recording.
     path, settings
         See :func:`gpcorrect.logs.read_log`.
-
-    Raises
-    ------
-    GpCorrectError
-        What `read` itself says, or that the file may be damaged.
-    OSError
-        The file cannot be read.
     """
     try:
         return read(path, settings)
@@ -109,11 +101,6 @@ def parse_apart(
         As for :func:`parse`; `read` can be pickled.
     libraries : sequence of str
         Modules that the reader needs, loaded once; one that is not installed is left out.
-
-    Raises
-    ------
-    GpCorrectError
-        Likewise; or the process crashed, or did not come to an end.
     """
     parts = path.rglob("*") if path.is_dir() else [path]
     size = sum(part.stat().st_size for part in parts)

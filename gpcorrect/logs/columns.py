@@ -183,11 +183,6 @@ def check_memory(needed: int, most: int) -> None:
     ----------
     needed, most : int
         Bytes that it takes, and that it may.
-
-    Raises
-    ------
-    LogError
-        It takes more.
     """
     if needed > most:
         hint = "Split it, or raise the limit with max_bytes."
@@ -196,24 +191,12 @@ def check_memory(needed: int, most: int) -> None:
 
 @dataclass(frozen=True)
 class ReadSettings:
-    """How a recording is to be read.
+    """How a recording is to be read."""
 
-    Parameters
-    ----------
-    columns : ColumnMap
-        The mapping; empty when none was given.
-    mapped : bool
-        Whether a mapping was given.
-    disorder : {"refuse", "drop", "keep"}
-        What to do about time that does not increase.
-    max_bytes : int
-        Largest table to read into memory.
-    """
-
-    columns: ColumnMap = field(default_factory=ColumnMap)
-    mapped: bool = False
-    disorder: Disorder = "refuse"
-    max_bytes: int = DEFAULT_MAX_BYTES
+    columns: ColumnMap = field(default_factory=ColumnMap)  # the mapping; empty when none was given
+    mapped: bool = False  # whether a mapping was given
+    disorder: Disorder = "refuse"  # what to do about time that does not increase
+    max_bytes: int = DEFAULT_MAX_BYTES  # largest table to read into memory
 
 
 def load_columns(path: str | Path) -> ColumnMap:
@@ -223,11 +206,6 @@ def load_columns(path: str | Path) -> ColumnMap:
     ----------
     path : str or Path
         TOML, with the keys of :class:`ColumnMap`.
-
-    Raises
-    ------
-    LogError
-        The file is missing, is not TOML, has a key that means nothing, or a value of the wrong kind.
     """
     try:
         with Path(path).open("rb") as file:

@@ -26,43 +26,21 @@ from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
 @dataclass(frozen=True)
 class Part:
-    """One thing in a recording.
+    """One thing in a recording."""
 
-    Parameters
-    ----------
-    name : str
-        Of a topic, pair of frames, body, marker or column.
-    kind : str
-        Type of message, "body", "marker" or "column".
-    samples : int
-        Messages, or samples with a value.
-    detail : str
-        A rate, or the range of the numbers.
-    """
-
-    name: str
-    kind: str
-    samples: int
-    detail: str = ""
+    name: str  # of a topic, pair of frames, body, marker or column
+    kind: str  # type of message, "body", "marker" or "column"
+    samples: int  # messages, or samples with a value
+    detail: str = ""  # a rate, or the range of the numbers
 
 
 @dataclass(frozen=True)
 class Contents:
-    """What is in a recording.
+    """What is in a recording."""
 
-    Parameters
-    ----------
-    title : str
-        Its format.
-    parts : tuple of Part
-        In the order of the file.
-    mapping : str
-        A mapping file that says what is likely; lines that are left to the user begin with `#`.
-    """
-
-    title: str
-    parts: tuple[Part, ...]
-    mapping: str
+    title: str  # its format
+    parts: tuple[Part, ...]  # in the order of the file
+    mapping: str  # a mapping file that says what is likely; lines that are left to the user begin with `#`
 
 
 def contents_of(path: str | Path) -> Contents:

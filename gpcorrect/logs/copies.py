@@ -73,7 +73,6 @@ def stretches(log: CalibrationLog, name: str) -> tuple[NDArray[np.intp], Marks]:
     log : CalibrationLog
         n samples.
     name : str
-        Of the signal.
     """
     signal = getattr(log, name)
     table = signal.position if isinstance(signal, PoseSignal) else signal

@@ -90,13 +90,7 @@ def _parse(path: Path, dialect: Dialect, without: tuple[str, ...]) -> Table:
 
 
 def _text_columns(path: Path, dialect: Dialect, mapping: ColumnMap) -> tuple[str, ...]:
-    """Columns with a cell that is no number.
-
-    Raises
-    ------
-    LogError
-        A line has too few or too many cells, or a column that is needed holds text.
-    """
+    """Columns with a cell that is no number."""
     used = complete(mapping, dialect.names)[0].used
     needed = {dialect.names[c] if isinstance(c, int) and c < len(dialect.names) else c for c in used}
     text: dict[str, None] = {}
@@ -122,26 +116,15 @@ def _text_columns(path: Path, dialect: Dialect, mapping: ColumnMap) -> tuple[str
 
 @dataclass(frozen=True)
 class Dialect:
-    """A text table's form.
+    """A text table's form."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        A name for every column.
-    header_lines : int
-        Lines of the file before the first sample.
-    delimiter, decimal, encoding : str
-        As in the file; the delimiter " " stands for any number of blanks.
-    comments : bool
-        Whether lines of the file begin with `#`.
-    """
-
-    names: tuple[str, ...]
-    header_lines: int
+    names: tuple[str, ...]  # a name for every column
+    header_lines: int  # lines of the file before the first sample
+    # as in the file; the delimiter " " stands for any number of blanks
     delimiter: str
     decimal: str
     encoding: str
-    comments: bool = False
+    comments: bool = False  # whether lines of the file begin with `#`
 
     @property
     def cleaned(self) -> bool:
@@ -203,13 +186,7 @@ def _is_number(cell: str, decimal: str) -> bool:
 
 
 def _sniff(path: Path, options: CsvOptions) -> Dialect:
-    """Find out how a table is written, where the options do not say.
-
-    Raises
-    ------
-    LogError
-        The file is no text table, has no sample, or two columns of one name.
-    """
+    """Find out how a table is written, where the options do not say."""
     encoding = encoding_of(path)
     with path.open(encoding=encoding, errors="replace", newline="") as file:
         numbered = ((n, line.strip("\r\n")) for n, line in enumerate(file, start=1) if n > options.skip)
@@ -275,11 +252,6 @@ def encoding_of(path: Path) -> str:
     ----------
     path : Path
         Any file.
-
-    Raises
-    ------
-    LogError
-        The file is binary.
     """
     with path.open("rb") as file:
         head = file.read(4096)

@@ -117,13 +117,7 @@ def _joined(logs: Sequence[CalibrationLog], name: str) -> Any:
 
 
 def _joined_meta(logs: Sequence[CalibrationLog]) -> LogMeta:
-    """Join what the logs say: the same once, different notes one after the other.
-
-    Raises
-    ------
-    LogError
-        Two logs name different machines.
-    """
+    """Join what the logs say: the same once, different notes one after the other."""
     merged: dict[str, Any] = {}
     for name in (f.name for f in fields(LogMeta)):
         values = list(dict.fromkeys(v for log in logs if (v := getattr(log.meta, name))))

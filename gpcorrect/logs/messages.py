@@ -26,17 +26,10 @@ JOINT_SIGNALS = {
 
 @dataclass
 class Recorded:
-    """The messages of one topic while a recording is read; times in ns since 1970.
-
-    Parameters
-    ----------
-    topic : str
-    extract : callable
-        Takes what is needed out of a message; the message itself is not stored.
-    """
+    """The messages of one topic while a recording is read; times in ns since 1970."""
 
     topic: str
-    extract: Callable[[Any], Any]
+    extract: Callable[[Any], Any]  # takes what is needed out of a message; the message itself is not stored
     stamp: list[int] = field(default_factory=list)
     receive: list[int] = field(default_factory=list)
     rows: list[Any] = field(default_factory=list)
@@ -155,7 +148,6 @@ def pose_streams(name: str, recorded: Recorded, times: Times) -> Decoded:
     Parameters
     ----------
     name : str
-        The log's signal.
     recorded, times
         Messages of a topic and when they were taken.
     """
@@ -173,12 +165,6 @@ def in_one_order(recorded: Mapping[str, Recorded]) -> tuple[dict[str, Recorded],
     Parameters
     ----------
     recorded : mapping of str to Recorded
-        Messages by kind.
-
-    Raises
-    ------
-    LogError
-        Two topics name a joint at different places, and not the same joints.
     """
     ordered, remarks, order, first = dict(recorded), [], None, ""
     for kind in JOINT_SIGNALS:
@@ -214,11 +200,6 @@ def joint_streams(name: str, recorded: Recorded, times: Times) -> Decoded:
         CRTK name of the topic, such as "measured_js".
     recorded, times
         Messages of a topic and when they were taken.
-
-    Raises
-    ------
-    LogError
-        The joints are not the same in all messages.
     """
     if len({row[0] for row in recorded.rows}) > 1:
         raise LogError(f"the joints of {recorded.topic} change from message to message.")

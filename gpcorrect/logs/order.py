@@ -70,11 +70,6 @@ def check_order(
         Raise; leave the disordered samples out; or keep everything, for looking at a recording.
     locate : callable
         Names a row for messages, such as "line 12".
-
-    Raises
-    ------
-    LogError
-        Time is missing or does not increase inside a group, and the rule is "refuse".
     """
     ordered = rising(time, group)
     wrong = np.flatnonzero(~ordered)

@@ -75,11 +75,6 @@ def raven_row(message: Any) -> FloatArray:
     ----------
     message : object
         raven_state, as the bag's reader decoded it.
-
-    Raises
-    ------
-    LogError
-        The message lacks one of them: another message of the same name.
     """
     missing = [name for name in FIELDS if not hasattr(message, name)]
     if missing:
@@ -98,11 +93,6 @@ def raven_streams(recorded: Recorded, times: Times, arm: Arm | None) -> Decoded:
         Messages of a topic and when they were taken.
     arm : {"left", "right"}, optional
         The only one there when not given.
-
-    Raises
-    ------
-    LogError
-        Both arms are there and none was chosen, or the chosen one is not there.
     """
     ends = np.cumsum(list(FIELDS.values()))
     state = dict(zip(FIELDS, np.split(np.stack(recorded.rows)[times.rows], ends[:-1], axis=1), strict=True))

@@ -57,7 +57,6 @@ class Format:
         Parameters
         ----------
         head : bytes
-            Its first bytes.
         """
         seen = head.removeprefix(b"\xef\xbb\xbf").lstrip(b'\r\n ,;\t"') if self.text else head
         return any(seen.startswith(mark) for mark in self.marks) or bool(self.line and self.line.search(head))
@@ -160,11 +159,6 @@ def parsed(kind: type[T], read: Callable[[Format, Path, ReadSettings], T], path:
         From format, path and settings to what is wanted of the recording; a function of a module.
     path, settings
         See :func:`read_log`.
-
-    Raises
-    ------
-    LogError, MissingExtraError, OSError
-        As for :func:`read_log`.
     """
     found = format_of(path)
     if found.whole:
@@ -207,11 +201,6 @@ def format_of(path: Path) -> Format:
     ----------
     path : Path
         A file, or the folder of a ROS 2 recording.
-
-    Raises
-    ------
-    LogError
-        The file is of no known format.
     """
     if path.is_dir():
         if (path / "metadata.yaml").is_file():
@@ -285,7 +274,6 @@ def recording_digest(path: Path) -> str:
     Parameters
     ----------
     path : Path
-        A recording.
     """
     if not path.is_dir():
         with path.open("rb") as file:

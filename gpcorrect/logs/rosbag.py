@@ -74,14 +74,6 @@ def topics_of(path: Path) -> tuple[list[Topic], dict[str, int]]:
     Parameters
     ----------
     path : Path
-        A ROS recording.
-
-    Raises
-    ------
-    LogError
-        The recording is damaged.
-    MissingExtraError
-        The library rosbags is not installed.
     """
     with _opened(path) as bag:
         seconds = (bag.end_time - bag.start_time) / 1e9
@@ -141,13 +133,7 @@ def _only_pair(tree: Tree) -> str:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[AnyReader]:
-    """Open a recording; definitions come with it, or else from ROS 2 and this package.
-
-    Raises
-    ------
-    LogError
-        The recording is damaged.
-    """
+    """Open a recording; definitions come with it, or else from ROS 2 and this package."""
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore

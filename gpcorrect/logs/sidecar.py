@@ -41,7 +41,6 @@ def sidecar_path(path: Path) -> Path:
     Parameters
     ----------
     path : Path
-        The log.
     """
     return path.with_suffix(".toml")
 
@@ -52,7 +51,6 @@ def read_sidecar(path: Path) -> LogMeta:
     Parameters
     ----------
     path : Path
-        The log.
 
     Raises
     ------
@@ -82,7 +80,6 @@ def format_sidecar(meta: LogMeta) -> str:
     Parameters
     ----------
     meta : LogMeta
-        What to write.
     """
     stated = {name: text for name, text in asdict(meta).items() if text}
     frame = stated.pop("tracker_base", None)

@@ -91,17 +91,11 @@ def interpolate(stream: Stream, at: FloatArray, max_gap: float | None = None) ->
     Parameters
     ----------
     stream : Stream
-        What to sample.
     at : (m,) array
         Times on the stream's clock, s, in any order.
     max_gap : float, optional
         Longest time between two samples to interpolate across, s; :func:`default_max_gap` of the stream
         when not given.
-
-    Returns
-    -------
-    PoseSignal or array
-        As `stream.values`, with m rows; NaN outside the recording and inside gaps.
     """
     at = np.asarray(at, dtype=np.float64)
     gap = default_max_gap(stream.stamp) if max_gap is None else max_gap

@@ -25,21 +25,11 @@ LARGEST_WHOLE = 2.0**53  # beyond it not every whole number is a float
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Named columns of numbers, however they were stored.
+    """Named columns of numbers, however they were stored."""
 
-    Parameters
-    ----------
-    columns : mapping of name to (n,) array
-        In the order of the file.
-    locate : callable
-        Names a row for messages, such as "line 12".
-    left_out : tuple of str
-        Columns of the file that hold no numbers.
-    """
-
-    columns: Mapping[str, FloatArray]
-    locate: Callable[[int], str]
-    left_out: tuple[str, ...] = ()
+    columns: Mapping[str, FloatArray]  # (n,) each, in the order of the file
+    locate: Callable[[int], str]  # names a row for messages, such as "line 12"
+    left_out: tuple[str, ...] = ()  # columns of the file that hold no numbers
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -51,11 +41,6 @@ class Table:
         ----------
         column : str or int
             By name or number.
-
-        Raises
-        ------
-        LogError
-            There is no such column.
         """
         names = list(self.columns)
         if isinstance(column, int) and column < len(names):
@@ -86,17 +71,9 @@ def log_from_table(table: Table, mapping: ColumnMap, disorder: Disorder) -> Cali
     Parameters
     ----------
     table : Table
-        Columns as they were stored.
     mapping : ColumnMap
-        Which columns are which signals.
     disorder : {"refuse", "drop", "keep"}
         What to do about time that does not increase.
-
-    Raises
-    ------
-    LogError
-        A named column is missing, there is no time or no sample, trajectory numbers are no integers, or time
-        is out of order.
     """
     found, remarks = complete(mapping, table.columns)
     if not len(table):
@@ -215,7 +192,6 @@ def joint_names(signal: str, dof: int) -> tuple[str, ...]:
     signal : str
         Such as "measured_jp".
     dof : int
-        Number of joints.
     """
     return tuple(f"{signal}_{k}" for k in range(1, dof + 1))
 
@@ -233,21 +209,13 @@ def _signal_of(column: str) -> str | None:
 
 
 def complete(mapping: ColumnMap, names: Collection[str]) -> tuple[ColumnMap, list[str]]:
-    """Fill a mapping with the signals that a table holds under their native names.
+    """Fill a mapping with the signals that a table holds under their native names; remark on each that lacks columns.
 
     Parameters
     ----------
     mapping : ColumnMap
         By the user; it comes first.
     names : collection of str
-        Columns of the table.
-
-    Returns
-    -------
-    ColumnMap
-        With every signal that can be read.
-    list of str
-        A remark on each signal that lacks columns.
     """
     found: dict[str, Any] = {}
     remarks: list[str] = []

@@ -36,18 +36,10 @@ def frames_of(name: str) -> tuple[str, str] | None:
 
 @dataclass
 class Tree:
-    """Transforms by child frame, as they are read.
+    """Transforms by child frame, as they are read."""
 
-    Parameters
-    ----------
-    edges : dict of str to (parent, Recorded)
-        A child has one parent.
-    still : set of str
-        Children whose transform was published as static.
-    """
-
-    edges: dict[str, tuple[str, Recorded]] = field(default_factory=dict)
-    still: set[str] = field(default_factory=set)
+    edges: dict[str, tuple[str, Recorded]] = field(default_factory=dict)  # parent and poses of each child
+    still: set[str] = field(default_factory=set)  # children whose transform was published as static
 
     def add(self, message: Any, receive: int, *, static: bool) -> None:
         """Add the transforms of a message.
@@ -84,12 +76,6 @@ class Tree:
         Parameters
         ----------
         parent, child : str
-            Frames.
-
-        Raises
-        ------
-        LogError
-            There is no such frame, nothing connects the two, or nothing between them moves.
         """
         up, down = self._to_root(parent), self._to_root(child)
         common = next((frame for frame in up if frame in down), None)

@@ -51,19 +51,12 @@ TRACKER_WORDS = (
 
 @dataclass(frozen=True)
 class Choice:
-    """What to read: a topic for each kind of message, and what had to be decided.
+    """What to read: a topic for each kind of message, and what had to be decided."""
 
-    Parameters
-    ----------
-    topics : mapping of str to str
-        Signals of poses, CRTK names of joint states, or "raven_state"; to topics, poses of an array (`/poses[1]`) or
-        pairs of frames (`/tf:base->tool`).
-    remarks : tuple of str
-        What had to be decided.
-    """
-
+    # signals of poses, CRTK names of joint states, or "raven_state"; to topics, poses of an
+    # array (`/poses[1]`) or pairs of frames (`/tf:base->tool`)
     topics: Mapping[str, str]
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()  # what had to be decided
 
 
 def _slashed(name: str) -> str:
@@ -91,12 +84,6 @@ def choose_topics(types: Mapping[str, str], options: BagOptions) -> Choice:
     types : mapping of str to str
         Types of message by topic.
     options : BagOptions
-        What the user chose.
-
-    Raises
-    ------
-    LogError
-        There is no such topic, or more than one robot or tracker.
     """
     tracker, remarks = _tracker(types, options)
     topics: dict[str, str] = {

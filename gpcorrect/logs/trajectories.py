@@ -24,20 +24,12 @@ JIGSAWS_ARMS = {"left": 38, "right": 57}  # first column of the slave manipulato
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of table.
+    """A kind of table."""
 
-    Parameters
-    ----------
-    title : str
-        For remarks.
-    fits : callable
-        Whether the names of the columns and the first rows `(n, columns)` are of this kind.
-    mapping : callable
-        What the columns are, out of their names and what the user stated.
-    """
-
-    title: str
+    title: str  # for remarks
+    # whether the names of the columns and the first rows `(n, columns)` are of this kind
     fits: Callable[[Sequence[str], FloatArray], bool]
+    # what the columns are, out of their names and what the user stated
     mapping: Callable[[Sequence[str], ColumnMap], ColumnMap]
 
 
@@ -52,11 +44,6 @@ def recognised(names: Sequence[str], rows: FloatArray, stated: ColumnMap) -> tup
         The first samples; NaN for what is no number.
     stated : ColumnMap
         The user's mapping, without signals.
-
-    Raises
-    ------
-    LogError
-        The kind needs a choice that was not made.
     """
     kind = next((kind for kind in KINDS if len(rows) and kind.fits(names, rows)), None)
     if kind is None:

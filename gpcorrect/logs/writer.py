@@ -23,7 +23,6 @@ def require_writable(path: str | Path) -> None:
     Parameters
     ----------
     path : str or Path
-        The log to come.
 
     Raises
     ------
@@ -57,7 +56,6 @@ def write_log(log: CalibrationLog, path: str | Path) -> None:
     Parameters
     ----------
     log : CalibrationLog
-        The log; its extra columns are written too.
     path : str or Path
         Ends in .csv or .parquet.
 

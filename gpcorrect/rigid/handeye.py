@@ -68,11 +68,6 @@ def require_observable(observed: PoseSignal, command: PoseSignal) -> Observabili
         Poses of the marker in the tracker frame.
     command : PoseSignal
         Poses of the tip in the base frame.
-
-    Raises
-    ------
-    DataError, DegenerateError
-        See :func:`fit_marker`.
     """
     check_pair(observed, command)
     observability = rotation_observability(observed, command)

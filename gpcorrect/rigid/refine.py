@@ -47,22 +47,13 @@ class MarkerState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """What is to be explained; an absent part (None) puts no demand on the unknowns.
+    """What is to be explained; an absent part (None) puts no demand on the unknowns."""
 
-    Parameters
-    ----------
-    R_obs : (n, 3, 3) array
-        Observed rotations.
-    p, u : (n, 3) arrays or None
-        Observed and commanded positions, each about its own centre, m.
-    R_cmd : (n, 3, 3) array or None
-        Commanded rotations.
-    """
-
-    R_obs: FloatArray
+    R_obs: FloatArray  # (n, 3, 3) observed rotations
+    # (n, 3) observed and commanded positions, each about its own centre, m
     p: FloatArray | None = None
     u: FloatArray | None = None
-    R_cmd: FloatArray | None = None
+    R_cmd: FloatArray | None = None  # (n, 3, 3) commanded rotations
 
 
 def refine(samples: Samples, start: MarkerState) -> tuple[MarkerState, float]:
@@ -73,9 +64,7 @@ def refine(samples: Samples, start: MarkerState) -> tuple[MarkerState, float]:
     Parameters
     ----------
     samples : Samples
-        What is to be explained.
     start : MarkerState
-        Where the descent starts.
     """
     state = start
     for tolerance in (*[COARSE_TOLERANCE] * (SCALE_ROUNDS - 1), STEP_TOLERANCE):
@@ -94,7 +83,6 @@ def residual_norms(samples: Samples, state: MarkerState) -> list[FloatArray]:
     samples : Samples
         n samples.
     state : MarkerState
-        The unknowns.
     """
     norms = []
     if samples.p is not None and samples.u is not None:

@@ -99,13 +99,6 @@ def check_pair(observed: PoseSignal, command: PoseSignal) -> None:
         Poses of the marker in the tracker frame.
     command : PoseSignal
         Poses of the tip in the base frame.
-
-    Raises
-    ------
-    DataError
-        Signals of unequal length or with missing samples.
-    DegenerateError
-        Fewer than three samples.
     """
     if len(observed) != len(command):
         raise DataError(
@@ -125,13 +118,7 @@ def check_pair(observed: PoseSignal, command: PoseSignal) -> None:
 
 
 def _normalised(weights: FloatArray | None, n: int) -> FloatArray:
-    """Return weights `(n,)` that sum to one.
-
-    Raises
-    ------
-    DataError
-        A wrong shape, a negative or infinite weight, or nothing but zeros.
-    """
+    """Return weights `(n,)` that sum to one."""
     w: FloatArray = np.ones(n) if weights is None else np.asarray(weights, dtype=np.float64)
     if w.shape != (n,) or not np.isfinite(w).all() or (w < 0.0).any() or not w.any():
         raise DataError(f"weights must be {n} finite numbers, none negative and not all zero, got shape {w.shape}.")
@@ -226,9 +213,7 @@ def evenly_spaced(n: int, most: int = MAX_SAMPLES) -> IntArray:
     Parameters
     ----------
     n : int
-        Samples there are.
     most : int
-        Rows wanted.
     """
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
 

@@ -113,7 +113,6 @@ def register(
     observed, command : PoseSignal
         n samples each, all finite.
     trajectory : (n,) int array
-        Trajectory of each sample.
     marker : {"none", "solve", "auto"}
         Whether the marker may be another point of the tool than its tip.
     held_out : bool
@@ -149,24 +148,12 @@ def register(
 
 @dataclass(frozen=True, eq=False)
 class _UnitErrors:
-    """Held-out errors of one kind of model, one row a unit (a trajectory, or a block of a single one).
+    """Held-out errors of one kind of model, one row a unit (a trajectory, or a block of a single one)."""
 
-    Parameters
-    ----------
-    kind : str
-        Kind of the model.
-    position : (m,) array
-        Median position error in each unit, m; NaN where the kind was refused.
-    rotation : (m,) array
-        Median rotation error in each unit, rad; NaN where there are no orientations.
-    refused : str
-        Why the kind could not be fitted; empty when it could.
-    """
-
-    kind: RigidKind
-    position: FloatArray
-    rotation: FloatArray
-    refused: str = ""
+    kind: RigidKind  # kind of the model
+    position: FloatArray  # (m,) median position error in each unit, m; NaN where the kind was refused
+    rotation: FloatArray  # (m,) median rotation error in each unit, rad; NaN where there are no orientations
+    refused: str = ""  # why the kind could not be fitted; empty when it could
 
 
 def _units(observed: PoseSignal, trajectory: IntArray, marker: MarkerOption) -> IntArray:
@@ -269,7 +256,6 @@ def hold_out_units(trajectory: IntArray) -> IntArray:
     Parameters
     ----------
     trajectory : (n,) array
-        Trajectory of each sample.
     """
     _, first, label = np.unique(trajectory, return_index=True, return_inverse=True)
     if len(first) >= FOLDS:

@@ -19,24 +19,12 @@ from gpcorrect.vision.target import Target
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A ball somewhere.
+    """A ball somewhere."""
 
-    Parameters
-    ----------
-    position : (3,) array
-        Tracker frame, m.
-    views : mapping of camera index to Outline
-        That agree.
-    radius : float
-        Mean over the views, m.
-    error_px : float
-        RMS reprojection error.
-    """
-
-    position: FloatArray
-    views: Mapping[int, Outline]
-    radius: float
-    error_px: float
+    position: FloatArray  # (3,) tracker frame, m
+    views: Mapping[int, Outline]  # that agree, by the number of the camera
+    radius: float  # mean over the views, m
+    error_px: float  # RMS reprojection error
 
 
 def hypotheses(
@@ -55,7 +43,6 @@ def hypotheses(
     radius : float or None
         Of the ball, m, when known.
     settings : AgreementSettings
-        What agrees.
     """
     found = []
     for i, j in itertools.combinations(range(len(cameras)), 2):
@@ -182,11 +169,9 @@ def acquire(
     ----------
     cameras : sequence of Camera
     target : Target
-        The balls.
     candidates : sequence (cameras) of sequence (balls) of sequence of Outline
         What may be each ball in each camera.
     settings : AgreementSettings
-        What agrees.
     """
     options: list[list[Hypothesis | None]] = []
     for b, ball in enumerate(target.balls):

@@ -25,34 +25,17 @@ MARKER_NOISE_PX = 0.2  # what rims of dots leave: nothing is to be gained below
 
 @dataclass(frozen=True, eq=False)
 class CameraReport:
-    """One camera's calibration and what is left.
+    """One camera's calibration and what is left."""
 
-    Parameters
-    ----------
-    camera : Camera
-        The result.
-    boards_used, boards_given : int
-        Chessboard pictures.
-    without_board : tuple of str
-        Pictures in which no board was found.
-    corner_rms_px : float or None
-        Reprojection error of the chessboards.
-    marker_residuals : mapping of marker to (2,) array
-        Seen minus projected, px.
-    outliers : tuple of str
-        Markers that contradict the others, left out.
-    moved : float or None
-        Distance between rough and refined position, m.
-    """
-
-    camera: Camera
+    camera: Camera  # the result
+    # chessboard pictures, used and given
     boards_used: int
     boards_given: int
-    without_board: tuple[str, ...]
-    corner_rms_px: float | None
-    marker_residuals: Mapping[str, FloatArray]
-    outliers: tuple[str, ...]
-    moved: float | None
+    without_board: tuple[str, ...]  # pictures in which no board was found
+    corner_rms_px: float | None  # reprojection error of the chessboards
+    marker_residuals: Mapping[str, FloatArray]  # (2,) each, seen minus projected, px
+    outliers: tuple[str, ...]  # markers that contradict the others, left out
+    moved: float | None  # distance between rough and refined position, m
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values; the position's standard deviation is the length of its three."""
@@ -105,11 +88,8 @@ def calibrate_rig(
     Parameters
     ----------
     rig : Rig
-        Pictures, chessboard and markers.
     progress : Progress, optional
-        Called with the cameras done.
     settings : CalibrationSettings
-        Which boards, points and poses are believed.
 
     Raises
     ------

@@ -48,16 +48,12 @@ class Intrinsics:
         return float(0.5 * (self.matrix[0, 0] + self.matrix[1, 1]))
 
     def normalised(self, pixels: FloatArray) -> FloatArray:
-        """Undistort pixels onto the plane one unit before the lens.
+        """Undistort pixels onto the plane one unit before the lens `(n, 2)`.
 
         Parameters
         ----------
         pixels : (n, 2) array
             px.
-
-        Returns
-        -------
-        (n, 2) array
         """
         flat = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
         if not flat.size:
@@ -67,17 +63,12 @@ class Intrinsics:
         return done.reshape(-1, 2)
 
     def pixels(self, local: FloatArray) -> FloatArray:
-        """Project points of the camera frame.
+        """Project points of the camera frame to pixels `(n, 2)`.
 
         Parameters
         ----------
         local : (n, 3) array
             x right, y down, z forward, m.
-
-        Returns
-        -------
-        (n, 2) array
-            px.
         """
         points = np.ascontiguousarray(local, dtype=np.float64).reshape(-1, 1, 3)
         if not points.size:
@@ -131,49 +122,34 @@ class Camera:
         return se3.invert(self.T_camera_tracker)[:3, 3]
 
     def local(self, points: FloatArray) -> FloatArray:
-        """Transform points of the tracker frame into the camera frame.
+        """Transform points of the tracker frame into the camera frame `(n, 3)`, m.
 
         Parameters
         ----------
         points : (n, 3) array
-            m.
-
-        Returns
-        -------
-        (n, 3) array
             m.
         """
         T = self.T_camera_tracker
         return np.asarray(points).reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
 
     def project(self, points: FloatArray) -> FloatArray:
-        """Project points of the tracker frame.
+        """Project points of the tracker frame to pixels `(n, 2)`; NaN for what is behind the camera.
 
         Parameters
         ----------
         points : (n, 3) array
             m.
-
-        Returns
-        -------
-        (n, 2) array
-            px; NaN for what is behind the camera.
         """
         local = self.local(points)
         return np.where(local[:, 2:] > IN_FRONT, self.intrinsics.pixels(local), np.nan)
 
     def directions(self, local: FloatArray) -> FloatArray:
-        """Rotate directions of the camera frame into the tracker frame.
+        """Rotate directions of the camera frame into the tracker frame `(n, 3)`, of unit length.
 
         Parameters
         ----------
         local : (n, 3) array
             Of any length.
-
-        Returns
-        -------
-        (n, 3) array
-            Of unit length.
         """
         d: FloatArray = np.asarray(local).reshape(-1, 3) @ self.T_camera_tracker[:3, :3]
         unit: FloatArray = d / np.linalg.norm(d, axis=1, keepdims=True)

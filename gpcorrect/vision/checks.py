@@ -51,11 +51,9 @@ def check_fit(
     cameras : sequence of Camera
         In the order of the pictures.
     target : Target
-        What is to be tracked.
     names : sequence of str
         Of the videos or folders, for the message.
     settings : VisionSettings
-        What is refused.
 
     Raises
     ------

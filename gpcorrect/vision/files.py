@@ -190,7 +190,6 @@ def write_cameras(cameras: Sequence[Camera], path: str | Path) -> None:
     Parameters
     ----------
     cameras : sequence of Camera
-        In the order of the recordings.
     path : str or Path
         Replaced when there.
     """
@@ -231,33 +230,16 @@ def read_target(path: str | Path) -> Target:
 
 @dataclass(frozen=True, eq=False)
 class RigCamera:
-    """One camera's calibration pictures.
+    """One camera's calibration pictures."""
 
-    Parameters
-    ----------
-    name : str
-        Of the camera.
-    boards : tuple of Path
-        Pictures of the chessboard, anywhere.
-    lens : Intrinsics or None
-        A lens that is known already; boards are then not needed.
-    board_at : Path or None
-        The picture of the board at its known place.
-    T_tracker_board : (4, 4) array or None
-        That place, roughly.
-    seen : mapping of marker to (2,) array
-        Where markers appear, px.
-    markers_in : Path or None
-        A picture in which the markers are to be found.
-    """
-
-    name: str
-    boards: tuple[Path, ...] = ()
-    lens: Intrinsics | None = None
-    board_at: Path | None = None
-    T_tracker_board: FloatArray | None = None
+    name: str  # of the camera
+    boards: tuple[Path, ...] = ()  # pictures of the chessboard, anywhere
+    lens: Intrinsics | None = None  # a lens that is known already; boards are then not needed
+    board_at: Path | None = None  # the picture of the board at its known place
+    T_tracker_board: FloatArray | None = None  # (4, 4) that place, roughly
+    # (2,) each, where markers appear, px
     seen: Mapping[str, FloatArray] = field(default_factory=dict)
-    markers_in: Path | None = None
+    markers_in: Path | None = None  # a picture in which the markers are to be found
 
 
 @dataclass(frozen=True, eq=False)

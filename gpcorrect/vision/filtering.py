@@ -32,22 +32,13 @@ STATUSES = tuple(Status)  # the codes of `tracking_status` are indices into it
 
 @dataclass(frozen=True, eq=False)
 class Filtered:
-    """The estimated pose; every number is finite whatever the status.
+    """The estimated pose; every number is finite whatever the status."""
 
-    Parameters
-    ----------
-    status : Status
-        "measured", "coasting" (predicted from the last measurements), or "lost" (the pose is the last known one, and
-        means nothing).
-    T_tracker_tool : (4, 4) array
-        m.
-    std : (6,) array
-        Of position (m) and rotation vector (rad).
-    """
-
+    # "measured", "coasting" (predicted from the last measurements), or "lost" (the pose is the last known one, and
+    # means nothing)
     status: Status
-    T_tracker_tool: FloatArray
-    std: FloatArray
+    T_tracker_tool: FloatArray  # (4, 4) m
+    std: FloatArray  # (6,) of position (m) and rotation vector (rad)
 
 
 class PoseFilter:
@@ -70,17 +61,12 @@ class PoseFilter:
         self._taken = 0  # measurements since the filter began
 
     def predicted(self, time: float) -> FloatArray | None:
-        """Return the pose expected at another time; the filter stays as it is.
+        """Return the pose `(4, 4)` expected at another time, None when lost; the filter stays as it is.
 
         Parameters
         ----------
         time : float
             s.
-
-        Returns
-        -------
-        (4, 4) array or None
-            None when lost.
         """
         if self._kalman is None:
             return None

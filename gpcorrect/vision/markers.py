@@ -21,24 +21,12 @@ DISC = 1.75  # radius of a disc over the narrower Gaussian at which it answers m
 
 @dataclass(frozen=True, eq=False)
 class Blobs:
-    """Compact patches that stand out of their surroundings.
+    """Compact patches that stand out of their surroundings."""
 
-    Parameters
-    ----------
-    pixels : (n, 2) array
-        Middles, to about a pixel; the strongest first.
-    radii : (n,) array
-        px.
-    answers : (n,) array
-        How much they stand out, grey levels of a difference of Gaussians.
-    kinds : (n,) int array
-        Lighter, darker, redder, greener, yellower or bluer than what is around them: 0 to 5.
-    """
-
-    pixels: FloatArray
-    radii: FloatArray
-    answers: FloatArray
-    kinds: FloatArray
+    pixels: FloatArray  # (n, 2) middles, to about a pixel; the strongest first
+    radii: FloatArray  # (n,) px
+    answers: FloatArray  # (n,) how much they stand out, grey levels of a difference of Gaussians
+    kinds: FloatArray  # (n,) lighter, darker, redder, greener, yellower or bluer than what is around them: 0 to 5
 
 
 def find_blobs(image: Image, settings: CalibrationSettings = DEFAULT.calibration) -> Blobs:
@@ -50,7 +38,6 @@ def find_blobs(image: Image, settings: CalibrationSettings = DEFAULT.calibration
     ----------
     image : (height, width, 3) uint8 array
     settings : CalibrationSettings
-        What stands out.
     """
     lab = cv2.cvtColor(image.astype(np.float32) / 255.0, cv2.COLOR_BGR2Lab) * np.array(
         [2.55, 1.0, 1.0], dtype=np.float32
@@ -113,12 +100,6 @@ def match_blobs(
     near_px : float
         How far from the common offset a marker may be.
     settings : CalibrationSettings
-        From which strength all blobs count alike.
-
-    Returns
-    -------
-    list of dict of marker to int
-        Index into the blobs; markers without one are left out.
     """
     places = {name: pixel for name, pixel in expected.items() if np.isfinite(pixel).all()}
     trials: list[tuple[float, FloatArray, dict[str, int]]] = []
@@ -154,9 +135,7 @@ def refine_markers(
     matched : mapping of marker to int
         Which blob each is.
     lens : Intrinsics
-        Of the camera.
     settings : CalibrationSettings
-        How far a rim's middle may be from its blob's.
     """
     found = {}
     for name, k in matched.items():

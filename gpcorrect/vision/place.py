@@ -26,24 +26,12 @@ LENS, POSE = 9, 6  # numbers of a lens (fx, fy, cx, cy, k1, k2, p1, p2, k3) and 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """A camera's pose from known points.
+    """A camera's pose from known points."""
 
-    Parameters
-    ----------
-    T_camera_tracker : (4, 4) array
-        Maps tracker coordinates into the camera frame, m.
-    covariance : (6, 6) array
-        Of the camera's position (m) and rotation vector (rad), tracker axes.
-    residuals : (n, 2) array
-        Seen minus projected, px.
-    used : (n,) mask
-        Points that were not outliers.
-    """
-
-    T_camera_tracker: FloatArray
-    covariance: FloatArray
-    residuals: FloatArray
-    used: BoolArray
+    T_camera_tracker: FloatArray  # (4, 4) maps tracker coordinates into the camera frame, m
+    covariance: FloatArray  # (6, 6) of the camera's position (m) and rotation vector (rad), tracker axes
+    residuals: FloatArray  # (n, 2) seen minus projected, px
+    used: BoolArray  # (n,) points that were not outliers
 
     @property
     def rms_px(self) -> float:
@@ -80,7 +68,7 @@ def poses_from_board(
 
 
 def poses_from_points(points: FloatArray, pixels: FloatArray, lens: Intrinsics) -> list[FloatArray]:
-    """Return the pose of a camera from points at known places alone, a start where no board is at hand.
+    """Return the one pose of a camera from points at known places alone, or none: a start where no board is at hand.
 
     Parameters
     ----------
@@ -89,11 +77,6 @@ def poses_from_points(points: FloatArray, pixels: FloatArray, lens: Intrinsics) 
     pixels : (n, 2) array
         Where each is seen.
     lens : Intrinsics
-
-    Returns
-    -------
-    list of (4, 4) arrays
-        One `T_camera_tracker`, or none.
     """
     return _solve_pnp(points, pixels, lens, cv2.SOLVEPNP_SQPNP)
 
@@ -131,11 +114,9 @@ def refine_pose(
     pixels : (n, 2) array
         Where each is seen.
     lens : Intrinsics
-        The lens, taken as exact.
     starts : sequence of (4, 4) arrays
         Rough poses; the one that ends best counts.
     settings : CalibrationSettings
-        What an outlier is.
 
     Raises
     ------
@@ -189,20 +170,11 @@ def _pose_covariance(covariance: FloatArray, x: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """A camera after lens and pose were solved together.
-
-    Parameters
-    ----------
-    intrinsics : Intrinsics
-    placement : Placement
-        The pose; its covariance now holds what the lens leaves open.
-    corner_rms_px : float
-        Reprojection error of the boards.
-    """
+    """A camera after lens and pose were solved together."""
 
     intrinsics: Intrinsics
-    placement: Placement
-    corner_rms_px: float
+    placement: Placement  # the pose; its covariance now holds what the lens leaves open
+    corner_rms_px: float  # reprojection error of the boards
 
 
 def adjust(
@@ -228,7 +200,6 @@ def adjust(
     placement : Placement
         The pose with the lens held; its outliers stay out.
     settings : CalibrationSettings
-        Least noise of a corner.
     """
     lens, T, used = calibration.intrinsics, placement.T_camera_tracker, placement.used
     noise = [max(rms / np.sqrt(2.0), settings.least_noise_px) for rms in (placement.rms_px, calibration.rms_px)]

@@ -45,45 +45,22 @@ class Observations:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How the tool moves, as far as that is known before a frame.
+    """How the tool moves, as far as that is known before a frame."""
 
-    Parameters
-    ----------
-    twist : (6,) array
-        Velocity (m/s) and angular velocity (rad/s), tracker axes.
-    covariance : (6, 6) array
-        Of `twist`.
-    """
-
-    twist: FloatArray
-    covariance: FloatArray
+    twist: FloatArray  # (6,) velocity (m/s) and angular velocity (rad/s), tracker axes
+    covariance: FloatArray  # (6, 6) of `twist`
 
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """The last step of a least-squares fit: what an error of a view, a clock or a camera does to the pose.
+    """The last step of a least-squares fit: what an error of a view, a clock or a camera does to the pose."""
 
-    Parameters
-    ----------
-    J : (k, 2, n) array
-        Of the projections, in the pose and, where views have delays, the velocity.
-    weights : (k, 2, 2) array
-        Inverse covariances of the views.
-    information : (n, n) array
-    residual : (k, 2) array
-        Seen minus projected, on the plane one unit before the lens.
-    twist : (6,) array
-        Velocity of the tool, as solved for.
-    free : int
-        Six numbers of a pose, or three of a position.
-    """
-
-    J: FloatArray
-    weights: FloatArray
-    information: FloatArray
-    residual: FloatArray
-    twist: FloatArray
-    free: int
+    J: FloatArray  # (k, 2, n) of the projections, in the pose and, where views have delays, the velocity
+    weights: FloatArray  # (k, 2, 2) inverse covariances of the views
+    information: FloatArray  # (n, n)
+    residual: FloatArray  # (k, 2) seen minus projected, on the plane one unit before the lens
+    twist: FloatArray  # (6,) velocity of the tool, as solved for
+    free: int  # six numbers of a pose, or three of a position
 
     @property
     def velocity(self) -> FloatArray:
@@ -122,24 +99,13 @@ class Linearised:
 
 @dataclass(frozen=True, eq=False)
 class PoseFit:
-    """A pose of the tool.
+    """A pose of the tool."""
 
-    Parameters
-    ----------
-    T_tracker_tool : (4, 4) array
-        m.
-    covariance : (6, 6) array
-        Position (m), then rotation vector (rad), tracker axes.
-    residuals : (k, 2) or (b, 3) array
-        Seen minus reprojected in px for observations; observed minus fitted ball centres in m otherwise.
-    linearised : Linearised or None
-        Of a fit to observations.
-    """
-
-    T_tracker_tool: FloatArray
-    covariance: FloatArray
+    T_tracker_tool: FloatArray  # (4, 4) m
+    covariance: FloatArray  # (6, 6) position (m), then rotation vector (rad), tracker axes
+    # (k, 2) or (b, 3) seen minus reprojected in px for observations; observed minus fitted ball centres in m otherwise
     residuals: FloatArray
-    linearised: Linearised | None = None
+    linearised: Linearised | None = None  # of a fit to observations
 
     @property
     def rms(self) -> float:
@@ -218,7 +184,6 @@ def pose_from_observations(
     places : (b, 3) array
         Balls in the tool frame, m. One ball determines a position: the tool then does not turn.
     observations : Observations
-        What was seen.
     start : (4, 4) array
         A pose nearby: the closed form's, or a prediction.
     motion : Motion, optional

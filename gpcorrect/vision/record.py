@@ -35,7 +35,6 @@ def record(
     folder : str or Path
         Gets camera0.avi, camera1.avi, ... and times.csv; made when missing.
     seconds : float
-        How long.
     fps : float
         Asked of the devices, and written into the videos.
     clock : callable

@@ -52,7 +52,7 @@ class Outline:
 def outline(
     image: Image, circle: FloatArray, lens: Intrinsics, settings: BallSettings = DEFAULT.balls
 ) -> Outline | None:
-    """Refine a circle to the ball's outline.
+    """Refine a circle to the ball's outline; None when too little of a rim is there.
 
     Parameters
     ----------
@@ -60,14 +60,7 @@ def outline(
     circle : (3,) array
         Where the ball was found: u, v, radius, px.
     lens : Intrinsics
-        Of the camera.
     settings : BallSettings
-        What a rim is.
-
-    Returns
-    -------
-    Outline or None
-        None when too little of a rim is there.
     """
     found = None
     if not circle[2] >= settings.least_outline_px:
@@ -125,21 +118,14 @@ def _towards_ball(colours: FloatArray, r: FloatArray, radius: float, half: float
 
 
 def fit_cone(points: FloatArray, lens: Intrinsics, settings: BallSettings = DEFAULT.balls) -> Outline | None:
-    """Fit the cone of touching rays to rim points, those of other objects left out.
+    """Fit the cone of touching rays to the rim points that agree on one; None when they are too few.
 
     Parameters
     ----------
     points : (n, 2) array
         Undistorted, on the plane one unit before the lens.
     lens : Intrinsics
-        Of the camera.
     settings : BallSettings
-        Which points agree.
-
-    Returns
-    -------
-    Outline or None
-        None when too few points agree on a cone.
     """
     d = np.column_stack([points, np.ones(len(points))])
     d /= np.linalg.norm(d, axis=1, keepdims=True)

@@ -170,12 +170,6 @@ def read_image(path: Path) -> Image:
     Parameters
     ----------
     path : Path
-        Of the image.
-
-    Raises
-    ------
-    LogError
-        It cannot be read.
     """
     image = cv2.imread(str(path))
     if image is None:
@@ -184,21 +178,14 @@ def read_image(path: Path) -> Image:
 
 
 def frame_times(sources: Sequence[Source], fps: float | None, count: int) -> FloatArray:
-    """Return the times of the frames, from the images' names where these are times, else from a rate.
+    """Return the times of the frames `(count,)`, s, from the images' names where these are times, else from a rate.
 
     Parameters
     ----------
     sources : sequence of Source
-        The recordings.
     fps : float or None
         Frames a second; the videos' own, or 30, when None.
     count : int
-        Frames.
-
-    Returns
-    -------
-    (count,) array
-        s.
     """
     if fps is None:
         stamped = next((s.times for s in sources if s.times is not None and len(s.times) == count), None)

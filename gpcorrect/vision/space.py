@@ -21,39 +21,22 @@ LEAST_DEPTH = 1e-9  # m: keeps the projection of a point behind a camera finite
 
 @dataclass(frozen=True, eq=False)
 class Located:
-    """A point in space.
+    """A point in space."""
 
-    Parameters
-    ----------
-    position : (3,) array
-        Tracker frame, m.
-    covariance : (3, 3) array
-        m^2.
-    residuals : (k, 2) array
-        Seen minus reprojected, px, one row a camera.
-    """
-
-    position: FloatArray
-    covariance: FloatArray
-    residuals: FloatArray
+    position: FloatArray  # (3,) tracker frame, m
+    covariance: FloatArray  # (3, 3) m^2
+    residuals: FloatArray  # (k, 2) seen minus reprojected, px, one row a camera
 
 
 def common_perpendicular(
     origin_a: FloatArray, direction_a: FloatArray, origin_b: FloatArray, direction_b: FloatArray
 ) -> tuple[FloatArray, float]:
-    """Return the midpoint of the common perpendicular of two rays, and its length.
+    """Return the midpoint `(3,)` of the common perpendicular of two rays, and its length, m.
 
     Parameters
     ----------
     origin_a, direction_a, origin_b, direction_b : (3,) arrays
         Of the rays, m; directions of any length.
-
-    Returns
-    -------
-    midpoint : (3,) array
-        m.
-    gap : float
-        m.
 
     Raises
     ------
@@ -72,17 +55,12 @@ def common_perpendicular(
 
 
 def mean_midpoint(origins: FloatArray, directions: FloatArray) -> FloatArray:
-    """Return the mean of the midpoints of all pairs of rays: the estimate of Peng et al. 2020.
+    """Return the mean `(3,)` of the midpoints of all pairs of rays: the estimate of Peng et al. 2020.
 
     Parameters
     ----------
     origins, directions : (k, 3) arrays
         Of the rays, tracker frame, m; pairs that are nearly parallel are left out.
-
-    Returns
-    -------
-    (3,) array
-        m.
 
     Raises
     ------

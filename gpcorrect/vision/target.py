@@ -41,17 +41,12 @@ class Colour:
     value: float = LEAST_VALUE
 
     def mask(self, hsv: Image) -> Image:
-        """Mark the pixels that are of the colour.
+        """Mark the pixels that are of the colour: 255 where it is, 0 elsewhere.
 
         Parameters
         ----------
         hsv : (height, width, 3) uint8 array
             Hue, saturation and value as OpenCV has them.
-
-        Returns
-        -------
-        (height, width) uint8 array
-            255 where the colour is, 0 elsewhere.
         """
         floor = (255 * self.saturation, 255 * self.value)
         mask = None

@@ -88,11 +88,9 @@ class Track:
         Parameters
         ----------
         target : Target
-            What was tracked.
         remarks : sequence of str
             Of the recording, for the log's notes.
         name : str
-            Of the log.
         """
         position = self.T_tracker_tool[:, :3, 3]
         quaternion = se3.quaternion_from_matrix(self.T_tracker_tool[:, :3, :3]) if target.has_pose else None
@@ -181,12 +179,9 @@ def track(
     sources : sequence of Source
         One a camera, in the order of `cameras`.
     cameras : sequence of Camera
-        Calibrated.
     target : Target
     settings : TrackSettings, optional
-        How.
     progress : Progress, optional
-        Called with the frames done.
     on_frame : callable, optional
         Called with every frame and its pictures: for drawing.
 

@@ -29,33 +29,18 @@ FLAT = 0.3  # of the median distance, below which all weigh alike
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that a check has to say.
+    """One thing that a check has to say."""
 
-    Parameters
-    ----------
-    severity : {"error", "warning", "info"}
-        error: what is learned from this log will be wrong; warning: look at it first; info: good to know.
-    code : str
-        Short fixed name, for programs.
-    signal : str
-        Name of the log's signal, "time" or "trajectory"; empty when it is about the log as a whole.
-    message : str
-        What was found, with numbers and units.
-    hint : str
-        What to do about it.
-    count : int
-        Samples (or trajectories) it is about.
-    rows : sequence of int
-        Those samples: rows of the log counted from 0, or trajectory numbers when the signal is "trajectory". The
-        first few stay.
-    """
-
+    # error: what is learned from this log will be wrong; warning: look at it first;
+    # info: good to know
     severity: Severity
-    code: str
-    signal: str
-    message: str
-    hint: str = ""
-    count: int = 0
+    code: str  # short fixed name, for programs
+    signal: str  # name of the log's signal, "time" or "trajectory"; empty when it is about the log as a whole
+    message: str  # what was found, with numbers and units
+    hint: str = ""  # what to do about it
+    count: int = 0  # samples (or trajectories) it is about
+    # those samples: rows of the log counted from 0, or trajectory numbers when the signal is "trajectory". The first
+    # few stay
     rows: Sequence[int] | IntArray = ()
 
     def __post_init__(self) -> None:
@@ -126,7 +111,6 @@ class Evidence:
         Parameters
         ----------
         name : str
-            Of the signal.
         """
         return name in self.log.signals and bool(self.known(name).any())
 
@@ -136,7 +120,6 @@ class Evidence:
         Parameters
         ----------
         name : str
-            Of the signal.
         """
         value: PoseSignal | FloatArray = getattr(self.log, name)
         if not isinstance(value, PoseSignal):
@@ -149,7 +132,6 @@ class Evidence:
         Parameters
         ----------
         name : str
-            Of the signal.
         """
         return np.asarray(np.isfinite(self.table(name)).all(axis=1), dtype=np.bool_)
 
@@ -159,7 +141,6 @@ class Evidence:
         Parameters
         ----------
         name : str
-            Of a pose signal.
         """
         signal: PoseSignal = getattr(self.log, name)
         return signal.position
@@ -188,7 +169,6 @@ class Evidence:
         Parameters
         ----------
         name : str
-            Of the signal.
         """
         table = self.table(name)
         same: BoolArray = (self.previous >= 0) & (table == table[self.previous]).all(axis=1)

@@ -19,18 +19,10 @@ MISSING = frozenset({"", "nan", "-nan", "null", "na", "n/a", "none"})
 
 @dataclass(frozen=True)
 class Export:
-    """A text file's lines.
+    """A text file's lines."""
 
-    Parameters
-    ----------
-    lines : sequence of str
-        Counted from 0 here, from 1 in messages.
-    delimiter : str
-        Between cells.
-    """
-
-    lines: Sequence[str]
-    delimiter: str
+    lines: Sequence[str]  # counted from 0 here, from 1 in messages
+    delimiter: str  # between cells
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -77,11 +69,6 @@ class Export:
             First line and the one after the last.
         columns : sequence of int
             Counted from 0.
-
-        Raises
-        ------
-        LogError
-            A cell holds text, or there is no line.
         """
         if stop <= start:
             raise LogError("the file has a header but no samples.")
@@ -114,11 +101,6 @@ def read_export(path: Path, delimiter: str | None = None) -> Export:
         A text export.
     delimiter : str, optional
         Between cells; taken from the line that begins with "Frame" when not given.
-
-    Raises
-    ------
-    LogError
-        The file is binary, or its last line is cut off.
     """
     text = path.read_bytes().decode(encoding_of(path), errors="replace")
     lines = text.splitlines()

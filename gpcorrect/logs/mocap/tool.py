@@ -19,22 +19,15 @@ FRAMES = 500  # that are looked at for the marker that moves most against the ot
 
 @dataclass(frozen=True)
 class RigiditySettings:
-    """How far the markers of one tool may be from rigid.
+    """How far the markers of one tool may be from rigid."""
 
-    Parameters
-    ----------
-    warn : float
-        m. Marker systems place a marker within some tenths of a millimetre, so the markers of a rigid tool fit each
-        other better than this; chosen by hand.
-    refuse : float
-        m. Ten times that: the pose is then wrong by as much as what is to be learned. Markers on different links of an
-        arm, or taken from a person, are tens to hundreds of millimetres off.
-    quantile : float
-        Of the frames that may fit worse: swapped and ghost markers in single frames are left to cleaning.
-    """
-
+    # m. Marker systems place a marker within some tenths of a millimetre, so the markers of a rigid tool fit each
+    # other better than this; chosen by hand
     warn: float = 1e-3
+    # m. Ten times that: the pose is then wrong by as much as what is to be learned. Markers on different links of an
+    # arm, or taken from a person, are tens to hundreds of millimetres off
     refuse: float = 10e-3
+    # of the frames that may fit worse: swapped and ghost markers in single frames are left to cleaning
     quantile: float = 0.9
 
 
@@ -77,14 +70,8 @@ def require_rigid(points: FloatArray, names: Sequence[str], rms: FloatArray) -> 
     points : (n, m, 3) array
         Markers over time, m; NaN where one is hidden.
     names : sequence of str
-        Their labels.
     rms : (n,) array
         Distance from the fitted body in each frame, m.
-
-    Raises
-    ------
-    LogError
-        The misfit is above :attr:`RigiditySettings.refuse`.
     """
     misfit = typical_misfit(rms)
     if misfit <= RIGIDITY.warn:
@@ -129,13 +116,6 @@ def tool_poses(points: FloatArray) -> tuple[PoseSignal, FloatArray]:
         NaN where fewer than three markers are seen, or those seen lie on a line.
     (n,) array
         Root mean square distance of the markers from the fitted body, m; zero for a single marker.
-
-    Raises
-    ------
-    DataError
-        There are two markers, or no frame shows all of them.
-    DegenerateError
-        The markers lie on a line.
     """
     count = points.shape[1]
     if count == 1:
@@ -165,13 +145,6 @@ def configuration(points: FloatArray) -> FloatArray:
     ----------
     points : (n, m, 3) array
         Markers over time, m; NaN where one is hidden.
-
-    Raises
-    ------
-    DataError
-        A marker is never seen beside three others.
-    DegenerateError
-        The markers lie on a line.
     """
     seen = np.asarray(np.isfinite(points).all(axis=2))
     shown = f"they are seen in {', '.join(f'{part:.0%}' for part in seen.mean(axis=0))} of the frames."

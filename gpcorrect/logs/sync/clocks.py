@@ -73,7 +73,6 @@ def match_clocks(
     Parameters
     ----------
     log : CalibrationLog
-        Not changed.
     moving, reference : str
         The signal that another clock may have stamped, and what it is compared with: both poses or both joints.
     mode : {"auto", "none"} or str
@@ -82,13 +81,6 @@ def match_clocks(
         Seconds by which the robot itself may make the signal run behind.
     shifts : bool
         Whether "auto" shifts; it only says what it found otherwise.
-
-    Returns
-    -------
-    CalibrationLog
-        Same rows; NaN in the signal where nothing is near in time after a shift.
-    Clocks
-        What was found and done.
 
     Raises
     ------
@@ -173,7 +165,6 @@ def align(
     Parameters
     ----------
     log : CalibrationLog
-        Not changed.
     offset : TimeOffset or float
         Seconds d by which the stamps of these signals run ahead; an estimate brings its drift along.
     signals : sequence of str

@@ -30,21 +30,11 @@ MIN_COMMON = 0.25  # a lag needs this fraction of the most samples in common at 
 
 @dataclass(frozen=True, eq=False)
 class LagCurve:
-    """Correlation of two speeds over lags.
+    """Correlation of two speeds over lags."""
 
-    Parameters
-    ----------
-    lags : (m,) array
-        Seconds that the observer's stamps run ahead of the reference's.
-    correlation : (m,) array
-        Pooled correlation coefficient, NaN where too few samples are in common.
-    variation : float
-        Standard deviation of the reference's speed in units of its mean; 0 where nothing moves.
-    """
-
-    lags: FloatArray
-    correlation: FloatArray
-    variation: float
+    lags: FloatArray  # (m,) seconds that the observer's stamps run ahead of the reference's
+    correlation: FloatArray  # (m,) pooled correlation coefficient, NaN where too few samples are in common
+    variation: float  # standard deviation of the reference's speed in units of its mean; 0 where nothing moves
 
 
 def typical_step(motions: Sequence[Motion]) -> float:
@@ -182,7 +172,6 @@ def peaks(curve: LagCurve, fraction: float) -> FloatArray:
     Parameters
     ----------
     curve : LagCurve
-        What was correlated.
     fraction : float
         Lesser maxima than this fraction of the highest are left out.
     """

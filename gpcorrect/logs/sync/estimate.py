@@ -85,11 +85,6 @@ def stream_offset(
         Both poses or both joints.
     max_lag, centre : float, optional
         See :func:`estimate_offset`.
-
-    Raises
-    ------
-    LogError
-        One is a pose and the other joints.
     """
     pairs = [stream_pair(observed, reference)]
     return estimate_offset(pairs, max_lag=max_lag, centre=centre, names=(observed.name, reference.name))
@@ -120,11 +115,6 @@ def estimate_offset(
         Where to search: a rough offset, when the clocks have different origins.
     names : (str, str)
         Of the observed and the reference signal, for messages.
-
-    Raises
-    ------
-    DataError
-        `max_lag` is not positive.
     """
     if max_lag is not None and not max_lag > 0:
         raise DataError(f"max_lag must be positive seconds, got {max_lag}.")

@@ -25,25 +25,15 @@ STILL = 1e-6  # a joint that spans less than this fraction of the widest joint d
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Points that moved, on one clock.
+    """Points that moved, on one clock."""
 
-    Parameters
-    ----------
-    time : (n,) array
-        Stamps, s, of any spacing; samples out of order are left out.
-    values : (n, k) array
-        Positions in any frame, or joint positions; a row with NaN is a missing sample and left out.
-    lever : (n, m) array or None
-        Further columns that a constant matrix may mix into what the other clock saw: the nine entries of
-        the rotation matrix stand for an unknown lever arm between the two points.
-    label : (n,) int array or None
-        Trajectory of each sample, for offsets trajectory by trajectory.
-    """
-
-    time: FloatArray
+    time: FloatArray  # (n,) stamps, s, of any spacing; samples out of order are left out
+    # (n, k) positions in any frame, or joint positions; a row with NaN is a missing sample and left out
     values: FloatArray
+    # (n, m) further columns that a constant matrix may mix into what the other clock saw: the nine entries of the
+    # rotation matrix stand for an unknown lever arm between the two points
     lever: FloatArray | None = None
-    label: IntArray | None = None
+    label: IntArray | None = None  # (n,) trajectory of each sample, for offsets trajectory by trajectory
 
     def __post_init__(self) -> None:
         time, values = np.asarray(self.time, dtype=np.float64), np.asarray(self.values, dtype=np.float64)
@@ -81,17 +71,11 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class MotionPair:
-    """One motion as two clocks saw it: the robot's own record, and an observer's.
+    """One motion as two clocks saw it: the robot's own record, and an observer's."""
 
-    Parameters
-    ----------
-    reference : Motion
-        What the robot commanded or reported: the smoother one, because it is the one that is interpolated.
-    observed : Motion
-        What the other clock stamped; its values keep the reference's column order only when they are joints.
-    """
-
+    # what the robot commanded or reported: the smoother one, because it is the one that is interpolated
     reference: Motion
+    # what the other clock stamped; its values keep the reference's column order only when they are joints
     observed: Motion
 
 
@@ -101,7 +85,6 @@ def stretches(pair: MotionPair, gap: float, margin: float) -> Iterator[MotionPai
     Parameters
     ----------
     pair : MotionPair
-        Not changed.
     gap : float
         A longer pause cuts, s.
     margin : float
@@ -124,12 +107,6 @@ def default_pair(log: CalibrationLog) -> tuple[str, str]:
     Parameters
     ----------
     log : CalibrationLog
-        With any signals.
-
-    Raises
-    ------
-    LogError
-        The log holds no two signals of one motion.
     """
     for observed, references in REFERENCES.items():
         for reference in references:
@@ -152,12 +129,6 @@ def pairs_of(log: CalibrationLog, observed: str, reference: str) -> list[MotionP
     log : CalibrationLog
         With a clock.
     observed, reference : str
-        Names of the signals.
-
-    Raises
-    ------
-    LogError
-        A signal is absent, or one is a pose and the other joints.
     """
     for name in (observed, reference):
         if name not in log.signals or name in log.SCALARS:
@@ -199,11 +170,6 @@ def stream_pair(observed: Stream, reference: Stream) -> MotionPair:
     ----------
     observed, reference : Stream
         What the other clock stamped, and the robot's record.
-
-    Raises
-    ------
-    LogError
-        One is a pose and the other joints.
     """
     columns = _columns(reference.values, observed.values, (reference.name, observed.name))
     return MotionPair(Motion(reference.stamp, columns.values, columns.lever), Motion(observed.stamp, columns.seen))

@@ -103,39 +103,19 @@ def _sound_intervals(time: FloatArray) -> BoolArray:
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """A local optimum of the shift.
+    """A local optimum of the shift."""
 
-    Parameters
-    ----------
-    timing : (p,) array
-        Shift in s at the epoch and, where fitted, its drift in s/s.
-    covariance : (p, p) array
-        Of the timing, from sums over blocks of samples.
-    dof : int
-        Degrees of freedom of the covariance: blocks less parameters.
-    explained : float
-        Share of the observed spread that the reference explains.
-    information : float
-        Share of the observed velocity that no constant A, b could imitate; 0 means that a shift looks like
-        another registration.
-    valid : (n,) bool array
-        Observed samples that were compared.
-    residual : (n, k) array
-        Observed less modelled, 0 where not valid.
-    scale : (k,) array
-        Robust standard deviation of the residual.
-    score, hessian : (n, p) and (n, p, p) arrays
-        What each sample adds to the normal equations of the timing.
-    """
-
-    timing: FloatArray
-    covariance: FloatArray
-    dof: int
-    explained: float
+    timing: FloatArray  # (p,) shift in s at the epoch and, where fitted, its drift in s/s
+    covariance: FloatArray  # (p, p) of the timing, from sums over blocks of samples
+    dof: int  # degrees of freedom of the covariance: blocks less parameters
+    explained: float  # fraction of the observed spread that the reference explains
+    # fraction of the observed velocity that no constant A, b could imitate; 0 means that a shift looks like another
+    # registration
     information: float
-    valid: BoolArray
-    residual: FloatArray
-    scale: FloatArray
+    valid: BoolArray  # (n,) observed samples that were compared
+    residual: FloatArray  # (n, k) observed less modelled, 0 where not valid
+    scale: FloatArray  # (k,) robust standard deviation of the residual
+    # (n, p) and (n, p, p), what each sample adds to the normal equations of the timing
     score: FloatArray
     hessian: FloatArray
 
@@ -210,7 +190,6 @@ class Timing:
         Parameters
         ----------
         valid : (n,) bool array
-            Samples in common.
         """
         return int(valid.sum()) >= 3 * (self.curve.columns + 2) + MIN_BLOCKS
 
@@ -258,11 +237,6 @@ class Timing:
         ----------
         timings : sequence of k (p,) arrays
             Shift in s and, where there is one, drift in s/s.
-
-        Returns
-        -------
-        (k,) array
-            Median distance, in the unit of the observed values; NaN where too few samples are in common.
         """
         samples = [self.sample(timing) for timing in timings]
         common = np.logical_and.reduce([sampled.valid for sampled in samples])
