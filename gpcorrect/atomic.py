@@ -24,7 +24,6 @@ def require_folder(path: str | Path) -> None:
     Parameters
     ----------
     path : str or Path
-        The file to come.
 
     Raises
     ------
@@ -64,7 +63,6 @@ def require_own(path: str | Path, begins: bytes, what: str) -> None:
     Parameters
     ----------
     path : str or Path
-        The file to come.
     begins : bytes
         Regular expression of how files of its kind begin.
     what : str
@@ -105,7 +103,6 @@ def make_folder(path: str | Path) -> None:
     Parameters
     ----------
     path : str or Path
-        The folder.
 
     Raises
     ------
@@ -130,7 +127,6 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     Parameters
     ----------
     path : str or Path
-        The file to come.
 
     Raises
     ------
@@ -169,9 +165,7 @@ def write_file(path: str | Path, content: str | bytes) -> None:
     Parameters
     ----------
     path : str or Path
-        Of the file.
     content : str or bytes
-        All of it.
     """
     with atomic_path(path) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)

@@ -38,7 +38,6 @@ def pack(value: Any, prefix: str) -> tuple[Any, Arrays]:
     Parameters
     ----------
     value : Any
-        What is taken apart.
     prefix : str
         Under which the arrays are named.
     """
@@ -70,7 +69,6 @@ def unpack(hint: type[T], data: Any, arrays: Mapping[str, Any]) -> T:
     Parameters
     ----------
     hint : type
-        What it was.
     data : JSON-able
         From :func:`pack`.
     arrays : mapping

@@ -31,7 +31,6 @@ def quoted(text: str) -> str:
     Parameters
     ----------
     text : str
-        Any.
     """
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 

@@ -16,11 +16,11 @@ except ImportError as error:
 PAPERS = {"a4": (0.297, 0.210), "a3": (0.420, 0.297), "letter": (0.2794, 0.2159)}  # m, lying on the long side
 INCH = 0.0254  # m
 MARGIN = 0.008  # m: what printers leave white
-RULER = 0.100  # m
+SCALE = 0.100  # m, of the printed line of known length
 
 
 def write_board(path: str | Path, columns: int, rows: int, square: float, paper: str = "a4") -> None:
-    """Write a chessboard as a PDF of true size, with a ruler to check what the printer made of it.
+    """Write a chessboard as a PDF of true size, with a line of known length to check what the printer made of it.
 
     Parameters
     ----------
@@ -63,10 +63,10 @@ def write_board(path: str | Path, columns: int, rows: int, square: float, paper:
             if (i + j) % 2 == 0:
                 axes.add_patch(Rectangle((left + i * square, top + j * square), square, square, color="k", lw=0))
     bottom = height - MARGIN
-    axes.plot([left, left + RULER], [bottom, bottom], color="k", lw=0.6)
-    for end in (left, left + RULER):
+    axes.plot([left, left + SCALE], [bottom, bottom], color="k", lw=0.6)
+    for end in (left, left + SCALE):
         axes.plot([end, end], [bottom - 0.002, bottom], color="k", lw=0.6)
     words = f"{columns} x {rows} inner corners, squares of {1e3 * square:g} mm. Print at 100 %: this line is 100 mm."
-    axes.text(left + RULER + 0.004, bottom, words, fontsize=7, va="bottom")
+    axes.text(left + SCALE + 0.004, bottom, words, fontsize=7, va="bottom")
     with atomic_path(path) as temporary:
         figure.savefig(temporary, format="pdf")

@@ -27,7 +27,6 @@ class Progress:
         Parameters
         ----------
         stage : str
-            Its name, for people.
         done : float
             Finished fraction, 0 to 1.
         """
@@ -39,7 +38,6 @@ def frozen_array(value: ArrayLike, dtype: type = np.float64) -> NDArray[Any]:
     Parameters
     ----------
     value : array_like
-        What is copied.
     dtype : type
         Of the copy; float64 by default.
     """
@@ -218,7 +216,6 @@ class CalibrationLog:
         Parameters
         ----------
         dof : int
-            Number of joints.
 
         Raises
         ------

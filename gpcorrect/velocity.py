@@ -30,7 +30,7 @@ FIT_SAMPLES = 3  # a parabola needs three, however slow the stream
 def segment_labels(
     time: ArrayLike, trajectory: ArrayLike, keep: ArrayLike | None = None, max_gap: float | None = None
 ) -> IntArray:
-    """Label the unbroken runs of kept samples inside one trajectory: 0, 1... in row order, -1 where not kept.
+    """Label the unbroken runs of used samples inside one trajectory: 0, 1... in row order, -1 where not used.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def segment_labels(
     trajectory : (n,) int array
         Which motion a sample belongs to.
     keep : (n,) bool array, optional
-        False for a rejected or missing sample, which breaks the run; all kept by default.
+        False for a rejected or missing sample, which breaks the run; all are used by default.
     max_gap : float, optional
         A longer time step, s, breaks the run; by default five times the trajectory's median step.
 
@@ -142,7 +142,7 @@ class CausalTwist:
     Parameters
     ----------
     window : float
-        Length of the past that is fitted, s; at least three samples are kept however slow the stream.
+        Length of the past that is fitted, s; at least three samples are used however slow the stream.
     max_gap : float
         A longer pause, s, forgets the past.
 
@@ -178,7 +178,7 @@ class CausalTwist:
         Raises
         ------
         DataError
-            Time does not advance, or the sample is not finite or of another shape; the past is kept.
+            Time does not advance, or the sample is not finite or of another shape; the past stays.
         """
         p = np.array(position, dtype=np.float64)
         R = None if rotation is None else np.array(rotation, dtype=np.float64)

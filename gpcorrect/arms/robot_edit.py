@@ -18,7 +18,7 @@ from gpcorrect.types import FloatArray
 
 STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # MuJoCo's hardest; its default lets a stuck joint creep by 20 mrad/s
 POINT_INERTIA = 1e-9  # kg m^2: MuJoCo asks for some, of a body that is a point
-PAYLOAD = "gpcorrect_payload"
+PAYLOAD = "gpcorrect_payload"  # name of the body that is hung at the tip
 
 
 class RobotEdit:

@@ -76,7 +76,7 @@ def _of_bag(title: str, path: Path) -> Contents:
     parts += [Part(name, "transform", count) for name, count in tree.items()]
     types = {t.name: t.msgtype for t in listed}
     try:
-        chosen = dict(choose_topics(types, BagOptions()).topics)
+        chosen, _ = choose_topics(types, BagOptions())
     except LogError:  # several robots or trackers: the user is to choose
         chosen = {}
     if "raven_state" in chosen:
@@ -118,13 +118,12 @@ def _of_log(title: str, log: CalibrationLog) -> Contents:
         else:
             columns |= dict(zip(joint_names(name, value.shape[1]), value.T, strict=True))
     columns |= log.extra
-    return Contents(title, tuple(_column(*item) for item in columns.items()), _propose_columns(dict(log.extra)))
-
-
-def _column(name: str, values: FloatArray) -> Part:
-    known = values[np.isfinite(values)]
-    span = f"{known.min():.6g}..{known.max():.6g}" if known.size else ""
-    return Part(name, "column", int(known.size), span)
+    parts = []
+    for name, values in columns.items():
+        known = values[np.isfinite(values)]
+        span = f"{known.min():.6g}..{known.max():.6g}" if known.size else ""
+        parts.append(Part(name, "column", int(known.size), span))
+    return Contents(title, tuple(parts), _propose_columns(dict(log.extra)))
 
 
 CLOCK = re.compile(r"time|stamp|^t$|^sec|nsec|nanosec", re.IGNORECASE)

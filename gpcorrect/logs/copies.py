@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, PoseSignal
+from gpcorrect.types import BoolArray, CalibrationLog, PoseSignal
 
 Marks = NDArray[np.uint64]
 
@@ -80,7 +80,11 @@ def stretches(log: CalibrationLog, name: str) -> tuple[NDArray[np.intp], Marks]:
     if len(log) < STRETCH:
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.uint64)
     known: BoolArray = np.all(np.abs(table) < LARGEST, axis=1)
-    rows = _mixed_rows(np.where(known[:, None], table, 0.0))
+    # A number of 64 bits for each row, the same for the same rounded numbers.
+    whole_numbers = np.round(np.where(known[:, None], table, 0.0) * 10.0**DIGITS).astype(np.int64).astype(np.uint64)
+    rows = np.zeros(len(table), dtype=np.uint64)
+    for column in whole_numbers.T:
+        rows = _mixed(rows + column)
     last = len(log) - STRETCH + 1
     marks, whole = np.zeros(last, dtype=np.uint64), log.trajectory[:last] == log.trajectory[STRETCH - 1 :]
     for k in range(STRETCH):
@@ -91,15 +95,6 @@ def stretches(log: CalibrationLog, name: str) -> tuple[NDArray[np.intp], Marks]:
     _, first, counts = np.unique(pairs, axis=0, return_index=True, return_counts=True)
     starts = starts[first[counts == 1]]
     return starts, marks[starts]
-
-
-def _mixed_rows(table: FloatArray) -> Marks:
-    """Return a number of 64 bits for each row of a table `(n, k)`, the same for the same rounded numbers."""
-    whole = np.round(table * 10.0**DIGITS).astype(np.int64).astype(np.uint64)
-    rows = np.zeros(len(table), dtype=np.uint64)
-    for column in whole.T:
-        rows = _mixed(rows + column)
-    return rows
 
 
 def _mixed(numbers: Marks) -> Marks:

@@ -119,14 +119,13 @@ def _joined(logs: Sequence[CalibrationLog], name: str) -> Any:
 def _joined_meta(logs: Sequence[CalibrationLog]) -> LogMeta:
     """Join what the logs say: the same once, different notes one after the other."""
     merged: dict[str, Any] = {}
-    for name in (f.name for f in fields(LogMeta)):
+    for name in (f.name for f in fields(LogMeta) if f.name != "tracker_base"):
         values = list(dict.fromkeys(v for log in logs if (v := getattr(log.meta, name))))
         if name in SAME_MACHINE and len(values) > 1:
             raise LogError(f"logs of different machines cannot be joined: {name} is {' and '.join(values)}.")
-        merged[name] = values[0] if len(values) == 1 else (None if name == "tracker_base" else "; ".join(values))
+        merged[name] = "; ".join(values)
     frames = {log.meta.tracker_base for log in logs}
-    merged["tracker_base"] = frames.pop() if len(frames) == 1 else None
-    return LogMeta(**merged)
+    return LogMeta(**merged, tracker_base=frames.pop() if len(frames) == 1 else None)
 
 
 def _remarks(logs: Sequence[CalibrationLog], common: tuple[str, ...]) -> list[str]:
@@ -195,6 +194,7 @@ def with_tracker(robot: CalibrationLog, take: CalibrationLog, ahead: float | Non
     )
 
 
+# For recordings whose motion does not say how their clocks lie.
 _HINT = "Give the seconds by which the tracker's clock runs ahead: --time-offset SECONDS."
 
 

@@ -1,4 +1,4 @@
-"""ROS messages to streams: poses and joint states, header stamps and times of reception."""
+"""ROS messages to streams: poses and joint states, header stamps and receive times."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy as np
 from gpcorrect.errors import LogError
 from gpcorrect.logs.orientation import unit_quaternions
 from gpcorrect.logs.streams import Stream
-from gpcorrect.types import FloatArray, IntArray, LogMeta, PoseSignal
+from gpcorrect.types import FloatArray, IntArray, PoseSignal
 
-NO_ROTATION = (math.nan,) * 4
+NO_ROTATION = (math.nan,) * 4  # of a point
 
 # Signals in a JointState, in the order of its fields.
 JOINT_SIGNALS = {
@@ -109,7 +109,7 @@ class Times:
 
     @classmethod
     def of(cls, recorded: Recorded, origin: int, clock: Literal["header", "receive"]) -> Times:
-        """Header stamps, or times of reception where the source left its stamps zero.
+        """Header stamps, or receive times where the source left its stamps zero.
 
         Parameters
         ----------
@@ -126,24 +126,15 @@ class Times:
             stamp = receive
         elif not stamp.any():
             stamp = receive
-            remarks = [f"{recorded.topic} has no header stamps; the times of reception were taken."]
+            remarks = [f"{recorded.topic} has no header stamps; the receive times were taken."]
         elif not stamp.all():
             rows = np.flatnonzero(stamp)
             remarks = [f"{len(stamp) - len(rows)} messages of {recorded.topic} without a stamp were left out."]
         return cls((stamp[rows] - origin) / 1e9, (receive[rows] - origin) / 1e9, rows, tuple(remarks))
 
 
-@dataclass(frozen=True, eq=False)
-class Decoded:
-    """What messages became: streams, remarks on them, and what they say of the machine."""
-
-    streams: tuple[Stream, ...]
-    remarks: tuple[str, ...] = ()
-    meta: LogMeta = field(default_factory=LogMeta)
-
-
-def pose_streams(name: str, recorded: Recorded, times: Times) -> Decoded:
-    """Stream of poses; a quaternion that is none becomes missing, and is counted.
+def pose_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Stream], list[str]]:
+    """Stream of poses; a quaternion that is none becomes missing, and a remark says how many.
 
     Parameters
     ----------
@@ -154,9 +145,9 @@ def pose_streams(name: str, recorded: Recorded, times: Times) -> Decoded:
     table = np.array(recorded.rows, dtype=np.float64)[times.rows]
     quaternion = unit_quaternions(table[:, 3:])
     bad = int((np.isfinite(table[:, 3:]).all(axis=1) & np.isnan(quaternion).any(axis=1)).sum())
-    remarks = (f"{bad} samples of {name} have no valid rotation; it counts as missing.",) if bad else ()
+    remarks = [f"{bad} samples of {name} have no valid rotation; it counts as missing."] if bad else []
     pose = PoseSignal(table[:, :3], None if np.isnan(table[:, 3:]).all() else quaternion)
-    return Decoded((Stream(name, times.stamp, pose, times.receive, recorded.topic),), remarks)
+    return [Stream(name, times.stamp, pose, times.receive, recorded.topic)], remarks
 
 
 def in_one_order(recorded: Mapping[str, Recorded]) -> tuple[dict[str, Recorded], tuple[str, ...]]:
@@ -191,8 +182,8 @@ def _moved(row: tuple[Any, ...], names: tuple[str, ...], order: tuple[str, ...])
     return (order, *(part[places] if len(part) == len(names) else part for part in row[1:]))
 
 
-def joint_streams(name: str, recorded: Recorded, times: Times) -> Decoded:
-    """Streams of joint positions, and of measured velocities and efforts where they were published.
+def joint_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Stream], list[str]]:
+    """Streams of joint positions, and of measured velocities and efforts where they were published; and remarks.
 
     Parameters
     ----------
@@ -212,4 +203,4 @@ def joint_streams(name: str, recorded: Recorded, times: Times) -> Decoded:
         elif widths - {0}:
             values = np.array([recorded.rows[i][k] for i in times.rows], dtype=np.float64)
             streams.append(Stream(signal, times.stamp, values, times.receive, recorded.topic))
-    return Decoded(tuple(streams), tuple(remarks))
+    return streams, remarks

@@ -85,5 +85,5 @@ def check_order(
         )
         raise LogError(f"{found}.", hint=hint)
     if disorder == "keep":
-        return np.ones_like(ordered), [f"{found}; kept."]
+        return np.ones_like(ordered), [f"{found}; left in."]
     return ordered, [f"{found}; left out."]

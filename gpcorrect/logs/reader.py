@@ -51,16 +51,6 @@ class Format:
     line: re.Pattern[bytes] | None = None
     libraries: tuple[str, ...] = ()
 
-    def begins(self, head: bytes) -> bool:
-        """Whether a file is of this format; a text may begin with empty lines and a byte order mark.
-
-        Parameters
-        ----------
-        head : bytes
-        """
-        seen = head.removeprefix(b"\xef\xbb\xbf").lstrip(b'\r\n ,;\t"') if self.text else head
-        return any(seen.startswith(mark) for mark in self.marks) or bool(self.line and self.line.search(head))
-
 
 ENDS = (b"\r", b"\n", b",", b";", b"\t", b'"')  # of a title that stands alone in its line, or in its first cell
 VICON = tuple(title.encode() + end for title in vicon.TITLES for end in ENDS)
@@ -161,8 +151,12 @@ def parsed(kind: type[T], read: Callable[[Format, Path, ReadSettings], T], path:
         See :func:`read_log`.
     """
     found = format_of(path)
-    if found.whole:
-        _check_size(path, settings.max_bytes)
+    size = path.stat().st_size
+    if found.whole and size > settings.max_bytes:
+        hint = "Convert it to Parquet, split it, or raise the limit with max_bytes."
+        raise LogError(f"expected at most {settings.max_bytes / 1e9:.3g} GB, got {size / 1e9:.3g} GB.", hint=hint)
+    if found.whole and size == 0:
+        raise LogError("the file is empty.")
     reader = partial(read, found)
     if found.libraries:
         return parse_apart(kind, found.title, reader, path, settings, found.libraries)
@@ -189,8 +183,8 @@ def _possible(log: CalibrationLog) -> CalibrationLog:
             remarks.append(
                 f"{rows} samples of {name} are infinite or beyond {FARTHEST:g} m or rad; they count as missing."
             )
-            kept = np.where(wrong, np.nan, table)
-            changed[name] = PoseSignal(kept, value.quaternion) if pose else kept
+            rest = np.where(wrong, np.nan, table)
+            changed[name] = PoseSignal(rest, value.quaternion) if pose else rest
     return replace(log, **changed, remarks=(*log.remarks, *remarks)) if changed else log
 
 
@@ -208,8 +202,9 @@ def format_of(path: Path) -> Format:
         raise LogError("expected a file or the folder of a ROS 2 recording, found no metadata.yaml in it.")
     with path.open("rb") as file:
         head = file.read(HEAD)
+    text = head.removeprefix(b"\xef\xbb\xbf").lstrip(b'\r\n ,;\t"')  # may begin with empty lines and a byte order mark
     for known in FORMATS:
-        if known.begins(head):
+        if (text if known.text else head).startswith(known.marks) or (known.line and known.line.search(head)):
             return known
     named = next((f for f in FORMATS if path.suffix.lower() in f.suffixes), None)
     if named is None:
@@ -240,16 +235,6 @@ def naming(path: Path) -> Iterator[None]:
         raise LogError(error.message, hint=error.hint, path=str(path)) from error
     except OSError as error:
         raise LogError(f"cannot be read: {error.strerror or error}.", path=str(path)) from error
-
-
-def _check_size(path: Path, max_bytes: int) -> None:
-    """Refuse a file that would not fit in memory, or is empty."""
-    size = path.stat().st_size
-    if size > max_bytes:
-        hint = "Convert it to Parquet, split it, or raise the limit with max_bytes."
-        raise LogError(f"expected at most {max_bytes / 1e9:.3g} GB, got {size / 1e9:.3g} GB.", hint=hint)
-    if size == 0:
-        raise LogError("the file is empty.")
 
 
 def _contents(log: CalibrationLog) -> str:

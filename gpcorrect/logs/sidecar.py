@@ -12,14 +12,12 @@ from gpcorrect.errors import LogError
 from gpcorrect.plain import toml_text
 from gpcorrect.types import LogMeta
 
-Vector = tuple[float, float, float]
-
 
 class _TrackerBase(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
-    translation: Vector
-    rotvec: Vector
+    translation: tuple[float, float, float]
+    rotvec: tuple[float, float, float]
 
 
 class _Sidecar(BaseModel):

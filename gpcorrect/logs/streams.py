@@ -106,21 +106,13 @@ def interpolate(stream: Stream, at: FloatArray, max_gap: float | None = None) ->
     return PoseSignal(_columns(stream.stamp, stream.values.position, at, gap), rotation)
 
 
-@dataclass(frozen=True, eq=False)
-class _Bracket:
-    """Where times fall among sorted samples: at one (`hit`), or between two near enough (`inside`)."""
-
-    before: IntArray
-    hit: BoolArray
-    inside: BoolArray
-
-
-def _bracket(stamp: FloatArray, at: FloatArray, gap: float) -> _Bracket:
-    before = np.clip(np.searchsorted(stamp, at, side="right") - 1, 0, max(len(stamp) - 1, 0))
+def _bracket(stamp: FloatArray, at: FloatArray, gap: float) -> tuple[BoolArray, IntArray, BoolArray]:
+    """Which times fall on a sorted sample, on which ones, and which times fall between two that are near enough."""
+    before = np.clip(np.searchsorted(stamp, at, side="right") - 1, 0, len(stamp) - 1)
     after = np.minimum(before + 1, len(stamp) - 1)
     hit = stamp[before] == at
     within = (stamp[before] < at) & (at < stamp[after]) & (stamp[after] - stamp[before] <= gap)
-    return _Bracket(before, hit, within)
+    return hit, before[hit], within
 
 
 def _present(stamp: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -133,18 +125,14 @@ def _present(stamp: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatAr
 def _columns(stamp: FloatArray, values: FloatArray, at: FloatArray, gap: float) -> FloatArray:
     """Linear interpolation, each column through its own samples."""
     table = values.reshape(len(stamp), -1)
-    columns = [_linear(*_present(stamp, table[:, k]), at, gap) for k in range(table.shape[1])]
-    stacked = np.stack(columns, axis=1) if columns else np.empty((len(at), 0))
-    return stacked.reshape(len(at), *values.shape[1:])
-
-
-def _linear(stamp: FloatArray, values: FloatArray, at: FloatArray, gap: float) -> FloatArray:
-    result = np.full(len(at), np.nan)
-    if len(stamp):
-        bracket = _bracket(stamp, at, gap)
-        result[bracket.inside] = np.interp(at[bracket.inside], stamp, values)
-        result[bracket.hit] = values[bracket.before[bracket.hit]]
-    return result
+    result = np.full((len(at), table.shape[1]), np.nan)
+    for k, column in enumerate(table.T):
+        known, present = _present(stamp, column)
+        if len(known):
+            hit, rows, inside = _bracket(known, at, gap)
+            result[inside, k] = np.interp(at[inside], known, present)
+            result[hit, k] = present[rows]
+    return result.reshape(len(at), *values.shape[1:])
 
 
 def _rotations(stamp: FloatArray, quaternion: FloatArray, at: FloatArray, gap: float) -> FloatArray:
@@ -152,12 +140,11 @@ def _rotations(stamp: FloatArray, quaternion: FloatArray, at: FloatArray, gap: f
     stamp, quaternion = _present(stamp, quaternion)
     result = np.full((len(at), 4), np.nan)
     if len(stamp):
-        bracket = _bracket(stamp, at, gap)
-        if bracket.inside.any():
-            matrices = se3.matrix_from_quaternion(quaternion)
-            between = se3.interpolate_rotations(stamp, matrices, at[bracket.inside])
-            result[bracket.inside] = se3.quaternion_from_matrix(between)
-        result[bracket.hit] = quaternion[bracket.before[bracket.hit]]
+        hit, rows, inside = _bracket(stamp, at, gap)
+        if inside.any():
+            between = se3.interpolate_rotations(stamp, se3.matrix_from_quaternion(quaternion), at[inside])
+            result[inside] = se3.quaternion_from_matrix(between)
+        result[hit] = quaternion[rows]
     return result
 
 
@@ -243,7 +230,7 @@ def _check_order(streams: Iterable[Stream], disorder: Disorder) -> list[str]:
             raise LogError(
                 f"{found}.", hint="Read with disorder='drop', or set bag.clock = 'receive' in a mapping file."
             )
-        remarks.append(f"{found} ({'left out' if disorder == 'drop' else 'kept'}).")
+        remarks.append(f"{found} ({'left out' if disorder == 'drop' else 'left in'}).")
     return remarks
 
 

@@ -18,6 +18,7 @@ from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal
 
 INDEX = ("time", "trajectory", "session")
 CLOCK = r"time|stamp|clock|^t$|^sec|second"  # a column of such a name may be the time of a table that names none
+# A remark on tables of single poses.
 STATIC = "there is no time: static poses without a clock, each row a motion of its own."
 NAMED = 3  # missing columns of a joint signal that a remark names
 LARGEST_WHOLE = 2.0**53  # beyond it not every whole number is a float
@@ -78,14 +79,20 @@ def log_from_table(table: Table, mapping: ColumnMap, disorder: Disorder) -> Cali
     found, remarks = complete(mapping, table.columns)
     if not len(table):
         raise LogError("the table has column names but no samples.")
-    static = found.time is None and found.rate is None and _static(table, found)
+    clockless = not any(re.search(CLOCK, n, re.IGNORECASE) for n in (*table.columns, *table.left_out))
+    motions = any(getattr(found, name) is not None for name in (*CalibrationLog.POSES, *CalibrationLog.JOINTS))
+    static = found.time is None and found.rate is None and clockless and motions
+    count = np.arange(len(table))
     if static:
         found = found.model_copy(update={"trajectory": None})
         remarks.append(STATIC)
-        time, trajectory = np.arange(len(table), dtype=np.float64), np.arange(len(table))
+        time = count.astype(np.float64)
+    elif found.rate is not None:
+        time = count / found.rate + found.time_offset
     else:
-        time = _time(table, found)
-        trajectory = _integers(table, "trajectory", found.trajectory)
+        scaled = table.stack(found.times or ("time",)) * np.asarray(found.time_scale)
+        time = scaled.sum(axis=1) + found.time_offset
+    trajectory = count if static else _integers(table, "trajectory", found.trajectory)
     session = _integers(table, "session", found.session)
     keep, order_remarks = check_order(time, trajectory, disorder, table.locate)
     signals: dict[str, Any] = {}
@@ -98,30 +105,22 @@ def log_from_table(table: Table, mapping: ColumnMap, disorder: Disorder) -> Cali
     return log if keep.all() else log.select(keep)
 
 
-def _time(table: Table, found: ColumnMap) -> FloatArray:
-    """Seconds: the sum of the columns of time, each scaled; or the samples counted at a rate."""
-    if found.rate is not None:
-        return np.arange(len(table)) / found.rate + found.time_offset
-    columns = table.stack(found.times or ("time",)) * np.asarray(found.time_scale)
-    return np.asarray(columns.sum(axis=1) + found.time_offset)
-
-
-def _static(table: Table, found: ColumnMap) -> bool:
-    """Whether a table without time is one of static poses: it has signals, and no column that may be the time."""
-    clocks = [n for n in (*table.columns, *table.left_out) if re.search(CLOCK, n, re.IGNORECASE)]
-    signals = (*CalibrationLog.POSES, *CalibrationLog.JOINTS)
-    return not clocks and any(getattr(found, name) is not None for name in signals)
-
-
 def _signal(table: Table, name: str, columns: PoseColumns | ArrayColumns | None) -> tuple[Any, list[str]]:
     """Values of a signal, None when it is absent, and remarks on them."""
     if columns is None:
         return None, []
-    if isinstance(columns, PoseColumns):
-        pose, bad = _read_pose(table, columns)
-        return pose, [f"{bad} samples of {name} have no valid rotation; it counts as missing."] if bad else []
-    values = table.stack(columns.columns) * np.asarray(columns.scale) + np.asarray(columns.offset)
-    return values[:, 0] if name in CalibrationLog.SCALARS else values, []
+    if isinstance(columns, ArrayColumns):
+        values = table.stack(columns.columns) * np.asarray(columns.scale) + np.asarray(columns.offset)
+        return values[:, 0] if name in CalibrationLog.SCALARS else values, []
+    position = table.stack(columns.position) * columns.position_scale
+    if columns.orientation is None:
+        return PoseSignal(position), []
+    form, names = columns.orientation
+    values = table.stack(names)
+    quaternion = CONVERTERS[form](values)
+    bad = int((np.isfinite(values).all(axis=1) & np.isnan(quaternion).any(axis=1)).sum())  # given, but no rotation
+    remarks = [f"{bad} samples of {name} have no valid rotation; it counts as missing."] if bad else []
+    return PoseSignal(position, quaternion), remarks
 
 
 def _integers(table: Table, name: str, column: Column | None) -> IntArray:
@@ -136,18 +135,6 @@ def _integers(table: Table, name: str, column: Column | None) -> IntArray:
         came = "nothing" if np.isnan(values[row]) else f"{values[row]:g}"
         raise LogError(f"{name} must be a whole number for every sample, got {came} at {table.locate(row)}.")
     return values.astype(np.int64)
-
-
-def _read_pose(table: Table, columns: PoseColumns) -> tuple[PoseSignal, int]:
-    """Read a pose signal; count the orientations that were given but are no rotation."""
-    position = table.stack(columns.position) * columns.position_scale
-    if columns.orientation is None:
-        return PoseSignal(position), 0
-    form, names = columns.orientation
-    values = table.stack(names)
-    quaternion = CONVERTERS[form](values)
-    given = np.isfinite(values).all(axis=1)
-    return PoseSignal(position, quaternion), int((given & np.isnan(quaternion).any(axis=1)).sum())
 
 
 def _extra(table: Table, found: ColumnMap) -> tuple[dict[str, FloatArray], list[str]]:

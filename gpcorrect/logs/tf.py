@@ -103,13 +103,12 @@ class Tree:
 
     def _composed(self, up: list[str], down: list[str], stamp: Any) -> list[tuple[float, ...]]:
         """Poses at these stamps, NaN where one of the transforms has a gap."""
-        T = np.broadcast_to(np.eye(4), (len(stamp), 4, 4))
+        below = above = np.broadcast_to(np.eye(4), (len(stamp), 4, 4))
         for frame in reversed(down):
-            T = T @ self._at(frame, stamp)
-        above = np.broadcast_to(np.eye(4), (len(stamp), 4, 4))
+            below = below @ self._at(frame, stamp)
         for frame in reversed(up):
             above = above @ self._at(frame, stamp)
-        T = se3.invert(above) @ T
+        T = se3.invert(above) @ below
         rows = np.full((len(stamp), 7), np.nan)
         seen = np.isfinite(T).all(axis=(1, 2))
         rows[seen] = np.hstack(se3.to_parts(T[seen]))

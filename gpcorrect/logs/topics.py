@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from gpcorrect.errors import LogError
 from gpcorrect.logs.columns import BagOptions
@@ -27,7 +26,7 @@ ROBOT_TOPICS = {
     "measured_js": JOINT_TYPES,
     "external_js": JOINT_TYPES,
 }
-COMMANDED = {"setpoint_cp", "setpoint_js", "measured_js"}  # by which a robot is told from a tracker
+COMMANDED = {"setpoint_cp", "setpoint_js", "measured_js"}  # by which a robot is known from a tracker
 TRACKER_WORDS = (
     "track",
     "marker",
@@ -49,16 +48,6 @@ TRACKER_WORDS = (
 )
 
 
-@dataclass(frozen=True)
-class Choice:
-    """What to read: a topic for each kind of message, and what had to be decided."""
-
-    # signals of poses, CRTK names of joint states, or "raven_state"; to topics, poses of an
-    # array (`/poses[1]`) or pairs of frames (`/tf:base->tool`)
-    topics: Mapping[str, str]
-    remarks: tuple[str, ...] = ()  # what had to be decided
-
-
 def _slashed(name: str) -> str:
     """Return a topic or namespace with one slash before it, which some recorders leave out."""
     return "/" + name.strip("/")
@@ -70,14 +59,17 @@ def element_of(source: str) -> tuple[str, int | None]:
     Parameters
     ----------
     source : str
-        As in :class:`Choice`.
+        As :func:`choose_topics` returns it.
     """
     match = re.fullmatch(r"(.*)\[(\d+)\]", source)
     return (match[1], int(match[2])) if match else (source, None)
 
 
-def choose_topics(types: Mapping[str, str], options: BagOptions) -> Choice:
-    """Choose one robot and at most one tracker.
+def choose_topics(types: Mapping[str, str], options: BagOptions) -> tuple[dict[str, str], list[str]]:
+    """Choose one robot and at most one tracker; remark on what had to be decided.
+
+    The keys are signals of poses, CRTK names of joint states, or "raven_state"; the sources topics, poses of an array
+    (`/poses[1]`) or pairs of frames (`/tf:base->tool`).
 
     Parameters
     ----------
@@ -103,7 +95,7 @@ def choose_topics(types: Mapping[str, str], options: BagOptions) -> Choice:
         listed = ", ".join(f"{t} ({k})" for t, k in sorted(types.items())) or "none"
         hint = f"Say which they are in a mapping file, under [bag.topics]. Topics: {listed}."
         raise LogError("the recording holds no CRTK, RAVEN-II or tracker topic.", hint=hint)
-    return Choice(topics, tuple(remarks))
+    return topics, remarks
 
 
 def _stated(types: Mapping[str, str], kind: str, name: str) -> str:
@@ -186,19 +178,16 @@ def _within(name: str, spaces: set[str]) -> bool:
 
 
 def _may_track(topic: str, types: Mapping[str, str]) -> bool:
-    name = _slashed(topic)
-    return not name.endswith("_cp") or name.endswith("/tracker_cp") or _is_tracking(name, {_slashed(t) for t in types})
+    """Whether a pose may be a tracker's: of CRTK poses one whose namespace only measures, and sounds like a tracker."""
+    space, _, name = _slashed(topic).rpartition("/")
+    if not name.endswith("_cp") or name == "tracker_cp":
+        return True
+    others = {f"{space}/{other}" for other in ROBOT_TOPICS if other != "measured_cp"}
+    return name == "measured_cp" and _has_tracker_word(space) and not others & {_slashed(t) for t in types}
 
 
 def _has_tracker_word(topic: str) -> bool:
     return any(word in topic.lower() for word in TRACKER_WORDS)
-
-
-def _is_tracking(topic: str, topics: set[str]) -> bool:
-    """Whether a CRTK pose is a tracker's: its namespace only measures, and sounds like one."""
-    space, _, name = topic.rpartition("/")
-    others = {f"{space}/{other}" for other in ROBOT_TOPICS if other != "measured_cp"}
-    return name == "measured_cp" and _has_tracker_word(space) and not others & topics
 
 
 def _only(topics: Sequence[str], what: str) -> str:

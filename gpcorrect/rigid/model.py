@@ -56,7 +56,11 @@ class RigidModel:
             raise DataError(f"a rigid model is one of {', '.join(get_args(RigidKind))}, got {self.kind!r}.")
         for name, shape in SHAPES.items():
             value = frozen_array(getattr(self, name))
-            _check_part(name, value, shape)
+            if value.shape != shape or not np.isfinite(value).all():
+                raise DataError(f"{name} of a rigid model must be finite with shape {shape}, got shape {value.shape}.")
+            skew = np.abs(value @ value.T - np.eye(3)).max() if shape == (3, 3) else 0.0
+            if skew > ROTATION_TOLERANCE or (shape == (3, 3) and np.linalg.det(value) < 0.0):
+                raise DataError(f"{name} of a rigid model must be a rotation matrix, got {value.tolist()}.")
             object.__setattr__(self, name, value)
 
     @property
@@ -156,15 +160,6 @@ class RigidModel:
         if missing:
             raise DataError(f"a stored rigid model lacks {', '.join(missing)}.")
         return cls(kind=data["kind"], **{name: data[name] for name in SHAPES})
-
-
-def _check_part(name: str, value: FloatArray, shape: tuple[int, ...]) -> None:
-    if value.shape != shape or not np.isfinite(value).all():
-        raise DataError(f"{name} of a rigid model must be finite with shape {shape}, got shape {value.shape}.")
-    if shape == (3, 3) and (
-        np.abs(value @ value.T - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(value) < 0.0
-    ):
-        raise DataError(f"{name} of a rigid model must be a rotation matrix, got {value.tolist()}.")
 
 
 def pose_residual(reference: PoseSignal, command: PoseSignal) -> FloatArray:

@@ -21,7 +21,7 @@ class Observability:
 
     With M the mean of the rotation matrices, the lever arm a moves the tip by `sqrt(a^T (I - M^T M) a)`
     about its mean place (root mean square): the gains are the square roots of the eigenvalues of `I - M^T
-    M`. A gain of zero means that its direction cannot be told from the registration of the frames.
+    M`. A gain of zero means that its direction cannot be distinguished from the registration of the frames.
 
     Parameters
     ----------

@@ -134,45 +134,31 @@ def _solve_scaled(normal: FloatArray, right: FloatArray) -> FloatArray:
     return step
 
 
-def _linearised(samples: Samples, state: MarkerState) -> list[tuple[FloatArray, FloatArray]]:
-    """Residuals `(n, 3)` and their derivatives `(n, 3, 12)` by the step of :meth:`MarkerState.moved`."""
-    parts = []
-    if samples.p is not None and samples.u is not None:
-        parts.append(_linearised_positions(samples.p, samples.u, samples.R_obs, state))
-    if samples.R_cmd is not None:
-        parts.append(_linearised_rotations(samples.R_cmd, samples.R_obs, state))
-    return parts
-
-
 def _tips(p: FloatArray, R_obs: FloatArray, state: MarkerState) -> FloatArray:
     return (p + R_obs @ state.offset) @ state.R.T + state.t
 
 
-def _linearised_positions(
-    p: FloatArray, u: FloatArray, R_obs: FloatArray, state: MarkerState
-) -> tuple[FloatArray, FloatArray]:
-    tips = _tips(p, R_obs, state)
-    J = np.zeros((len(p), 3, 12))
-    J[..., :3] = np.einsum("kab,nb->nak", GENERATORS, tips - state.t)
-    J[..., 3:6] = np.eye(3)
-    J[..., 9:] = state.R @ R_obs
-    return tips - u, J
+def _linearised(samples: Samples, state: MarkerState) -> list[tuple[FloatArray, FloatArray]]:
+    """Residuals `(n, 3)` and their derivatives `(n, 3, 12)` by the step of :meth:`MarkerState.moved`.
 
-
-def _linearised_rotations(R_cmd: FloatArray, R_obs: FloatArray, state: MarkerState) -> tuple[FloatArray, FloatArray]:
-    """Three numbers a sample that have the chord's gradient and Gauss-Newton matrix.
-
-    With P the prediction, the chord `(P - R_cmd) / sqrt(2)` has nine; by a turn on the left its derivative is
-    `[e_k] P / sqrt(2)`, on the right `P [e_k] / sqrt(2)`. Their products are those of the identity and P, and
-    their products with the chord those of the identity and P with the vector of the skew part of `P R_cmd^T`.
+    Of a rotation these are three numbers that have the chord's gradient and Gauss-Newton matrix. With P the prediction,
+    the chord `(P - R_cmd) / sqrt(2)` has nine; by a turn on the left its derivative is `[e_k] P / sqrt(2)`, by one on
+    the right `P [e_k] / sqrt(2)`. Their products are those of the identity and P, and their products with the chord
+    those of the identity and P with the vector of the skew part of `P R_cmd^T`.
     """
-    predicted = state.R @ R_obs @ state.R_right
-    away = predicted @ np.swapaxes(R_cmd, -1, -2)
-    J = np.zeros((len(R_obs), 3, 12))
-    J[..., :3] = np.eye(3)
-    J[..., 6:9] = predicted
-    skew: FloatArray = np.einsum("kab,nab->nk", GENERATORS, away) / 2.0
-    return skew, J
+    parts, n = [], len(samples.R_obs)
+    if samples.p is not None and samples.u is not None:
+        tips, J = _tips(samples.p, samples.R_obs, state), np.zeros((n, 3, 12))
+        J[..., :3] = np.einsum("kab,nb->nak", GENERATORS, tips - state.t)
+        J[..., 3:6] = np.eye(3)
+        J[..., 9:] = state.R @ samples.R_obs
+        parts.append((tips - samples.u, J))
+    if samples.R_cmd is not None:
+        predicted, J = state.R @ samples.R_obs @ state.R_right, np.zeros((n, 3, 12))
+        J[..., :3] = np.eye(3)
+        J[..., 6:9] = predicted
+        parts.append((np.einsum("kab,nab->nk", GENERATORS, predicted @ np.swapaxes(samples.R_cmd, -1, -2)) / 2.0, J))
+    return parts
 
 
 def _scales(samples: Samples, state: MarkerState) -> list[float]:

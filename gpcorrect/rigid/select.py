@@ -28,7 +28,7 @@ MAX_SAMPLES = 1000  # in a fold's fit: enough to rank the kinds
 MAX_JUDGED = 200  # in each unit, for its median
 # Standard error of a median from the median absolute deviation of normal data.
 ONE_MEDIAN = math.sqrt(math.pi / 2) * MAD_TO_STD
-LEAST_ERROR = 1e-6  # m and rad: errors below a micrometre or microradian are not told apart
+LEAST_ERROR = 1e-6  # m and rad: errors below a micrometre or microradian are not distinguished
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,16 @@ def register(
     return Registration(
         model=fits[chosen](observed, command),
         reason=reason,
-        candidates=tuple(_candidate(errors, score) for errors, score in zip(tried, scores, strict=True)),
+        candidates=tuple(
+            Candidate(
+                errors.kind,
+                position_mm=1e3 * float(np.median(errors.position)),
+                rotation_deg=float(np.degrees(np.median(errors.rotation))),
+                score=float(np.median(score)),
+                refused=errors.refused,
+            )
+            for errors, score in zip(tried, scores, strict=True)
+        ),
         observability=rotation_observability(observed, command),
     )
 
@@ -188,17 +197,13 @@ def _fits(observed: PoseSignal, command: PoseSignal, marker: MarkerOption) -> Ma
 
 
 def _scores(tried: list[_UnitErrors]) -> list[FloatArray]:
-    """Score `(m,)` of each kind in each unit; NaN where the kind was refused."""
-    parts = [[errors.position for errors in tried], [errors.rotation for errors in tried]]
-    ratios = [_ratios(np.array(part)) for part in parts if np.isfinite(part).any()]
+    """Score `(m,)` of each kind in each unit, in units of the least median of any; NaN where the kind was refused."""
+    ratios = []
+    for part in (np.array([errors.position for errors in tried]), np.array([errors.rotation for errors in tried])):
+        if np.isfinite(part).any():
+            fitted = part[np.isfinite(part).all(axis=1)]
+            ratios.append(part / max(float(np.median(fitted, axis=1).min()), LEAST_ERROR))
     return list(np.mean(ratios, axis=0))
-
-
-def _ratios(errors: FloatArray) -> FloatArray:
-    """Errors `(kinds, m)` in units of the least median of any kind."""
-    fitted = errors[np.isfinite(errors).all(axis=1)]
-    least = max(float(np.median(fitted, axis=1).min()), LEAST_ERROR)
-    return errors / least
 
 
 def _choose(tried: list[_UnitErrors], scores: list[FloatArray], marker: MarkerOption) -> tuple[RigidKind, str]:
@@ -235,16 +240,6 @@ def _reason(tried: list[_UnitErrors], scores: list[FloatArray], best: int, chose
         )
     refused = [f"; {errors.kind} was refused: {errors.refused}" for errors in tried if errors.refused]
     return why + "".join(refused)
-
-
-def _candidate(errors: _UnitErrors, score: FloatArray) -> Candidate:
-    return Candidate(
-        errors.kind,
-        position_mm=1e3 * float(np.median(errors.position)),
-        rotation_deg=float(np.degrees(np.median(errors.rotation))),
-        score=float(np.median(score)),
-        refused=errors.refused,
-    )
 
 
 def hold_out_units(trajectory: IntArray) -> IntArray:

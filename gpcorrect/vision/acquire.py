@@ -110,7 +110,7 @@ def _miss(camera: Camera, found: Outline, point: FloatArray) -> float:
 
 
 class LoneBall:
-    """Finds a target of one ball again, which has no shape by which it could be told from a thing like it.
+    """Finds a target of one ball again, which has no shape by which it could be known from a thing like it.
 
     Where it was expected, it is the ball. Elsewhere, or where several places are possible from the start, it is
     believed when it moves: what lies still is not on the tool.

@@ -160,6 +160,12 @@ def _best_order(
     def agreement(order: tuple[int, ...], frames: Sequence[Candidates]) -> _Agreement:
         """Agreement with the pictures taken for those of other cameras: their rays are those cameras' then."""
         taken = [cameras[k] for k in order]
+
+        def _through(found: Outline, camera: Camera) -> Outline:
+            lens = camera.intrinsics
+            ray, half_angle = lens.normalised(found.pixel[None])[0], float(np.arctan(found.radius / lens.focal))
+            return replace(found, ray=ray, half_angle=half_angle)
+
         again = [
             [
                 [[_through(o, camera) for o in ball] for ball in balls]
@@ -175,13 +181,6 @@ def _best_order(
     ]
     best = max(orders, key=lambda order: agreement(order, likely).agreeing)
     return best, agreement(best, candidates)
-
-
-def _through(found: Outline, camera: Camera) -> Outline:
-    """Outline as if another camera had taken the picture."""
-    lens = camera.intrinsics
-    ray = lens.normalised(found.pixel[None])[0]
-    return replace(found, ray=ray, half_angle=float(np.arctan(found.radius / lens.focal)))
 
 
 def _check_sizes(

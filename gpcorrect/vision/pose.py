@@ -113,18 +113,6 @@ class PoseFit:
         return float(np.sqrt(np.mean((self.residuals**2).sum(axis=1))))
 
 
-def _triangle_frame(points: FloatArray) -> FloatArray:
-    """Pose `(4, 4)` of the frame that the first three points `(b, 3)` span: x towards the second, origin their mean."""
-    origin = points[:3].mean(axis=0)
-    x = points[1] - origin
-    z = np.cross(points[1] - points[0], points[2] - points[0])
-    length = np.linalg.norm(z)
-    if length <= THIN * float(((points[:3] - origin) ** 2).sum()):
-        raise DegenerateError("three balls lie on a line, which determines no pose.")
-    x, z = x / np.linalg.norm(x), z / length
-    return se3.pose(np.stack([x, np.cross(z, x), z], axis=1), origin)
-
-
 def pose_closed_form(points: FloatArray, places: FloatArray) -> PoseFit:
     """Pose with the least sum of squared distances (Arun et al. 1987).
 
@@ -140,25 +128,19 @@ def pose_closed_form(points: FloatArray, places: FloatArray) -> PoseFit:
     DataError
         A ball is missing; :class:`DegenerateError` when they lie on a line.
     """
-    points, places = _checked(points, places)
-    mean_points, mean_places = points.mean(axis=0), places.mean(axis=0)
-    R = se3.nearest_rotation((points - mean_points).T @ (places - mean_places))
-    return _point_fit(se3.pose(R, mean_points - R @ mean_places), points, places)
-
-
-def _checked(points: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
     points, places = np.asarray(points, dtype=np.float64), np.asarray(places, dtype=np.float64)
     if points.shape != places.shape or points.ndim != 2 or points.shape[1:] != (3,) or len(points) < 3:
         raise DataError(f"a pose needs three balls or more, seen and known; got {points.shape} and {places.shape}.")
     if not np.isfinite(points).all():
         raise DataError("a ball's place is missing (NaN): no pose follows from it.")
-    _triangle_frame(points)
-    return points, places
-
-
-def _point_fit(T: FloatArray, points: FloatArray, places: FloatArray) -> PoseFit:
-    """Pose with its covariance from what the fit leaves of the distances."""
-    arms = places @ T[:3, :3].T
+    across = np.linalg.norm(np.cross(points[1] - points[0], points[2] - points[0]))
+    if across <= THIN * float(((points[:3] - points[:3].mean(axis=0)) ** 2).sum()):
+        raise DegenerateError("three balls lie on a line, which determines no pose.")
+    mean_points, mean_places = points.mean(axis=0), places.mean(axis=0)
+    R = se3.nearest_rotation((points - mean_points).T @ (places - mean_places))
+    # The covariance is that of what the fit leaves of the distances.
+    arms = places @ R.T
+    T = se3.pose(R, mean_points - R @ mean_places)
     residuals = points - arms - T[:3, 3]
     variance = float((residuals**2).sum()) / max(residuals.size - 6, 1)
     turns = np.cross(arms[:, None, :], np.eye(3))  # a turn w moves a ball by w x arm

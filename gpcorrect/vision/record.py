@@ -7,11 +7,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gpcorrect.atomic import make_folder, write_file
 from gpcorrect.errors import GpCorrectError
-from gpcorrect.types import FloatArray
 from gpcorrect.vision.opencv import Image, cv2
 from gpcorrect.vision.sources import TIMES, USUAL_FPS
 
@@ -26,7 +23,7 @@ def record(
 ) -> int:
     """Record until the time is over or a camera gives no more pictures; return the number of frames.
 
-    All cameras are told to keep their picture before the first is decoded: as near in time as they can be.
+    All cameras are asked to hold their picture before the first is decoded: as near in time as they can be.
 
     Parameters
     ----------
@@ -73,7 +70,8 @@ def record(
         raise GpCorrectError(
             "the cameras gave no picture.", hint="Close other programs that use them; try fewer at once."
         )
-    _write_times(Path(folder) / TIMES, names, np.array(times))
+    rows = [names, *([f"{stamp:.6f}" for stamp in row] for row in times)]
+    write_file(Path(folder) / TIMES, "".join(",".join(row) + "\n" for row in rows))
     return len(times)
 
 
@@ -99,8 +97,3 @@ def _writer(path: Path, picture: Any, fps: float) -> Any:
     if not writer.isOpened():
         raise GpCorrectError(f"cannot write the video {path}.", hint="Name another folder, or make room.")
     return writer
-
-
-def _write_times(path: Path, names: Sequence[str], times: FloatArray) -> None:
-    rows = [",".join(f"{value:.6f}" for value in row) for row in times]
-    write_file(path, "\n".join([",".join(names), *rows]) + "\n")

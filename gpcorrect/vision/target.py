@@ -113,7 +113,7 @@ def colour_of(given: str | float | tuple[int, int, int]) -> Colour:
     if isinstance(given, tuple | list):
         hue, saturation, _ = colorsys.rgb_to_hsv(*(np.clip(given, 0, 255) / 255.0))
         if saturation < LEAST_SATURATION / 2:
-            raise DataError(f"the colour {tuple(given)} is nearly grey: it cannot be told from the background.")
+            raise DataError(f"the colour {tuple(given)} is nearly grey: it does not stand out of the background.")
         return Colour(TURN * hue, HUE_TOLERANCE, min(LEAST_SATURATION, 0.5 * saturation))
     return Colour(float(given) % TURN, HUE_TOLERANCE)
 
@@ -163,7 +163,7 @@ class Target:
         for a, b in itertools.combinations(self.balls, 2):
             if _hue_apart(a.colour.hue, b.colour.hue) < a.colour.tolerance + b.colour.tolerance - LEAST_GAP:
                 raise DataError(
-                    f"balls {a.name} and {b.name} have colours that cannot be told apart.",
+                    f"balls {a.name} and {b.name} have colours that cannot be distinguished.",
                     hint="Give each ball its own hue, 20 degrees or more from the others', or narrower tolerances.",
                 )
         if self.has_pose:

@@ -164,12 +164,12 @@ def _offset(offset: TimeOffset, step: float) -> Finding:
 
 @check
 def _exchanged(evidence: Evidence) -> Iterator[Finding]:
-    """Ask whether the robot moves after it is told to, and not before: then the two signals are exchanged."""
+    """Ask whether the robot moves after its command, and not before: then the two signals are exchanged."""
     for observed, reference in SERVO:
         if evidence.log.static or not (evidence.has(observed) and evidence.has(reference)):
             continue
         known = (o for o in evidence.offsets if (o.observed, o.reference) == (observed, reference))
         offset = next(known, None) or log_offset(evidence.log, observed, reference)
         if offset.observable and offset.ci95[1] < -AHEAD:
-            what = f"it comes {1e3 * -offset.offset:.1f} ms after {observed}, and no robot moves before it is told to."
+            what = f"it comes {1e3 * -offset.offset:.1f} ms after {observed}, and no robot moves before its command."
             yield Finding("error", "exchanged", reference, what, "Are the columns, or topics, of the two exchanged?")

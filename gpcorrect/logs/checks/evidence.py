@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -13,7 +14,7 @@ import numpy as np
 from gpcorrect.arms import RemoteCentreArm, arm_named
 from gpcorrect.errors import DataError
 from gpcorrect.logs.sync import REFERENCES, TimeOffset, log_offset
-from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
 
 Severity = Literal["error", "warning", "info"]
 
@@ -68,8 +69,18 @@ class Evidence:
 
     @cached_property
     def arm(self) -> RemoteCentreArm | None:
-        """The arm that the log's meta data name, None when they name none that is known."""
-        return _arm_of(self.log.meta)
+        """The arm that robot and arm of the meta data name together, such as RAVEN-II and left; None for none."""
+        meta = self.log.meta
+        words = set(re.findall(r"[a-z]+", f"{meta.robot} {meta.arm}".lower()))
+        side = words & {"left", "right"}
+        if "raven" in words and len(side) == 1:
+            return arm_named(f"raven2_{side.pop()}")
+        if "psm" in words and "si" not in words:  # the Si arm has other links than the classic one
+            return arm_named("dvrk_psm")
+        for name in (meta.arm, meta.robot):
+            with suppress(DataError):
+                return arm_named(name)
+        return None
 
     @cached_property
     def joint_types(self) -> str:
@@ -194,22 +205,6 @@ def check(ask: Check) -> Check:
     return ask
 
 
-def _arm_of(meta: LogMeta) -> RemoteCentreArm | None:
-    """Return the arm that robot and arm name together, such as RAVEN-II and left; None when none is known."""
-    words = set(re.findall(r"[a-z]+", f"{meta.robot} {meta.arm}".lower()))
-    side = words & {"left", "right"}
-    if "raven" in words and len(side) == 1:
-        return arm_named(f"raven2_{side.pop()}")
-    if "psm" in words and "si" not in words:  # the Si arm has other links than the classic one
-        return arm_named("dvrk_psm")
-    for name in (meta.arm, meta.robot):
-        try:
-            return arm_named(name)
-        except DataError:
-            continue
-    return None
-
-
 def extent(positions: FloatArray) -> float:
     """Diagonal of the box around positions, 1st to 99th percentile, m; 0 without samples.
 
@@ -300,17 +295,16 @@ def mirrored(reference: FloatArray, observed: FloatArray, *, axial: bool = False
     known = np.isfinite(reference).all(axis=1) & np.isfinite(observed).all(axis=1)
     if known.sum() < MIN_PAIRED:
         return False
-    x, y = (_axial(v[known]) if axial else _centred(v[known]) for v in (reference, observed))
+    x, y = reference[known], observed[known]
+    if axial:
+        x, y = _one_side(x), _one_side(y)
+    else:  # about the median, in units of the spread
+        x, y = ((v - np.median(v, axis=0)) / max(spread(v), np.finfo(float).tiny) for v in (x, y))
     rotated, reflected = (_misfit(x, y, sign, axial=axial) for sign in (1.0, -1.0))
     return reflected < CLEARER * rotated and reflected < MAX_LEFT * spread(y)
 
 
-def _centred(points: FloatArray) -> FloatArray:
-    """Return points `(n, k)` about their median, in units of their spread."""
-    return (points - np.median(points, axis=0)) / max(spread(points), np.finfo(float).tiny)
-
-
-def _axial(points: FloatArray) -> FloatArray:
+def _one_side(points: FloatArray) -> FloatArray:
     """Return points `(n, k)` of norm 1, all on one side of the origin."""
     unit: FloatArray = points / np.linalg.norm(points, axis=1, keepdims=True)
     side: FloatArray = unit @ np.linalg.svd(unit, full_matrices=False)[2][0]

@@ -10,7 +10,7 @@ from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, r
 from gpcorrect.logs.copies import OUTSIDE, stretches
 from gpcorrect.logs.mocap.tool import RIGIDITY, typical_misfit
 from gpcorrect.logs.sync import REFERENCES
-from gpcorrect.types import BoolArray, FloatArray, IntArray
+from gpcorrect.types import FloatArray, IntArray
 
 MANY_MISSING = 0.1  # of the samples: more than an occlusion now and then
 MOSTLY = 0.5  # of a trajectory, from which it is a copy of others
@@ -126,7 +126,11 @@ def _frozen(evidence: Evidence) -> Iterator[Finding]:
             hint = "The tracker lost its target and repeated the last value: leave these samples out."
             yield Finding("warning", "frozen", name, what, hint, sum(lengths), [start for start, _ in stuck])
         if usual:
-            yield _held(name, same[moves])
+            held = same[moves]
+            times = 1.0 / max(1.0 - float(held.mean()), 1.0 / len(held))
+            what = f"each value is repeated about {times:.2g} times: it was held between slower samples."
+            hint = "Record it with its own stamps and let the reader interpolate: holding delays it by half its period."
+            yield Finding("warning", "held", name, what, hint, int(held.sum()))
 
 
 def _usual_hold(repeated: IntArray) -> float:
@@ -148,13 +152,6 @@ def _displaced(evidence: Evidence, reference: str, run: IntArray) -> bool:
     kinds = evidence.joint_types.ljust(part.shape[1])[: part.shape[1]]
     scale = np.where(np.array(list(kinds)) == "P", 10.0, 1.0)
     return bool((scale * np.abs(part - part[0])).max() > MOVED_JOINT)
-
-
-def _held(name: str, same: BoolArray) -> Finding:
-    times = 1.0 / max(1.0 - float(same.mean()), 1.0 / len(same))
-    what = f"each value is repeated about {times:.2g} times: it was held between slower samples."
-    hint = "Record it with its own stamps and let the reader interpolate: holding delays it by half its period."
-    return Finding("warning", "held", name, what, hint, int(same.sum()))
 
 
 @check

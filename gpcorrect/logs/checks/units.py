@@ -61,10 +61,14 @@ def _misread_joints(evidence: Evidence) -> dict[tuple[str, int], str]:
         if evidence.has(name):
             found.update({(name, j): what for j, what in _too_wide(evidence, name)})
     for name, other in JOINT_PAIRS:
-        if evidence.has(name) and evidence.has(other):
-            for j, what in _by_ratio(evidence.table(name), evidence.table(other), other):
-                if (other, j) not in found:
-                    found.setdefault((name, j), what)
+        if not (evidence.has(name) and evidence.has(other)):
+            continue
+        for j, (a, b) in enumerate(zip(evidence.table(name).T, evidence.table(other).T, strict=False)):
+            ratio, wide = spread_ratio(a, b), max(spread(a[:, None]), spread(b[:, None]))
+            unlike = np.isfinite(ratio) and wide > MIN_SPREAD and _factor(ratio, RATIOS) is not None
+            if unlike and (other, j) not in found:
+                what = f"varies {ratio:.3g} times as much as in {other}: they are not in the same unit."
+                found.setdefault((name, j), what)
     return found
 
 
@@ -88,14 +92,6 @@ def _length_unit(evidence: Evidence, joint: int, column: FloatArray) -> str:
         for unit, factor in (("millimetres", 1000.0), ("metres multiplied by 180/pi", DEGREES))
     }
     return max(within, key=lambda unit: within[unit])
-
-
-def _by_ratio(table: FloatArray, other: FloatArray, name: str) -> Iterator[tuple[int, str]]:
-    for j in range(min(table.shape[1], other.shape[1])):
-        ratio = spread_ratio(table[:, j], other[:, j])
-        wide = max(spread(table[:, [j]]), spread(other[:, [j]]))
-        if np.isfinite(ratio) and wide > MIN_SPREAD and _factor(ratio, RATIOS) is not None:
-            yield j, f"varies {ratio:.3g} times as much as in {name}: they are not in the same unit."
 
 
 @check

@@ -24,7 +24,7 @@ from gpcorrect.types import FloatArray, PoseSignal
 
 MARKS = (b"Tools,Port", b"#Tools,ToolInfo", b"ToolCount,ToolInfo")
 POSE = ("Q0", "Qx", "Qy", "Qz", "Tx", "Ty", "Tz", "Error")
-MILLIMETRE = 1e-3
+MILLIMETRE = 1e-3  # m: the unit of NDI's positions
 LARGEST = 1e20  # NDI writes -3.697314E28 for what it does not see
 FRAME_RATE = 60.0  # Hz at which Polaris and Vega count frames, whatever their rate of measuring
 PER_MARKER = 4  # cells: state and position

@@ -75,7 +75,13 @@ def log_of(take: Take, options: MocapOptions) -> CalibrationLog:
     options : MocapOptions
     """
     if options.body in take.bodies or (take.bodies and options.body is None and options.markers is None):
-        pose, rms, remarks = _from_body(take, options.body)
+        names = list(take.bodies)
+        if options.body is None and len(names) > 1:
+            hint = f'Say which one is on the tool in a mapping file: [mocap] body = "{names[0]}".'
+            raise LogError(f"the recording holds {len(names)} bodies: {', '.join(names)}.", hint=hint)
+        chosen = names[0] if options.body is None else options.body
+        pose, rms = take.bodies[chosen].pose, take.bodies[chosen].error
+        remarks = [f"tracker_cp is the body {chosen}."]
     else:
         pose, rms, remarks = _from_markers(take, options)
     zeros = np.zeros(len(take.time), np.int64)
@@ -88,16 +94,6 @@ def log_of(take: Take, options: MocapOptions) -> CalibrationLog:
         meta=LogMeta(tracker=take.tracker),
         remarks=(*remarks, *take.remarks),
     )
-
-
-def _from_body(take: Take, name: str | None) -> tuple[PoseSignal, FloatArray | None, list[str]]:
-    names = list(take.bodies)
-    if name is None and len(names) > 1:
-        hint = f'Say which one is on the tool in a mapping file: [mocap] body = "{names[0]}".'
-        raise LogError(f"the recording holds {len(names)} bodies: {', '.join(names)}.", hint=hint)
-    chosen = names[0] if name is None else name
-    body = take.bodies[chosen]
-    return body.pose, body.error, [f"tracker_cp is the body {chosen}."]
 
 
 def _from_markers(take: Take, options: MocapOptions) -> tuple[PoseSignal, FloatArray, list[str]]:

@@ -106,17 +106,15 @@ def read_export(path: Path, delimiter: str | None = None) -> Export:
     lines = text.splitlines()
     heading = next((line.lstrip('"') for line in lines if line.lstrip('"').startswith("Frame")), "")
     export = Export(lines, delimiter or next((d for d in "\t;," if d in heading), ","))
-    if len(lines) > 1 and not text.endswith(("\n", "\r")) and _count(export, -1) < _count(export, -2):
-        raise LogError(f"the file is cut off inside line {len(lines)}.")
+    if len(lines) > 1 and not text.endswith(("\n", "\r")):
+        last, before = (line.count(export.delimiter) for line in (lines[-1], lines[-2]))
+        if last < before:
+            raise LogError(f"the file is cut off inside line {len(lines)}.")
     return export
 
 
-def _count(export: Export, line: int) -> int:
-    return export.lines[line].count(export.delimiter)
-
-
-def seen_only(points: FloatArray) -> tuple[FloatArray, int]:
-    """Positions `(n, 3)` with those at exactly 0, 0, 0 as missing, and their count.
+def seen_only(points: FloatArray) -> FloatArray:
+    """Positions `(n, 3)` with those at exactly 0, 0, 0 as missing.
 
     No camera ever puts a point there: it is how several systems write a point that they do not see.
 
@@ -125,5 +123,4 @@ def seen_only(points: FloatArray) -> tuple[FloatArray, int]:
     points : (n, 3) array
         Of one marker.
     """
-    hidden = (points == 0.0).all(axis=1)
-    return np.where(hidden[:, None], np.nan, points), int(hidden.sum())
+    return np.where((points == 0.0).all(axis=1, keepdims=True), np.nan, points)

@@ -119,20 +119,15 @@ def lag_curve(pairs: Sequence[MotionPair], max_lag: float) -> LagCurve:
         grid = start + step * np.arange(-reach, int((stop - start) / step) + reach + 1)
         reference = _speed_on_grid(pair.reference, grid, width)
         observed = _speed_on_grid(_without_spikes(pair.observed), grid, width)
-        sums += _moments(reference, _clipped(observed), reach)
+        seen = observed[np.isfinite(observed)]
+        if seen.size:
+            observed = np.minimum(observed, CLIP * np.quantile(seen[seen >= np.median(seen)], 0.95))
+        sums += _moments(reference, observed, reach)
         known.append(reference[np.isfinite(reference)])
     speed = np.concatenate(known)
     mean = float(speed.mean()) if speed.size else 0.0
     lags = np.linspace(-reach * step, reach * step, 2 * reach + 1)
     return LagCurve(lags, _coefficient(*sums), float(speed.std()) / mean if mean > 0 else 0.0)
-
-
-def _clipped(speed: FloatArray) -> FloatArray:
-    known = speed[np.isfinite(speed)]
-    if known.size == 0:
-        return speed
-    fast = known[known >= np.median(known)]
-    return np.minimum(speed, CLIP * np.quantile(fast, 0.95))
 
 
 def _moments(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:

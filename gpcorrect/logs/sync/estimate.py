@@ -102,7 +102,7 @@ def estimate_offset(
     Peaks of the correlation of the two speeds are candidates; each is refined by least squares of observed
     positions on the shifted reference, and the best of them stands if no other explains the recording as
     well. A constant delay of the robot behind its command moves the observed signal exactly as a clock
-    offset does: the two cannot be told apart from motion.
+    offset does: motion does not distinguish the two.
 
     Parameters
     ----------

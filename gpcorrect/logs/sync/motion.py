@@ -133,11 +133,11 @@ def pairs_of(log: CalibrationLog, observed: str, reference: str) -> list[MotionP
     for name in (observed, reference):
         if name not in log.signals or name in log.SCALARS:
             raise LogError(f"the log has no motion signal {name}.", hint=f"It has {', '.join(log.signals)}.")
-    columns = _columns(getattr(log, reference), getattr(log, observed), (reference, observed))
+    values, lever, seen = _columns(getattr(log, reference), getattr(log, observed), (reference, observed))
     return [
         MotionPair(
-            Motion(log.time[rows], columns.values[rows], None if columns.lever is None else columns.lever[rows]),
-            Motion(log.time[rows], columns.seen[rows], label=log.trajectory[rows]),
+            Motion(log.time[rows], values[rows], None if lever is None else lever[rows]),
+            Motion(log.time[rows], seen[rows], label=log.trajectory[rows]),
         )
         for rows in clock_runs(log)
     ]
@@ -171,26 +171,27 @@ def stream_pair(observed: Stream, reference: Stream) -> MotionPair:
     observed, reference : Stream
         What the other clock stamped, and the robot's record.
     """
-    columns = _columns(reference.values, observed.values, (reference.name, observed.name))
-    return MotionPair(Motion(reference.stamp, columns.values, columns.lever), Motion(observed.stamp, columns.seen))
+    values, lever, seen = _columns(reference.values, observed.values, (reference.name, observed.name))
+    return MotionPair(Motion(reference.stamp, values, lever), Motion(observed.stamp, seen))
 
 
-@dataclass(frozen=True, eq=False)
-class _Columns:
-    """What is compared: reference values and lever columns, observed values."""
-
-    values: FloatArray
-    lever: FloatArray | None
-    seen: FloatArray
-
-
-def _columns(reference: PoseSignal | FloatArray, observed: PoseSignal | FloatArray, names: tuple[str, str]) -> _Columns:
+def _columns(
+    reference: PoseSignal | FloatArray, observed: PoseSignal | FloatArray, names: tuple[str, str]
+) -> tuple[FloatArray, FloatArray | None, FloatArray]:
+    """Return what is compared: reference values and lever columns, observed values."""
     if isinstance(reference, PoseSignal) and isinstance(observed, PoseSignal):
-        return _Columns(reference.position, _lever(reference), observed.position)
+        return reference.position, _lever(reference), observed.position
     if isinstance(reference, PoseSignal) or isinstance(observed, PoseSignal):
         raise LogError(f"cannot compare {names[1]} with {names[0]}: one is a pose, the other joints.")
-    values, seen = _comparable_joints(reference, observed)
-    return _Columns(values, None, seen)
+    # Joints that move, each in units of its own span, so that radians and metres weigh alike.
+    dof = min(reference.shape[1], observed.shape[1])
+    reference, observed = reference[:, :dof], observed[:, :dof]
+    known = np.isfinite(reference).all(axis=1)
+    if not known.any():
+        return reference, None, observed
+    span: FloatArray = np.ptp(reference[known], axis=0)
+    moving = span > STILL * max(float(span.max()), np.finfo(float).tiny)
+    return reference[:, moving] / span[moving], None, observed[:, moving] / span[moving]
 
 
 def _lever(signal: PoseSignal) -> FloatArray | None:
@@ -204,14 +205,3 @@ def _lever(signal: PoseSignal) -> FloatArray | None:
         return None
     entries[usable] = se3.matrix_from_quaternion(signal.quaternion[usable]).reshape(-1, 9)
     return entries
-
-
-def _comparable_joints(reference: FloatArray, observed: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Joints that move, each in units of its own span, so that radians and metres weigh alike."""
-    dof = min(reference.shape[1], observed.shape[1])
-    known = np.isfinite(reference).all(axis=1)
-    if not known.any():
-        return reference[:, :dof], observed[:, :dof]
-    span: FloatArray = np.ptp(reference[known, :dof], axis=0)
-    moving = span > STILL * max(float(span.max()), np.finfo(float).tiny)
-    return reference[:, :dof][:, moving] / span[moving], observed[:, :dof][:, moving] / span[moving]

@@ -63,7 +63,10 @@ class ReferenceCurve:
         moving = spread > STILL * max(float(spread.max()), np.finfo(float).tiny)
         self.columns = int(moving.sum())
         self._knots = [p.time for p in pieces]
-        self._sound = [_sound_intervals(p.time) for p in pieces]
+        # Intervals between knots that are no gap and whose slopes see none.
+        gaps = [np.diff(p.time) > default_max_gap(p.time) for p in pieces]
+        near = [np.convolve(gap, np.ones(2 * REACH + 1), mode="full")[REACH : REACH + len(gap)] for gap in gaps]
+        self._sound = [found == 0 for found in near]
         unit = np.where(moving, spread, 1.0)
         self._splines = [
             Akima1DInterpolator(p.time, ((p.regressors - centre) / unit)[:, moving]) if len(p) >= MIN_KNOTS else None
@@ -92,13 +95,6 @@ class ReferenceCurve:
         valid = (t >= knots[0]) & (t <= knots[-1]) & self._sound[i][interval]
         inside = np.clip(t, knots[0], knots[-1])
         return spline(inside), spline(inside, nu=1), valid
-
-
-def _sound_intervals(time: FloatArray) -> BoolArray:
-    """Mask of intervals between knots that are no gap and whose slopes see no gap."""
-    gap = np.diff(time) > default_max_gap(time)
-    near = np.convolve(gap, np.ones(2 * REACH + 1), mode="full")[REACH : REACH + len(gap)] > 0
-    return ~near
 
 
 @dataclass(frozen=True, eq=False)
