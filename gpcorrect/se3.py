@@ -104,10 +104,9 @@ def _rotvecs(rotation: FloatArray) -> FloatArray:
 @cache
 def _rotations() -> type[Rotation]:
     """Return scipy's rotations, imported when first needed: they take three times as long as numpy."""
-    from scipy.spatial import transform
+    from scipy.spatial.transform import Rotation
 
-    rotations: type[Rotation] = transform.Rotation
-    return rotations
+    return Rotation
 
 
 def _map_rows(

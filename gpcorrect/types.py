@@ -183,14 +183,10 @@ class CalibrationLog:
             if value is not None:
                 object.__setattr__(self, name, frozen_array(value))
         object.__setattr__(self, "extra", {k: frozen_array(v) for k, v in self.extra.items()})
-        self._check_lengths()
-
-    def _check_lengths(self) -> None:
-        n = len(self.time)
         for name in (f.name for f in fields(self)):
             value = getattr(self, name)
-            if isinstance(value, PoseSignal | np.ndarray) and len(value) != n:
-                raise DataError(f"signal {name} has {len(value)} samples, time has {n}.")
+            if isinstance(value, PoseSignal | np.ndarray) and len(value) != len(self.time):
+                raise DataError(f"signal {name} has {len(value)} samples, time has {len(self.time)}.")
         for name in self.JOINTS:
             value = getattr(self, name)
             if value is not None and value.ndim != 2:

@@ -188,7 +188,13 @@ class CausalTwist:
         self._past.append((time, p, R))
         while len(self._past) > FIT_SAMPLES and time - self._past[0][0] > self.window:
             self._past.popleft()
-        return np.concatenate([self._linear(), self._angular()])
+        past_times = np.array([sample[0] for sample in self._past])
+        linear = _end_slope(past_times, np.array([sample[1] for sample in self._past]))
+        if R is None:
+            return np.concatenate([linear, np.full(3, np.nan)])
+        turned = [(t, past) for t, _, past in self._past if past is not None]
+        local = se3.rotvec_from_matrix(np.array([past for _, past in turned]) @ R.T)
+        return np.concatenate([linear, _end_slope(np.array([t for t, _ in turned]), local)])
 
     def _check(self, time: float, position: FloatArray, rotation: FloatArray | None) -> None:
         if position.shape != (3,) or (rotation is not None and rotation.shape != (3, 3)):
@@ -198,18 +204,6 @@ class CausalTwist:
             raise DataError(f"the sample at time {time} is not finite.", hint="Leave a missing sample out.")
         if self._past and time <= self._past[-1][0]:
             raise DataError(f"time must advance: {time} s came after {self._past[-1][0]} s.")
-
-    def _linear(self) -> FloatArray:
-        t = np.array([sample[0] for sample in self._past])
-        return _end_slope(t, np.array([sample[1] for sample in self._past]))
-
-    def _angular(self) -> FloatArray:
-        newest = self._past[-1][2]
-        if newest is None:
-            return np.full(3, np.nan)
-        turned = [(t, R) for t, _, R in self._past if R is not None]
-        local = se3.rotvec_from_matrix(np.array([R for _, R in turned]) @ newest.T)
-        return _end_slope(np.array([t for t, _ in turned]), local)
 
 
 def _default_gaps(time: FloatArray, trajectory: IntArray) -> FloatArray:
@@ -249,18 +243,14 @@ def _windows(time: FloatArray, labels: IntArray, step: float | None) -> Iterator
     dense = (inside > STENCIL) & (high - low > STENCIL) if step is not None else np.zeros(len(time), dtype=bool)
     size = np.where(dense, np.minimum(high - low, MOST), np.minimum(inside, STENCIL))
     for m in np.unique(size[size > 1]):
-        for rows in _blocks(np.flatnonzero(size == m)):
+        all_rows = np.flatnonzero(size == m)
+        for rows in (all_rows[start : start + BLOCK] for start in range(0, len(all_rows), BLOCK)):
             if m > STENCIL:
                 yield rows, low[rows, None] + np.arange(m) * (high - low - 1)[rows, None] // (m - 1)
             elif m == STENCIL and step is not None:
                 yield rows, _spread_window(time, rows, first[rows], stop[rows], step)
             else:
                 yield rows, np.clip(rows - m // 2, first[rows], stop[rows] - m)[:, None] + np.arange(m)
-
-
-def _blocks(rows: IntArray) -> Iterator[IntArray]:
-    for start in range(0, len(rows), BLOCK):
-        yield rows[start : start + BLOCK]
 
 
 def _spans(time: FloatArray, first: IntArray, stop: IntArray, step: float) -> tuple[IntArray, IntArray]:
@@ -307,7 +297,7 @@ def _nearest_row(time: FloatArray, target: FloatArray, low: IntArray, high: IntA
 
 def _slope_weights(nodes: FloatArray, at: FloatArray) -> FloatArray:
     """Weights `(r, m)` of the first derivative at `at` (r,): through up to five nodes, between more of them."""
-    return _weights(nodes, at) if nodes.shape[1] <= STENCIL else _parabola_weights(nodes, at)
+    return _lagrange_weights(nodes, at) if nodes.shape[1] <= STENCIL else _parabola_weights(nodes, at)
 
 
 def _parabola_weights(nodes: FloatArray, at: FloatArray) -> FloatArray:
@@ -316,10 +306,8 @@ def _parabola_weights(nodes: FloatArray, at: FloatArray) -> FloatArray:
     The parabola is written in polynomials that are orthogonal on the nodes, so nothing needs to be inverted.
     """
     span = nodes[:, -1:] - nodes[:, :1]
-    x, x_at = (
-        (nodes - nodes.mean(axis=1, keepdims=True)) / span,
-        (at[:, None] - nodes.mean(axis=1, keepdims=True)) / span,
-    )
+    middle = nodes.mean(axis=1, keepdims=True)
+    x, x_at = (nodes - middle) / span, (at[:, None] - middle) / span
     squares = (x * x).mean(axis=1, keepdims=True)
     skew = (x**3).mean(axis=1, keepdims=True) / squares
     second = x * x - skew * x - squares
@@ -329,7 +317,7 @@ def _parabola_weights(nodes: FloatArray, at: FloatArray) -> FloatArray:
     return weights
 
 
-def _weights(nodes: FloatArray, at: FloatArray) -> FloatArray:
+def _lagrange_weights(nodes: FloatArray, at: FloatArray) -> FloatArray:
     """Weights `(r, m)` of the first derivative at `at` (r,) through the samples at `nodes` (r, m).
 
     They are the derivatives of the Lagrange polynomials, which Fornberg's recursion (1988) also yields.

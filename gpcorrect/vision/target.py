@@ -198,19 +198,12 @@ END_EFFECTOR = Target(
 )
 
 
-def single_ball(colour: str = "red", radius: float | None = None) -> Target:
-    """Return a target of one ball at the tool's origin.
+def single_ball(colour: str = "red") -> Target:
+    """Return a target of one ball of unknown size at the tool's origin.
 
     Parameters
     ----------
     colour : str
-        As in :func:`colour_of`.
-    radius : float, optional
-        m.
-
-    Raises
-    ------
-    DataError
-        The colour is unknown.
+        As in :func:`colour_of`, as are the errors.
     """
-    return Target((BallSpec(colour, colour_of(colour), (0.0, 0.0, 0.0), radius),))
+    return Target((BallSpec(colour, colour_of(colour)),))
