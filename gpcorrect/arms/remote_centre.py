@@ -61,7 +61,9 @@ class RcmInverse:
         axes, points = chain.axes(rest)
         wrist = chain.frames(rest)[wrist_link - 1, :3, 3]
         yaw_point = points[5] + axes[5] * ((wrist - points[5]) @ axes[5])
-        inverse = cls(axes, _meeting_point(axes[:2], points[:2]), wrist, yaw_point, chain.forward(rest))
+        across = np.eye(3) - axes[:2, :, None] * axes[:2, None, :]  # the centre is the point nearest to axes 1 and 2
+        centre = np.linalg.solve(across.sum(axis=0), (across @ points[:2, :, None]).sum(axis=0)[:, 0])
+        inverse = cls(axes, centre, wrist, yaw_point, chain.forward(rest))
         inverse._check(points)
         return inverse
 
@@ -104,9 +106,9 @@ class RcmInverse:
         motion = target @ se3.invert(self.T_zero)  # product of the six joints' screw motions
         yaw_axis = motion[..., :3, :3] @ self.axes[5]
         arm, wrist = self._wrist(motion, yaw_axis)
-        q12, R_base_shaft, q3 = self._shaft(wrist)
+        q123, R_base_shaft = self._shaft(wrist)
         q456 = self._orientation(motion[..., :3, :3], R_base_shaft, arm, yaw_axis)
-        q = np.concatenate([q12, q3[..., None], q456], axis=-1)
+        q = np.concatenate([q123, q456], axis=-1)
         return np.where(np.isfinite(q).all(axis=-1, keepdims=True), q, np.nan)
 
     def _wrist(self, motion: FloatArray, yaw_axis: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -117,15 +119,15 @@ class RcmInverse:
         arm = SIGNS[0][:, None] * _unit(across)
         return arm, yaw_point - arm * np.linalg.norm(self.yaw_point - self.wrist)
 
-    def _shaft(self, wrist: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Joints 1 and 2 (..., 8, 2), the rotation they make (..., 8, 3, 3) and joint 3 (..., 8)."""
+    def _shaft(self, wrist: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Joints 1 to 3 (..., 8, 3), and the rotation that the first two make (..., 8, 3, 3)."""
         w1, w2, w3 = self.axes[:3]
         away = wrist - self.centre
         direction = SIGNS[1][:, None] * _unit(away)
         depth = _dot(away, direction)[..., 0] - (self.wrist - self.centre) @ w3
         half_way = _half_way(w1, w2, w3, direction, SIGNS[2])
         q1, q2 = _turn(w1, half_way, direction), _turn(w2, w3, half_way)
-        return np.stack([q1, q2], axis=-1), _rotation(w1, q1) @ _rotation(w2, q2), depth
+        return np.stack([q1, q2, depth], axis=-1), _rotation(w1, q1) @ _rotation(w2, q2)
 
     def _orientation(
         self, R_motion: FloatArray, R_base_shaft: FloatArray, arm: FloatArray, yaw_axis: FloatArray
@@ -185,12 +187,6 @@ def _unit(v: FloatArray) -> FloatArray:
 def _distance(point: FloatArray, on_lines: FloatArray, directions: FloatArray) -> FloatArray:
     """Distances (k,) of a point from k lines."""
     return np.asarray(np.linalg.norm(np.cross(on_lines - point, directions), axis=-1))
-
-
-def _meeting_point(directions: FloatArray, points: FloatArray) -> FloatArray:
-    """Point nearest to two lines in the least-squares sense."""
-    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
-    return np.linalg.solve(across.sum(axis=0), (across @ points[:, :, None]).sum(axis=0)[:, 0])
 
 
 LIMIT_ROUNDING = 1e-9  # rad or m beyond a limit that count as on it: far above rounding, far below a micrometre
@@ -264,7 +260,9 @@ class RemoteCentreArm(Arm):
         poses = np.asarray(T, dtype=np.float64)
         if poses.shape[-2:] != (4, 4):
             raise DataError(f"poses must have shape (..., 4, 4), got {poses.shape}.")
-        q = self._nearest_turns(self._inverse.solve(poses), self.limits.mean(axis=1))
+        q = self._inverse.solve(poses)
+        turns = np.round((self.limits.mean(axis=1) - q) / (2 * np.pi))  # full ones, to the middle of the limits
+        q = q + np.where(self.chain.revolute, 2 * np.pi * turns, 0.0)
         exists: BoolArray = np.asarray(np.isfinite(q).all(axis=-1))
         return Solutions(q, exists, exists & self.chain.within_limits(q, LIMIT_ROUNDING))
 
@@ -320,11 +318,6 @@ class RemoteCentreArm(Arm):
                 )
             near = path[i] = options[np.argmin((((options - near) / spans) ** 2).sum(axis=1))]
         return path
-
-    def _nearest_turns(self, q: FloatArray, near: FloatArray) -> FloatArray:
-        """Angles moved by full turns to lie nearest to `near`; prismatic joints stay."""
-        turns = np.round((near - q) / (2 * np.pi))
-        return q + np.where(self.chain.revolute, 2 * np.pi * turns, 0.0)
 
     def _all_turns(self, q: FloatArray) -> FloatArray:
         """Every variant of `q` (k, dof) by one full turn of a revolute joint that keeps the limits."""

@@ -148,7 +148,12 @@ def read_robot(
 def _read(
     path: str, stamp: tuple[int, int], joints: tuple[str, ...] | None, tool: str | None, base: str | None
 ) -> Robot:
-    model = _compiled(parse(path), path)
+    spec = parse(path)
+    strip(spec)
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise _refused(path, error) from error
     found = arm_path(model, Path(path).name, joints, tool, base)
     drives, remarks = _drives(model, found)
     arm = Arm(
@@ -216,15 +221,6 @@ def strip(spec: Any) -> None:
     for geom in spec.geoms:
         geom.material = ""
     _delete(spec, spec.materials, spec.textures, [mesh for mesh in spec.meshes if mesh.name not in shapes])
-
-
-def _compiled(spec: Any, path: str) -> Any:
-    bare = spec.copy()
-    strip(bare)
-    try:
-        return bare.compile()
-    except ValueError as error:
-        raise _refused(path, error) from error
 
 
 def _delete(spec: Any, *groups: Iterable[Any]) -> None:
@@ -308,9 +304,8 @@ def _links(model: Any, found: ArmPath) -> tuple[Link, ...]:
         inertia = np.zeros((3, 3))
         for b, m, T in zip(bodies, masses, frames, strict=True):
             r = T[:3, 3] - com
-            inertia += T[:3, :3] @ np.diag(model.body_inertia[b]) @ T[:3, :3].T + m * (
-                r @ r * np.eye(3) - np.outer(r, r)
-            )
+            inertia += T[:3, :3] @ np.diag(model.body_inertia[b]) @ T[:3, :3].T
+            inertia += m * (r @ r * np.eye(3) - np.outer(r, r))
         links.append(Link(mass, com, inertia))
     return tuple(links)
 
@@ -330,16 +325,12 @@ def _drives(model: Any, found: ArmPath) -> tuple[JointDrives, list[str]]:
         kv=nothing.copy(),
         limit=limit,
     )
-    remarks = []
+    remarks, kinds = [], mujoco_library().mjtTrn
     for a in range(model.nu):
-        if _drives_joint(model, a) and model.actuator_trnid[a, 0] in ids:
+        on_joint = int(model.actuator_trntype[a]) in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT)
+        if on_joint and model.actuator_trnid[a, 0] in ids:
             remarks += _add_actuator(model, a, drives, ids.index(model.actuator_trnid[a, 0]))
     return drives, remarks
-
-
-def _drives_joint(model: Any, a: int) -> bool:
-    transmissions = mujoco_library().mjtTrn
-    return int(model.actuator_trntype[a]) in (transmissions.mjTRN_JOINT, transmissions.mjTRN_JOINTINPARENT)
 
 
 def _add_actuator(model: Any, a: int, drives: JointDrives, column: int) -> list[str]:

@@ -47,10 +47,21 @@ def arm_path(
         Where it ends (body or site) and begins (body).
     """
     start = WORLD if base is None else _body(model, file, base, "base")
-    names = _named_joints(model, file, joints)
+    known = [_name(model, j) for j in range(model.njnt)]
+    names = list(joints or ())
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise DataError(
+            f"{file} has no joint {', '.join(map(repr, unknown))}.", hint=f"Its joints: {', '.join(known) or 'none'}."
+        )
     body, T_tool, tool = _end(model, file, start, names, tool)
-    bodies = _bodies_between(model, file, start, body)
-    ids = tuple(j for b in bodies for j in _joints_of(model, b))
+    line = [*_ancestors(model, body)[::-1], body]
+    if start not in line:
+        raise DataError(
+            f"{file}: the base {model.body(start).name!r} does not carry the tool {model.body(body).name!r}.",
+            hint="Name a base nearer to the world, or leave it out.",
+        )
+    ids = tuple(j for b in line[line.index(start) + 1 :] for j in _joints_of(model, b))
     _check_joints(model, file, ids)
     absent = [name for name in names if name not in {_name(model, j) for j in ids}]
     if absent:
@@ -59,10 +70,13 @@ def arm_path(
             f"{', '.join(_name(model, j) for j in ids)}.",
             hint="Name joints of one arm, and a tool behind all of them.",
         )
-    link_of = _links(model, ids)
+    last = {int(model.jnt_bodyid[j]): number for number, j in enumerate(ids, start=1)}
+    link_of = [0] * model.nbody
+    for b in range(1, model.nbody):  # a body comes behind its parent
+        link_of[b] = last.get(b, link_of[model.body_parentid[b]])
     _check_loops(model, file, ids, link_of)
     all_names = tuple(_name(model, j) for j in ids)
-    return ArmPath(start, ids, all_names, tool, T_tool, link_of, tuple(_remarks(model, ids, link_of)))
+    return ArmPath(start, ids, all_names, tool, T_tool, tuple(link_of), _remarks(model, ids, link_of))
 
 
 def pose_of(model: Any, body: int) -> FloatArray:
@@ -93,16 +107,6 @@ def joint_frame(anchor: FloatArray, axis: FloatArray) -> FloatArray:
     half_turn = np.array([np.pi * (z < 0.0), 0.0, 0.0])  # about x, where the axis is -z
     turn = np.array([-y, x, 0.0]) / sine * np.arctan2(sine, z) if sine > 0.0 else half_turn
     return se3.pose(se3.matrix_from_rotvec(turn), np.array(anchor))
-
-
-def _named_joints(model: Any, file: str, joints: Sequence[str] | None) -> list[str]:
-    known = [_name(model, j) for j in range(model.njnt)]
-    unknown = [name for name in joints or () if name not in known]
-    if unknown:
-        raise DataError(
-            f"{file} has no joint {', '.join(map(repr, unknown))}.", hint=f"Its joints: {', '.join(known) or 'none'}."
-        )
-    return list(joints or ())
 
 
 def _end(model: Any, file: str, start: int, names: list[str], tool: str | None) -> tuple[int, FloatArray, str]:
@@ -139,17 +143,6 @@ def _only_end(model: Any, file: str, start: int) -> int:
     return ends[0]
 
 
-def _bodies_between(model: Any, file: str, start: int, end: int) -> list[int]:
-    """Bodies behind `start` up to `end`."""
-    line = [*_ancestors(model, end)[::-1], end]
-    if start not in line:
-        raise DataError(
-            f"{file}: the base {model.body(start).name!r} does not carry the tool {model.body(end).name!r}.",
-            hint="Name a base nearer to the world, or leave it out.",
-        )
-    return line[line.index(start) + 1 :]
-
-
 def _check_joints(model: Any, file: str, ids: Sequence[int]) -> None:
     free = [_name(model, j) for j in ids if model.jnt_type[j] in (FREE, BALL)]
     if free:
@@ -182,22 +175,13 @@ def _check_loops(model: Any, file: str, ids: Sequence[int], link_of: Sequence[in
             )
 
 
-def _remarks(model: Any, ids: Sequence[int], link_of: Sequence[int]) -> list[str]:
+def _remarks(model: Any, ids: Sequence[int], link_of: Sequence[int]) -> tuple[str, ...]:
     lifted = [model.body(b).name for b in range(model.nbody) if link_of[b] and model.body_gravcomp[b]]
     found = [f"gravity compensation of {', '.join(lifted)} is not simulated"] if lifted else []
     dofs = model.jnt_dofadr[list(ids)]
     if model.jnt_stiffnesspoly[list(ids)].any() or model.dof_dampingpoly[dofs].any():
         found.append("of springs and damping only the linear part is simulated")
-    return found
-
-
-def _links(model: Any, ids: Sequence[int]) -> tuple[int, ...]:
-    """Arm's link that each body rides on."""
-    last = {int(model.jnt_bodyid[j]): number for number, j in enumerate(ids, start=1)}
-    links = [0] * model.nbody
-    for b in range(1, model.nbody):  # a body comes behind its parent
-        links[b] = last.get(b, links[model.body_parentid[b]])
-    return tuple(links)
+    return tuple(found)
 
 
 def _body(model: Any, file: str, name: str, role: str) -> int:

@@ -295,26 +295,17 @@ def read_rig(path: str | Path) -> Rig:
 
 def _rig_camera(row: _RigCamera, folder: Path) -> RigCamera:
     patterns = (row.boards,) if isinstance(row.boards, str) else row.boards
+    boards: list[Path] = []
+    for pattern in patterns:  # of files, or the name of a folder of images
+        whole = folder / pattern / "*" if (folder / pattern).is_dir() else folder / pattern
+        images = [file for file in map(Path, sorted(glob.glob(str(whole)))) if file.suffix.lower() in IMAGES]
+        if not images:
+            raise DataError(f"there are no pictures {whole}.", hint=HINTS["rig file"])
+        boards += images
     at = row.board_at
-    seen, markers_in = _markers(row.markers, folder)
-    return RigCamera(
-        row.name,
-        tuple(file for pattern in patterns for file in _pictures(folder, pattern)),
-        None if row.lens is None else row.lens.intrinsics(),
-        None if at is None else _file(folder, at.picture),
-        None if at is None else at.pose(),
-        seen,
-        markers_in,
-    )
-
-
-def _pictures(folder: Path, pattern: str) -> list[Path]:
-    """Files of a pattern, or all images of a folder."""
-    whole = folder / pattern / "*" if (folder / pattern).is_dir() else folder / pattern
-    images = [file for file in map(Path, sorted(glob.glob(str(whole)))) if file.suffix.lower() in IMAGES]
-    if not images:
-        raise DataError(f"there are no pictures {whole}.", hint=HINTS["rig file"])
-    return images
+    board_at, place = (None, None) if at is None else (_file(folder, at.picture), at.pose())
+    lens = None if row.lens is None else row.lens.intrinsics()
+    return RigCamera(row.name, tuple(boards), lens, board_at, place, *_markers(row.markers, folder))
 
 
 def _file(folder: Path, name: str) -> Path:

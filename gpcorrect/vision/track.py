@@ -224,18 +224,19 @@ def track(
                 on_frame(frame, images)
             progress.step("frames", (i + 1) / count)
     whole = Track(*(np.array(column) for column in zip(*rows, strict=True)))
-    remarks = (
-        *_interruptions(sources, len(whole.time)),
-        *_delays(cameras, tracker),
-        *_doubts(whole, cameras, target, settings.vision.check.often),
-    )
+    remarks = _interruptions(sources, len(whole.time))
+    found = zip(cameras, 1e3 * tracker.clocks.delays, 1e3 * tracker.clocks.stds, strict=True)
+    late = [f"{c.name} {by:+.1f} ms (±{std:.1f})" for c, by, std in found if c.delay is None and abs(by) > 0.05]
+    if late:
+        remarks.append(f"Cameras look later than {cameras[0].name}: {', '.join(late)}; taken into account.")
+    remarks += _doubts(whole, cameras, target, settings.vision.check.often)
     if not (whole.status == 0).any():
         raise LogError(
             f"the tool was found in none of {len(whole.time)} frames. {' '.join(remarks)}",
             hint="Look at the pictures: every ball must be seen by two cameras at the same time.",
         )
     log = whole.log(target, remarks, ", ".join(names))
-    return TrackResult(whole, log, remarks, time.perf_counter() - begun)
+    return TrackResult(whole, log, tuple(remarks), time.perf_counter() - begun)
 
 
 def _clocks(
@@ -251,15 +252,6 @@ def _clocks(
         for time_ in times[:look]:
             tracker.step([source.read() for source in again], float(time_))
         return tracker.clocks
-
-
-def _delays(cameras: Sequence[Camera], tracker: Tracker) -> list[str]:
-    """Name the cameras that are out of step."""
-    found = zip(cameras, 1e3 * tracker.clocks.delays, 1e3 * tracker.clocks.stds, strict=True)
-    late = [
-        f"{c.name} {delay:+.1f} ms (±{std:.1f})" for c, delay, std in found if c.delay is None and abs(delay) > 0.05
-    ]
-    return [f"Cameras look later than {cameras[0].name}: {', '.join(late)}; taken into account."] if late else []
 
 
 def _row(frame: Frame) -> tuple[object, ...]:

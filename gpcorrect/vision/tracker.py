@@ -210,26 +210,19 @@ class Tracker:
 
     def _follow(self, images: Sequence[Image | None], time: float) -> None:
         """Find every ball where a camera should see it by the time of its own picture."""
-        delays = self.clocks.delays
-        poses = [self._filter.predicted(time + delay) for delay in delays]
-
-        def camera_job(k: int) -> list[Found]:
-            found, T = [], poses[k]
-            for ball, memory in zip(self.target.balls, self._memory, strict=True):
-                point = None if T is None else T[:3, :3] @ np.array(ball.place) + T[:3, 3]
-                expected = None if images[k] is None or point is None else _expected(self.cameras[k], memory, point)
-                found.append(
-                    Found(None, Reason.NOT_FOUND)
-                    if expected is None
-                    else detect_near(images[k], self.cameras[k], ball, expected, memory.tolerance, self.settings)
-                )
-            return found
-
-        for k, views in enumerate(self._views):
-            for view, result in zip(views, camera_job(k), strict=True):
-                view.outline = result.outline
-                if result.outline is None:
-                    view.suspend(result.reason)
+        rows = zip(self.cameras, images, self._views, self.clocks.delays, strict=True)
+        for camera, image, views, delay in rows:
+            T = self._filter.predicted(time + delay)
+            for ball, memory, view in zip(self.target.balls, self._memory, views, strict=True):
+                expected = None
+                if image is not None and T is not None:
+                    expected = _expected(camera, memory, T[:3, :3] @ np.array(ball.place) + T[:3, 3])
+                found = Found(None, Reason.NOT_FOUND)
+                if expected is not None:
+                    found = detect_near(image, camera, ball, expected, memory.tolerance, self.settings)
+                view.outline = found.outline
+                if found.outline is None:
+                    view.suspend(found.reason)
 
     def _acquire(self, images: Sequence[Image | None], time: float, predicted: FloatArray | None) -> None:
         """Find every ball anywhere; what several cameras agree on is trusted at once."""

@@ -120,12 +120,11 @@ def _consensus(seen: list[int], views: Sequence[View], cameras: Sequence[Camera]
 
 def _located(seen: Sequence[int], views: Sequence[View], cameras: Sequence[Camera]) -> Located | None:
     """Return where some views put the ball; None where they cannot."""
-    rows = [(k, views[k], views[k].outline) for k in seen]
-    found = [(k, outline.ray - view.shift, outline.covariance) for k, view, outline in rows if outline is not None]
+    found = [(cameras[k], views[k].shift, o) for k in seen if (o := views[k].outline) is not None]
     if len(found) < 2:
         return None
-    numbers, rays, covariances = zip(*found, strict=True)
+    rays, covariances = np.array([o.ray - shift for _, shift, o in found]), np.array([o.covariance for *_, o in found])
     try:
-        return triangulate([cameras[k] for k in numbers], np.array(rays), np.array(covariances))
+        return triangulate([camera for camera, *_ in found], rays, covariances)
     except DegenerateError:
         return None
