@@ -50,10 +50,8 @@ class RcmInverse:
 
         Parameters
         ----------
-        chain : Chain
-            The arm, RRPRRR.
-        wrist_link : int
-            Link, from 1, whose frame sits in the wrist point.
+        chain : Chain, the arm, RRPRRR
+        wrist_link : int, link, from 1, whose frame sits in the wrist point
         """
         if chain.joint_types != "RRPRRR":
             raise DataError(f"the remote-centre solution is for RRPRRR arms, got {chain.joint_types}.")
@@ -89,8 +87,7 @@ class RcmInverse:
 
         Parameters
         ----------
-        T : (..., 4, 4) array
-            Tip poses in the base frame.
+        T : (..., 4, 4) array, tip poses in the base frame
         """
         target = np.asarray(T, dtype=np.float64)
         q = self._solve(target)

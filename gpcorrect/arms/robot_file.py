@@ -208,8 +208,7 @@ def strip(spec: Any) -> None:
 
     Parameters
     ----------
-    spec : mujoco.MjSpec
-        Changed in place.
+    spec : mujoco.MjSpec, changed in place
     """
     library, always = mujoco_library(), spec.compiler.inertiafromgeom == 1
     weighed = [body for body in spec.bodies if (body.explicitinertial and not always) or body.name == "world"]

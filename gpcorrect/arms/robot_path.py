@@ -40,11 +40,9 @@ def arm_path(
     Parameters
     ----------
     model : mujoco.MjModel
-    file : str
-        What an error's message begins with.
+    file : str, what an error's message begins with
     joints : sequence of str, optional
-    tool, base : str, optional
-        Where it ends (body or site) and begins (body).
+    tool, base : str, optional, where it ends (body or site) and begins (body)
     """
     start = WORLD if base is None else _body(model, file, base, "base")
     known = [_name(model, j) for j in range(model.njnt)]
@@ -99,8 +97,7 @@ def joint_frame(anchor: FloatArray, axis: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    anchor, axis : (3,) arrays
-        Point on the axis and its direction, in the body's frame.
+    anchor, axis : (3,) arrays, point on the axis and its direction, in the body's frame
     """
     x, y, z = axis / np.linalg.norm(axis)
     sine = np.hypot(x, y)

@@ -55,8 +55,7 @@ def parse(title: str, read: Callable[[Path, ReadSettings], T], path: Path, setti
     Parameters
     ----------
     title : str
-    read : callable
-        From path and settings to what is wanted of the recording.
+    read : callable, from path and settings to what is wanted of the recording
     path, settings
         See :func:`gpcorrect.logs.read_log`.
     """
@@ -96,8 +95,7 @@ def parse_apart(
 
     Parameters
     ----------
-    kind : type
-        What `read` returns: a dataclass that :func:`gpcorrect.codec.pack` takes apart.
+    kind : type, what `read` returns: a dataclass that :func:`gpcorrect.codec.pack` takes apart
     title, read, path, settings
         As for :func:`parse`; `read` can be pickled.
     libraries : sequence of str

@@ -190,8 +190,7 @@ class ReadSettings:
 
         Parameters
         ----------
-        needed : int
-            Bytes that it takes.
+        needed : int, bytes that it takes
         """
         if needed > self.max_bytes:
             most = f"{self.max_bytes / 1e9:.3g} GB"
@@ -204,8 +203,7 @@ def load_columns(path: str | Path) -> ColumnMap:
 
     Parameters
     ----------
-    path : str or Path
-        TOML, with the keys of :class:`ColumnMap`.
+    path : str or Path, TOML, with the keys of :class:`ColumnMap`
     """
     try:
         with Path(path).open("rb") as file:

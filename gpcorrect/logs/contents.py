@@ -48,8 +48,7 @@ def contents_of(path: str | Path) -> Contents:
 
     Parameters
     ----------
-    path : str or Path
-        A recording of a known format.
+    path : str or Path, a recording of a known format
 
     Raises
     ------

@@ -31,8 +31,7 @@ def marks_of(log: CalibrationLog) -> Marks:
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
+    log : CalibrationLog, n samples
     """
     found = [stretches(log, name)[1] for name in OUTSIDE if getattr(log, name) is not None]
     return np.unique(np.concatenate([*found, np.empty(0, dtype=np.uint64)]))
@@ -43,8 +42,7 @@ def remembered(marks: Marks) -> str:
 
     Parameters
     ----------
-    marks : (k,) array
-        In rising order.
+    marks : (k,) array, in rising order
     """
     return marks[:REMEMBERED].astype(">u8").tobytes().hex()
 
@@ -54,8 +52,7 @@ def recalled(digits: str) -> Marks:
 
     Parameters
     ----------
-    digits : str
-        16 a mark.
+    digits : str, 16 a mark
 
     Raises
     ------
@@ -70,8 +67,7 @@ def stretches(log: CalibrationLog, name: str) -> tuple[NDArray[np.intp], Marks]:
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
+    log : CalibrationLog, n samples
     name : str
     """
     signal = getattr(log, name)

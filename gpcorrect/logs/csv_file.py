@@ -160,8 +160,7 @@ class Dialect:
         Parameters
         ----------
         path : Path
-        row : int
-            Sample, counted from zero.
+        row : int, sample, counted from zero
         """
         with self.records(path) as records:
             return next(islice((line for line, _ in records), row, None), None)
@@ -232,8 +231,7 @@ def encoding_of(path: Path) -> str:
 
     Parameters
     ----------
-    path : Path
-        Any file.
+    path : Path, any file
     """
     with path.open("rb") as file:
         head = file.read(4096)

@@ -39,10 +39,8 @@ class Recorded:
 
         Parameters
         ----------
-        message : object
-            As the bag's reader decoded it.
-        receive : int
-            When it was received, ns since 1970.
+        message : object, as the bag's reader decoded it
+        receive : int, when it was received, ns since 1970
         """
         header = getattr(message, "hdr", None) or getattr(message, "header", None)
         self.stamp.append(0 if header is None else header.stamp.sec * 10**9 + header.stamp.nanosec)
@@ -74,8 +72,7 @@ def array_row(place: int | None) -> Callable[[Any], tuple[float, ...]]:
 
     Parameters
     ----------
-    place : int or None
-        Which one, counted from 0; None for the only one.
+    place : int or None, which one, counted from 0; None for the only one
     """
 
     def row(message: Any) -> tuple[float, ...]:
@@ -92,8 +89,7 @@ def joint_row(message: Any) -> tuple[tuple[str, ...], FloatArray, FloatArray, Fl
 
     Parameters
     ----------
-    message : object
-        JointState.
+    message : object, JointState
     """
     return tuple(message.name), message.position, message.velocity, message.effort
 
@@ -113,12 +109,9 @@ class Times:
 
         Parameters
         ----------
-        recorded : Recorded
-            Messages of a topic.
-        origin : int
-            Time that becomes zero, ns since 1970; the same for all topics of a recording.
-        clock : {"header", "receive"}
-            Which times to take.
+        recorded : Recorded, messages of a topic
+        origin : int, time that becomes zero, ns since 1970; the same for all topics of a recording
+        clock : {"header", "receive"}, which times to take
         """
         stamp, receive = np.array(recorded.stamp, np.int64), np.array(recorded.receive, np.int64)
         rows, remarks = np.arange(len(stamp)), []
@@ -187,8 +180,7 @@ def joint_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Str
 
     Parameters
     ----------
-    name : str
-        CRTK name of the topic, such as "measured_js".
+    name : str, CRTK name of the topic, such as "measured_js"
     recorded, times
         Messages of a topic and when they were taken.
     """

@@ -17,8 +17,7 @@ def unit_quaternions(quaternion: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    quaternion : (n, 4) array
-        In any order of their components.
+    quaternion : (n, 4) array, in any order of their components
     """
     with np.errstate(over="ignore"):  # an infinite norm is off by more than the tolerance
         norm = np.linalg.norm(quaternion, axis=1)
@@ -35,10 +34,8 @@ def quaternion_from_euler(angles: FloatArray, order: str) -> FloatArray:
 
     Parameters
     ----------
-    angles : (n, 3) array
-        About x, y and z, in this order whatever the order of the turns, rad.
-    order : str
-        Order of the turns: "ZYX" is R = Rz Ry Rx.
+    angles : (n, 3) array, about x, y and z, in this order whatever the order of the turns, rad
+    order : str, order of the turns: "ZYX" is R = Rz Ry Rx
     """
     turns = ["XYZ".index(axis) for axis in order]
     return _where_finite(lambda values: se3.matrix_from_euler(values[:, turns], order), angles)

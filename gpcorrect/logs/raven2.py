@@ -73,8 +73,7 @@ def raven_row(message: Any) -> FloatArray:
 
     Parameters
     ----------
-    message : object
-        raven_state, as the bag's reader decoded it.
+    message : object, raven_state, as the bag's reader decoded it
     """
     missing = [name for name in FIELDS if not hasattr(message, name)]
     if missing:
@@ -91,8 +90,7 @@ def raven_streams(recorded: Recorded, times: Times, arm: Arm | None) -> tuple[li
     ----------
     recorded, times
         Messages of a topic and when they were taken.
-    arm : {"left", "right"}, optional
-        The only one there when not given.
+    arm : {"left", "right"}, optional, the only one there when not given
     """
     ends = np.cumsum(list(FIELDS.values()))
     state = dict(zip(FIELDS, np.split(np.stack(recorded.rows)[times.rows], ends[:-1], axis=1), strict=True))

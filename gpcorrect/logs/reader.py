@@ -143,8 +143,7 @@ def parsed(kind: type[T], read: Callable[[Format, Path, ReadSettings], T], path:
 
     Parameters
     ----------
-    kind : type
-        What `read` returns: a dataclass.
+    kind : type, what `read` returns: a dataclass
     read : callable
         From format, path and settings to what is wanted of the recording; a function of a module.
     path, settings
@@ -193,8 +192,7 @@ def format_of(path: Path) -> Format:
 
     Parameters
     ----------
-    path : Path
-        A file, or the folder of a ROS 2 recording.
+    path : Path, a file, or the folder of a ROS 2 recording
     """
     if path.is_dir():
         if (path / "metadata.yaml").is_file():

@@ -75,8 +75,7 @@ def default_max_gap(stamp: FloatArray) -> float:
 
     Parameters
     ----------
-    stamp : (n,) array
-        In any order, s.
+    stamp : (n,) array, in any order, s
     """
     steps = np.diff(np.unique(stamp))
     return GAP_STEPS * float(np.median(steps)) if steps.size else np.inf

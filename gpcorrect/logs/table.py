@@ -40,8 +40,7 @@ class Table:
 
         Parameters
         ----------
-        column : str or int
-            By name or number.
+        column : str or int, by name or number
         """
         names = list(self.columns)
         if isinstance(column, int) and column < len(names):
@@ -60,8 +59,7 @@ class Table:
 
         Parameters
         ----------
-        columns : tuple of str or int
-            By name or number.
+        columns : tuple of str or int, by name or number
         """
         return np.stack([self.columns[self.name(c)] for c in columns], axis=1)
 
@@ -73,8 +71,7 @@ def log_from_table(table: Table, mapping: ColumnMap, disorder: Disorder) -> Cali
     ----------
     table : Table
     mapping : ColumnMap
-    disorder : {"refuse", "drop", "keep"}
-        What to do about time that does not increase.
+    disorder : {"refuse", "drop", "keep"}, what to do about time that does not increase
     """
     found, remarks = complete(mapping, table.columns)
     if not len(table):
@@ -154,8 +151,7 @@ def position_names(signal: str) -> tuple[str, str, str]:
 
     Parameters
     ----------
-    signal : str
-        Such as "tracker_cp".
+    signal : str, such as "tracker_cp"
     """
     return f"{signal}_x", f"{signal}_y", f"{signal}_z"
 
@@ -165,8 +161,7 @@ def orientation_names(signal: str) -> tuple[str, str, str, str]:
 
     Parameters
     ----------
-    signal : str
-        Such as "tracker_cp".
+    signal : str, such as "tracker_cp"
     """
     return f"{signal}_qw", f"{signal}_qx", f"{signal}_qy", f"{signal}_qz"
 
@@ -176,8 +171,7 @@ def joint_names(signal: str, dof: int) -> tuple[str, ...]:
 
     Parameters
     ----------
-    signal : str
-        Such as "measured_jp".
+    signal : str, such as "measured_jp"
     dof : int
     """
     return tuple(f"{signal}_{k}" for k in range(1, dof + 1))
@@ -200,8 +194,7 @@ def complete(mapping: ColumnMap, names: Collection[str]) -> tuple[ColumnMap, lis
 
     Parameters
     ----------
-    mapping : ColumnMap
-        By the user; it comes first.
+    mapping : ColumnMap, by the user; it comes first
     names : collection of str
     """
     found: dict[str, Any] = {}

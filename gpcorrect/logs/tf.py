@@ -27,8 +27,7 @@ def frames_of(name: str) -> tuple[str, str] | None:
 
     Parameters
     ----------
-    name : str
-        As the user wrote it.
+    name : str, as the user wrote it
     """
     match = re.fullmatch(r"/?tf:/?(.+?)\s*->\s*/?(.+)", name.strip())
     return (match[1], match[2]) if match else None
@@ -46,12 +45,9 @@ class Tree:
 
         Parameters
         ----------
-        message : object
-            TFMessage.
-        receive : int
-            ns since 1970.
-        static : bool
-            Whether it came from /tf_static.
+        message : object, TFMessage
+        receive : int, ns since 1970
+        static : bool, whether it came from /tf_static
         """
         for transform in message.transforms:
             child = transform.child_frame_id.strip("/")

@@ -58,8 +58,7 @@ def element_of(source: str) -> tuple[str, int | None]:
 
     Parameters
     ----------
-    source : str
-        As :func:`choose_topics` returns it.
+    source : str, as :func:`choose_topics` returns it
     """
     match = re.fullmatch(r"(.*)\[(\d+)\]", source)
     return (match[1], int(match[2])) if match else (source, None)
@@ -73,8 +72,7 @@ def choose_topics(types: Mapping[str, str], options: BagOptions) -> tuple[dict[s
 
     Parameters
     ----------
-    types : mapping of str to str
-        Types of message by topic.
+    types : mapping of str to str, types of message by topic
     options : BagOptions
     """
     tracker, remarks = _tracker(types, options)

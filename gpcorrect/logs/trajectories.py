@@ -29,10 +29,8 @@ def recognised(names: Sequence[str], rows: FloatArray, stated: ColumnMap) -> tup
     Parameters
     ----------
     names : sequence of str
-    rows : (n, columns) array
-        The first samples; NaN for what is no number.
-    stated : ColumnMap
-        The user's mapping, without signals.
+    rows : (n, columns) array, the first samples; NaN for what is no number
+    stated : ColumnMap, the user's mapping, without signals
     """
     for title, columns in KINDS.items() if len(rows) else ():
         found = columns(names, rows, stated)

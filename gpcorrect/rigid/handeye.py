@@ -75,10 +75,8 @@ def require_observable(observed: PoseSignal, command: PoseSignal) -> Observabili
 
     Parameters
     ----------
-    observed : PoseSignal
-        Poses of the marker in the tracker frame.
-    command : PoseSignal
-        Poses of the tip in the base frame.
+    observed : PoseSignal, poses of the marker in the tracker frame
+    command : PoseSignal, poses of the tip in the base frame
     """
     check_pair(observed, command)
     observability = rotation_observability(observed, command)
@@ -206,10 +204,8 @@ def two_sided_rotations(R_obs: FloatArray, R_cmd: FloatArray, w: FloatArray) -> 
 
     Parameters
     ----------
-    R_obs, R_cmd : (n, 3, 3) arrays
-        Rotations that belong together.
-    w : (n,) array
-        Non-negative weights.
+    R_obs, R_cmd : (n, 3, 3) arrays, rotations that belong together
+    w : (n,) array, non-negative weights
     """
     n = len(w)
     moments = ((R_cmd.reshape(n, 9) * w[:, None]).T @ R_obs.reshape(n, 9)).reshape(3, 3, 3, 3)

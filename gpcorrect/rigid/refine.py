@@ -34,8 +34,7 @@ class MarkerState(NamedTuple):
 
         Parameters
         ----------
-        step : (12,) array
-            Turn of R (rad), t (m), turn of R_right (rad), offset (m).
+        step : (12,) array, turn of R (rad), t (m), turn of R_right (rad), offset (m)
         """
         return MarkerState(
             se3.matrix_from_rotvec(step[:3]) @ self.R,
@@ -80,8 +79,7 @@ def residual_norms(samples: Samples, state: MarkerState) -> list[FloatArray]:
 
     Parameters
     ----------
-    samples : Samples
-        n samples.
+    samples : Samples, n samples
     state : MarkerState
     """
     norms = []

@@ -95,10 +95,8 @@ def check_pair(observed: PoseSignal, command: PoseSignal) -> None:
 
     Parameters
     ----------
-    observed : PoseSignal
-        Poses of the marker in the tracker frame.
-    command : PoseSignal
-        Poses of the tip in the base frame.
+    observed : PoseSignal, poses of the marker in the tracker frame
+    command : PoseSignal, poses of the tip in the base frame
     """
     if len(observed) != len(command):
         raise DataError(
@@ -175,8 +173,7 @@ def component_scale(norms: FloatArray) -> float:
 
     Parameters
     ----------
-    norms : (n,) array
-        Lengths of 3-vectors, m or rad.
+    norms : (n,) array, lengths of 3-vectors, m or rad
     """
     return max(float(robust_scale(norms, 3)), FLOOR)
 
@@ -186,10 +183,8 @@ def cauchy_weights(norms: FloatArray, scale: float) -> FloatArray:
 
     Parameters
     ----------
-    norms : (n,) array
-        Residual lengths.
-    scale : float
-        Standard deviation of a component, same unit.
+    norms : (n,) array, residual lengths
+    scale : float, standard deviation of a component, same unit
     """
     return 1.0 / (1.0 + (norms / (WIDTH * scale)) ** 2)
 
@@ -199,10 +194,8 @@ def cauchy_loss(norms: FloatArray, scale: float) -> float:
 
     Parameters
     ----------
-    norms : (n,) array
-        Residual lengths.
-    scale : float
-        Standard deviation of a component, same unit.
+    norms : (n,) array, residual lengths
+    scale : float, standard deviation of a component, same unit
     """
     return float(WIDTH**2 * np.log1p((norms / (WIDTH * scale)) ** 2).sum())
 
@@ -223,10 +216,8 @@ def fit_robustly(observed: PoseSignal, command: PoseSignal) -> RigidModel:
 
     Parameters
     ----------
-    observed : PoseSignal
-        Poses of the marker in the tracker frame.
-    command : PoseSignal
-        Poses of the tip in the base frame.
+    observed : PoseSignal, poses of the marker in the tracker frame
+    command : PoseSignal, poses of the tip in the base frame
     """
     return _reweighted(_robust_pairs(observed, command), None)
 
@@ -240,8 +231,7 @@ def fit_balanced(observed: PoseSignal, command: PoseSignal) -> RigidModel:
 
     Parameters
     ----------
-    observed, command : PoseSignal
-        n samples each with orientations, all finite.
+    observed, command : PoseSignal, n samples each with orientations, all finite
     """
     pairs = _robust_pairs(observed, command)
     weight, model = 1.0, _reweighted(pairs, 1.0)

@@ -38,10 +38,8 @@ def hypotheses(
     Parameters
     ----------
     cameras : sequence of Camera
-    candidates : sequence of sequence of Outline
-        What each may see of the ball.
-    radius : float or None
-        Of the ball, m, when known.
+    candidates : sequence of sequence of Outline, what each may see of the ball
+    radius : float or None, of the ball, m, when known
     settings : AgreementSettings
     """
     found = []
@@ -132,12 +130,9 @@ class LoneBall:
 
         Parameters
         ----------
-        options : sequence of Hypothesis
-            The best first.
-        time : float
-            s.
-        expected : (3,) array or None
-            Where the ball should be, m; None when it is not known.
+        options : sequence of Hypothesis, the best first
+        time : float, s
+        expected : (3,) array or None, where the ball should be, m; None when it is not known
         """
         settings = self.settings
         seen = [h for h in options if len(h.views) >= min(3, len(options[0].views))]

@@ -70,10 +70,8 @@ class Clocks:
 
         Parameters
         ----------
-        last : Linearised
-            Of the pose's fit.
-        cameras : (k,) int array
-            Of its views.
+        last : Linearised, of the pose's fit
+        cameras : (k,) int array, of its views
         """
         gain = last.gain(self._effects(last, cameras))
         added: FloatArray = gain @ self.covariance @ gain.T
@@ -87,10 +85,8 @@ class Clocks:
 
         Parameters
         ----------
-        last : Linearised
-            Of a fit with that velocity held.
-        cameras : (k,) int array
-            Of its views.
+        last : Linearised, of a fit with that velocity held
+        cameras : (k,) int array, of its views
         """
         speed = float(np.linalg.norm(last.twist[:3])) + self.settings.arm * float(np.linalg.norm(last.twist[3:]))
         if speed < self.settings.least_speed:

@@ -91,12 +91,9 @@ def match_blobs(
     Parameters
     ----------
     blobs : Blobs
-    expected : mapping of marker to (2,) array
-        px; NaN when it is out of sight.
-    reach_px : float
-        Greatest common offset.
-    near_px : float
-        How far from the common offset a marker may be.
+    expected : mapping of marker to (2,) array, px; NaN when it is out of sight
+    reach_px : float, greatest common offset
+    near_px : float, how far from the common offset a marker may be
     """
     places = {name: pixel for name, pixel in expected.items() if np.isfinite(pixel).all()}
     trials: list[tuple[float, FloatArray, dict[str, int]]] = []
@@ -129,8 +126,7 @@ def refine_markers(
     ----------
     image : (height, width, 3) uint8 array
     blobs : Blobs
-    matched : mapping of marker to int
-        Which blob each is.
+    matched : mapping of marker to int, which blob each is
     lens : Intrinsics
     """
     found = {}

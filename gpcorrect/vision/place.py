@@ -72,10 +72,8 @@ def poses_from_points(points: FloatArray, pixels: FloatArray, lens: Intrinsics) 
 
     Parameters
     ----------
-    points : (n, 3) array
-        Known places, tracker frame, m.
-    pixels : (n, 2) array
-        Where each is seen.
+    points : (n, 3) array, known places, tracker frame, m
+    pixels : (n, 2) array, where each is seen
     lens : Intrinsics
     """
     return _solve_pnp(points, pixels, lens, cv2.SOLVEPNP_SQPNP)

@@ -79,8 +79,7 @@ class Linearised:
 
         Parameters
         ----------
-        effects : (k, 2, m) array
-            On the plane one unit before the lens.
+        effects : (k, 2, m) array, on the plane one unit before the lens
         """
         right: FloatArray = np.einsum("kij,kil,klm->jm", self.J, self.weights, effects)
         return right

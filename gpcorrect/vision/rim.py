@@ -122,8 +122,7 @@ def fit_cone(points: FloatArray, lens: Intrinsics, settings: BallSettings = DEFA
 
     Parameters
     ----------
-    points : (n, 2) array
-        Undistorted, on the plane one unit before the lens.
+    points : (n, 2) array, undistorted, on the plane one unit before the lens
     lens : Intrinsics
     settings : BallSettings
     """

@@ -50,10 +50,8 @@ class Window(NamedTuple):
 
         Parameters
         ----------
-        centre : (2,) array
-            px.
-        reach : float
-            From the centre to the sides, px.
+        centre : (2,) array, px
+        reach : float, from the centre to the sides, px
         image : (height, width, ...) array
         """
         size = np.array([image.shape[1], image.shape[0]])
@@ -98,10 +96,8 @@ def detect_near(
     image : (height, width, 3) uint8 array
     camera : Camera
     ball : BallSpec
-    expected : (3,) array
-        Where it should be: u, v, radius, px.
-    tolerance : float
-        Factor on how far from there to search.
+    expected : (3,) array, where it should be: u, v, radius, px
+    tolerance : float, factor on how far from there to search
     settings : VisionSettings
     """
     balls, views = settings.balls, settings.views
@@ -207,12 +203,10 @@ def find_circles(
 
     Parameters
     ----------
-    image : (height, width, 3) uint8 array
-        Blue green red.
+    image : (height, width, 3) uint8 array, blue green red
     colour : Colour
     window : Window
-    radii : (2,) tuple
-        Least and greatest radius, px.
+    radii : (2,) tuple, least and greatest radius, px
     count : int
     settings : VisionSettings
     """

@@ -183,8 +183,7 @@ def frame_times(sources: Sequence[Source], fps: float | None, count: int) -> Flo
     Parameters
     ----------
     sources : sequence of Source
-    fps : float or None
-        Frames a second; the videos' own, or 30, when None.
+    fps : float or None, frames a second; the videos' own, or 30, when None
     count : int
     """
     if fps is None:

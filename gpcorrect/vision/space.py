@@ -126,12 +126,9 @@ def reprojection(T: FloatArray, points: FloatArray, rays: FloatArray) -> tuple[F
 
     Parameters
     ----------
-    T : (k, 4, 4) array
-        Camera from tracker, of each view.
-    points : (k, 3) or (3,) array
-        Tracker frame, m.
-    rays : (k, 2) array
-        Where they are seen.
+    T : (k, 4, 4) array, camera from tracker, of each view
+    points : (k, 3) or (3,) array, tracker frame, m
+    rays : (k, 2) array, where they are seen
     """
     local = np.einsum("kij,kj->ki", T[:, :3, :3], np.broadcast_to(points, (len(T), 3))) + T[:, :3, 3]
     z = np.maximum(local[:, 2], LEAST_DEPTH)[:, None]
@@ -146,8 +143,7 @@ def normal_equations(residual: FloatArray, J: FloatArray, weights: FloatArray) -
     ----------
     residual : (k, 2) array
     J : (k, 2, n) array
-    weights : (k, 2, 2) array
-        Inverse covariances.
+    weights : (k, 2, 2) array, inverse covariances
     """
     JW = np.einsum("kij,kil->kjl", J, weights)
     return np.einsum("kjl,klm->jm", JW, J), np.einsum("kjl,kl->j", JW, residual)

@@ -82,8 +82,7 @@ def hue_name(hue: float) -> str:
 
     Parameters
     ----------
-    hue : float
-        Degrees.
+    hue : float, degrees
     """
     return min(COLOURS, key=lambda name: _hue_apart(hue, COLOURS[name].hue) / COLOURS[name].tolerance)
 

@@ -50,12 +50,10 @@ def agree(
 
     Parameters
     ----------
-    views : sequence of View
-        Of one ball, one a camera; changed in place.
+    views : sequence of View, of one ball, one a camera; changed in place
     cameras : sequence of Camera
     settings : ViewSettings
-    settled : bool
-        Where fewer than two views are trusted, take all that see the ball.
+    settled : bool, where fewer than two views are trusted, take all that see the ball
 
     Returns
     -------

@@ -168,8 +168,7 @@ class Evidence:
 
         Parameters
         ----------
-        positions : (n, k) array
-            m or rad.
+        positions : (n, k) array, m or rad
         """
         lengths: FloatArray = np.linalg.norm(positions - positions[self.previous], axis=1)
         return lengths / np.where(self.steps > 0, self.steps, np.nan)
@@ -198,8 +197,7 @@ def check(ask: Check) -> Check:
 
     Parameters
     ----------
-    ask : Check
-        A new check is a function with this decorator, in a module that the package imports.
+    ask : Check, a new check is a function with this decorator, in a module that the package imports
     """
     CHECKS[ask.__name__.lstrip("_")] = ask
     return ask
@@ -210,8 +208,7 @@ def extent(positions: FloatArray) -> float:
 
     Parameters
     ----------
-    positions : (n, 3) array
-        m; NaN where missing.
+    positions : (n, 3) array, m; NaN where missing
     """
     known = positions[np.isfinite(positions).all(axis=1)]
     if not len(known):
@@ -225,8 +222,7 @@ def spread(values: FloatArray) -> float:
 
     Parameters
     ----------
-    values : (n, k) array
-        NaN where missing.
+    values : (n, k) array, NaN where missing
     """
     known = values[np.isfinite(values).all(axis=1)]
     if not len(known):
@@ -239,8 +235,7 @@ def spread_ratio(values: FloatArray, reference: FloatArray) -> float:
 
     Parameters
     ----------
-    values, reference : (n,) arrays
-        NaN where missing.
+    values, reference : (n,) arrays, NaN where missing
     """
     known = np.isfinite(values) & np.isfinite(reference)
     a, b = values[known], reference[known]
@@ -259,8 +254,7 @@ def runs(mask: BoolArray) -> IntArray:
 
     Parameters
     ----------
-    mask : (n,) bool array
-        A row each.
+    mask : (n,) bool array, a row each
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return edges.reshape(-1, 2)
@@ -271,8 +265,7 @@ def rigid_misfit(points: FloatArray, target: FloatArray) -> float:
 
     Parameters
     ----------
-    points, target : (n, 3) arrays
-        m; NaN where missing.
+    points, target : (n, 3) arrays, m; NaN where missing
     """
     known = np.isfinite(points).all(axis=1) & np.isfinite(target).all(axis=1)
     if known.sum() < MIN_PAIRED:
@@ -287,8 +280,7 @@ def mirrored(reference: FloatArray, observed: FloatArray, *, axial: bool = False
 
     Parameters
     ----------
-    reference, observed : (n, k) arrays
-        NaN where missing.
+    reference, observed : (n, k) arrays, NaN where missing
     axial : bool
         Whether a point and its negative are the same, as of unit quaternions; they are not centred then.
     """

@@ -54,8 +54,7 @@ def scale_of(unit: str) -> float:
 
     Parameters
     ----------
-    unit : str
-        As an export writes it.
+    unit : str, as an export writes it
     """
     scale = METRES.get(unit.strip().lower())
     if scale is None:

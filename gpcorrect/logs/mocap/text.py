@@ -32,8 +32,7 @@ class Export:
 
         Parameters
         ----------
-        line : int
-            Counted from 0.
+        line : int, counted from 0
         """
         cells = [cell.strip() for cell in next(csv.reader([self.lines[line]], delimiter=self.delimiter), [])]
         while cells and not cells[-1]:
@@ -45,8 +44,7 @@ class Export:
 
         Parameters
         ----------
-        line : int
-            Counted from 0.
+        line : int, counted from 0
         """
         return not self.lines[line].strip(f"{self.delimiter} \t\r")
 
@@ -55,8 +53,7 @@ class Export:
 
         Parameters
         ----------
-        start : int
-            Line to begin at, counted from 0.
+        start : int, line to begin at, counted from 0
         """
         return next((k for k in range(start, len(self)) if self.empty(k)), len(self))
 
@@ -65,10 +62,8 @@ class Export:
 
         Parameters
         ----------
-        start, stop : int
-            First line and the one after the last.
-        columns : sequence of int
-            Counted from 0.
+        start, stop : int, first line and the one after the last
+        columns : sequence of int, counted from 0
         """
         if stop <= start:
             raise LogError("the file has a header but no samples.")
@@ -97,10 +92,8 @@ def read_export(path: Path, delimiter: str | None = None) -> Export:
 
     Parameters
     ----------
-    path : Path
-        A text export.
-    delimiter : str, optional
-        Between cells; taken from the line that begins with "Frame" when not given.
+    path : Path, a text export
+    delimiter : str, optional, between cells; taken from the line that begins with "Frame" when not given
     """
     text = path.read_bytes().decode(encoding_of(path), errors="replace")
     lines = text.splitlines()
@@ -120,7 +113,6 @@ def seen_only(points: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    points : (n, 3) array
-        Of one marker.
+    points : (n, 3) array, of one marker
     """
     return np.where((points == 0.0).all(axis=1, keepdims=True), np.nan, points)

@@ -39,8 +39,7 @@ def bodies_of(names: Sequence[str]) -> dict[str, list[str]]:
 
     Parameters
     ----------
-    names : sequence of str
-        Labels of markers; those without a number belong to the body "".
+    names : sequence of str, labels of markers; those without a number belong to the body ""
     """
     groups: dict[str, list[str]] = {}
     for name in names:
@@ -55,8 +54,7 @@ def typical_misfit(rms: FloatArray) -> float:
 
     Parameters
     ----------
-    rms : (n,) array
-        Root mean square distance in each frame, m; NaN where the body was not seen.
+    rms : (n,) array, root mean square distance in each frame, m; NaN where the body was not seen
     """
     seen = rms[np.isfinite(rms)]
     return float(np.quantile(seen, RIGIDITY.quantile)) if seen.size else 0.0
@@ -67,11 +65,9 @@ def require_rigid(points: FloatArray, names: Sequence[str], rms: FloatArray) -> 
 
     Parameters
     ----------
-    points : (n, m, 3) array
-        Markers over time, m; NaN where one is hidden.
+    points : (n, m, 3) array, markers over time, m; NaN where one is hidden
     names : sequence of str
-    rms : (n,) array
-        Distance from the fitted body in each frame, m.
+    rms : (n,) array, distance from the fitted body in each frame, m
     """
     misfit = typical_misfit(rms)
     if misfit <= RIGIDITY.warn:
@@ -107,8 +103,7 @@ def tool_poses(points: FloatArray) -> tuple[PoseSignal, FloatArray]:
 
     Parameters
     ----------
-    points : (n, m, 3) array
-        Markers over time, m; NaN where one is hidden.
+    points : (n, m, 3) array, markers over time, m; NaN where one is hidden
 
     Returns
     -------
@@ -143,8 +138,7 @@ def configuration(points: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    points : (n, m, 3) array
-        Markers over time, m; NaN where one is hidden.
+    points : (n, m, 3) array, markers over time, m; NaN where one is hidden
     """
     seen = np.asarray(np.isfinite(points).all(axis=2))
     shown = f"they are seen in {', '.join(f'{part:.0%}' for part in seen.mean(axis=0))} of the frames."

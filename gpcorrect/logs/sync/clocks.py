@@ -137,8 +137,7 @@ def seconds_of(text: str) -> float:
 
     Parameters
     ----------
-    text : str
-        A finite number.
+    text : str, a finite number
 
     Raises
     ------

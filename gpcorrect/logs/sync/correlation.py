@@ -42,8 +42,7 @@ def typical_step(motions: Sequence[Motion]) -> float:
 
     Parameters
     ----------
-    motions : sequence of Motion
-        Each on its own clock.
+    motions : sequence of Motion, each on its own clock
     """
     steps = np.concatenate([np.diff(m.time) for m in motions]) if motions else np.empty(0)
     return float(np.median(steps)) if steps.size else float("inf")
@@ -103,10 +102,8 @@ def lag_curve(pairs: Sequence[MotionPair], max_lag: float) -> LagCurve:
 
     Parameters
     ----------
-    pairs : sequence of MotionPair
-        One a trajectory.
-    max_lag : float
-        Largest lag tried either way, s.
+    pairs : sequence of MotionPair, one a trajectory
+    max_lag : float, largest lag tried either way, s
     """
     slow = max(typical_step([p.reference for p in pairs]), typical_step([p.observed for p in pairs]))
     span = sum(float(p.reference.time[-1] - p.reference.time[0]) for p in pairs) + 2 * max_lag * len(pairs)
@@ -167,8 +164,7 @@ def peaks(curve: LagCurve, fraction: float) -> FloatArray:
     Parameters
     ----------
     curve : LagCurve
-    fraction : float
-        Lesser maxima than this fraction of the highest are left out.
+    fraction : float, lesser maxima than this fraction of the highest are left out
     """
     r = np.where(np.isfinite(curve.correlation), curve.correlation, -np.inf)
     inner: IntArray = np.flatnonzero((r[1:-1] >= r[:-2]) & (r[1:-1] > r[2:]) & np.isfinite(r[:-2] + r[2:])) + 1

@@ -61,8 +61,7 @@ class Motion:
 
         Parameters
         ----------
-        keep : (n,) bool array
-            Those to take.
+        keep : (n,) bool array, those to take
         """
         lever = None if self.lever is None else self.lever[keep]
         label = None if self.label is None else self.label[keep]
@@ -85,10 +84,8 @@ def stretches(pair: MotionPair, gap: float, margin: float) -> Iterator[MotionPai
     Parameters
     ----------
     pair : MotionPair
-    gap : float
-        A longer pause cuts, s.
-    margin : float
-        Observed samples at most so far outside a piece go with it, s.
+    gap : float, a longer pause cuts, s
+    margin : float, observed samples at most so far outside a piece go with it, s
     """
     reference, observed = pair.reference, pair.observed
     if len(reference) == 0:
@@ -126,8 +123,7 @@ def pairs_of(log: CalibrationLog, observed: str, reference: str) -> list[MotionP
 
     Parameters
     ----------
-    log : CalibrationLog
-        With a clock.
+    log : CalibrationLog, with a clock
     observed, reference : str
     """
     for name in (observed, reference):
@@ -148,8 +144,7 @@ def clock_runs(log: CalibrationLog) -> Iterator[IntArray]:
 
     Parameters
     ----------
-    log : CalibrationLog
-        With a clock.
+    log : CalibrationLog, with a clock
     """
     parts: list[IntArray] = []
     for _, rows in log.trajectories():
@@ -168,8 +163,7 @@ def stream_pair(observed: Stream, reference: Stream) -> MotionPair:
 
     Parameters
     ----------
-    observed, reference : Stream
-        What the other clock stamped, and the robot's record.
+    observed, reference : Stream, what the other clock stamped, and the robot's record
     """
     values, lever, seen = _columns(reference.values, observed.values, (reference.name, observed.name))
     return MotionPair(Motion(reference.stamp, values, lever), Motion(observed.stamp, seen))

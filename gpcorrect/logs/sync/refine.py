@@ -78,8 +78,7 @@ class ReferenceCurve:
 
         Parameters
         ----------
-        times : sequence of (n,) arrays
-            Seconds, for each piece.
+        times : sequence of (n,) arrays, seconds, for each piece
         """
         parts = [self._piece(i, t) for i, t in enumerate(times)]
         values, derivatives, valid = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -120,8 +119,7 @@ class Refinement:
 
         Parameters
         ----------
-        scale : (k,) array
-            Of each observed column.
+        scale : (k,) array, of each observed column
         """
         size = _size(self.residual, scale)
         return np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2)
@@ -174,8 +172,7 @@ class Timing:
 
         Parameters
         ----------
-        timing : (p,) array
-            Shift in s and, where there is one, drift in s/s.
+        timing : (p,) array, shift in s and, where there is one, drift in s/s
         """
         drift = timing[1] if len(timing) > 1 else 0.0
         return self.curve.at([s - timing[0] - drift * (s - self.epoch) for s in self.stamps])
@@ -194,10 +191,8 @@ class Timing:
 
         Parameters
         ----------
-        start : (p,) array
-            Shift in s and, where it is fitted, drift in s/s.
-        bracket : float
-            Largest change of the shift, s.
+        start : (p,) array, shift in s and, where it is fitted, drift in s/s
+        bracket : float, largest change of the shift, s
 
         Returns
         -------
@@ -231,8 +226,7 @@ class Timing:
 
         Parameters
         ----------
-        timings : sequence of k (p,) arrays
-            Shift in s and, where there is one, drift in s/s.
+        timings : sequence of k (p,) arrays, shift in s and, where there is one, drift in s/s
         """
         samples = [self.sample(timing) for timing in timings]
         common = np.logical_and.reduce([sampled.valid for sampled in samples])
