@@ -80,10 +80,8 @@ def require_own(path: str | Path, begins: bytes, what: str) -> None:
     with target.open("rb") as file:
         head = file.read(HEAD_BYTES)
     if head and not re.match(begins, head, re.DOTALL):
-        raise GpCorrectError(
-            f"{path} is there already, and is no {what}: it is not overwritten.",
-            hint="Name another output, or move it away.",
-        )
+        hint = "Name another output, or move it away."
+        raise GpCorrectError(f"{path} is there already, and is no {what}: it is not overwritten.", hint=hint)
 
 
 def _require_room(folder: Path, path: str | Path) -> None:

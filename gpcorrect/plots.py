@@ -41,10 +41,8 @@ def write_board(path: str | Path, columns: int, rows: int, square: float, paper:
     if Path(path).suffix != ".pdf" or paper not in PAPERS:
         raise DataError(f"a board is a .pdf on {', '.join(PAPERS)}; got {Path(path).name} on {paper}.")
     if (columns + rows) % 2 == 0:
-        raise DataError(
-            f"a board of {columns} x {rows} inner corners looks the same turned by half.",
-            hint="Take one even and one odd number, as 9 and 6.",
-        )
+        hint = "Take one even and one odd number, as 9 and 6."
+        raise DataError(f"a board of {columns} x {rows} inner corners looks the same turned by half.", hint=hint)
     width, height = PAPERS[paper]
     wide, high = (columns + 1) * square, (rows + 1) * square
     if wide > width - 2 * (MARGIN + square / 2) or high > height - 2 * (MARGIN + square / 2):

@@ -104,9 +104,10 @@ def _rotvecs(rotation: FloatArray) -> FloatArray:
 @cache
 def _rotations() -> type[Rotation]:
     """Return scipy's rotations, imported when first needed: they take three times as long as numpy."""
-    from scipy.spatial.transform import Rotation
+    from scipy.spatial import transform
 
-    return Rotation
+    rotations: type[Rotation] = transform.Rotation
+    return rotations
 
 
 def _map_rows(

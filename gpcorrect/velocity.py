@@ -228,10 +228,8 @@ def _checked(
     stuck = np.flatnonzero((runs[1:] == runs[:-1]) & (runs[1:] >= 0) & ~(np.diff(t) > 0))
     if stuck.size:
         i = int(stuck[0])
-        raise DataError(
-            f"time does not advance from sample {i} ({t[i]} s) to {i + 1} ({t[i + 1]} s).",
-            hint="Drop repeated and backward samples, or give them label -1.",
-        )
+        hint = "Drop repeated and backward samples, or give them label -1."
+        raise DataError(f"time does not advance from sample {i} ({t[i]} s) to {i + 1} ({t[i + 1]} s).", hint=hint)
     return t, x, runs
 
 

@@ -1,9 +1,8 @@
 """The RAVEN-II arms, left and right.
 
-Numbers are those of the public control software uw-biorobotics/raven2 (the file is named beside each) and of
-the RAVEN-II calibration paper. The tip is frame 6 of the table, on the jaws' common axis: the pose that the
-robot itself reports (`pos` and `ori` of its state message). The table ends there; a jaw's length comes in as
-the tool transform.
+Numbers are those of the public control software uw-biorobotics/raven2 (the file is named beside each) and of the
+RAVEN-II calibration paper. The tip is frame 6 of the table, on the jaws' common axis: the pose that the robot itself
+reports (`pos` and `ori` of its state message). The table ends there; a jaw's length comes in as the tool transform.
 """
 
 from __future__ import annotations

@@ -271,8 +271,7 @@ class RemoteCentreArm(Arm):
         T : (4, 4) array
             Tip pose in the base frame.
         within_limits : bool
-            Return the solutions that keep every limit, with all full turns that do; otherwise every solution
-            once.
+            Return the solutions that keep every limit, with all full turns that do; otherwise every solution once.
 
         Raises
         ------
@@ -309,10 +308,8 @@ class RemoteCentreArm(Arm):
         for i, branches in enumerate(found.q):
             options = self._all_turns(branches[found.exists[i]])
             if not len(options):
-                raise DataError(
-                    f"pose {i} cannot be reached within the limits of {self.name}.",
-                    hint="Move the path into the workspace.",
-                )
+                hint = "Move the path into the workspace."
+                raise DataError(f"pose {i} cannot be reached within the limits of {self.name}.", hint=hint)
             near = path[i] = options[np.argmin((((options - near) / spans) ** 2).sum(axis=1))]
         return path
 

@@ -133,10 +133,8 @@ def _only_end(model: Any, file: str, start: int) -> int:
             [_name(model, j) for a in (*_ancestors(model, b)[::-1], b) for j in _hinges(model, a)] for b in ends
         ]
         lines = "; ".join(f"({i}) {', '.join(branch)}" for i, branch in enumerate(branches, start=1))
-        raise DataError(
-            f"{file} has {len(ends)} branches, expected one serial arm: {lines}.",
-            hint="Choose one in a model file: robot, and joints = [names] or tool = a body or site.",
-        )
+        hint = "Choose one in a model file: robot, and joints = [names] or tool = a body or site."
+        raise DataError(f"{file} has {len(ends)} branches, expected one serial arm: {lines}.", hint=hint)
     return ends[0]
 
 
@@ -185,10 +183,8 @@ def _body(model: Any, file: str, name: str, role: str) -> int:
     known = [model.body(b).name for b in range(model.nbody)]
     if name not in known:
         sites = [model.site(s).name for s in range(model.nsite)] if role == "tool" else []
-        raise DataError(
-            f"{file} has no {role} {name!r}.",
-            hint=f"Its bodies{' and sites' if sites else ''}: {', '.join(known + sites)}.",
-        )
+        hint = f"Its bodies{' and sites' if sites else ''}: {', '.join(known + sites)}."
+        raise DataError(f"{file} has no {role} {name!r}.", hint=hint)
     return known.index(name)
 
 

@@ -18,10 +18,10 @@ from gpcorrect.logs.columns import BagOptions, ColumnMap, ReadSettings
 from gpcorrect.logs.mocap.take import Take
 from gpcorrect.logs.mocap.tool import bodies_of
 from gpcorrect.logs.reader import Format, naming, parsed
-from gpcorrect.logs.table import joint_names, orientation_names, position_names
+from gpcorrect.logs.table import signal_columns
 from gpcorrect.logs.topics import JOINT_TYPES, POSE_TYPES, choose_topics
 from gpcorrect.plain import quoted
-from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
+from gpcorrect.types import CalibrationLog, FloatArray
 
 
 @dataclass(frozen=True)
@@ -105,20 +105,8 @@ def _of_take(title: str, take: Take) -> Contents:
 
 def _of_log(title: str, log: CalibrationLog) -> Contents:
     """Columns of a table: those of signals with native names, and all others."""
-    columns: dict[str, FloatArray] = {}
-    for name in log.signals:
-        value = getattr(log, name)
-        if isinstance(value, PoseSignal):
-            columns |= dict(zip(position_names(name), value.position.T, strict=True))
-            turned = () if value.quaternion is None else value.quaternion.T
-            columns |= dict(zip(orientation_names(name), turned, strict=False))
-        elif value.ndim == 1:
-            columns[name] = value
-        else:
-            columns |= dict(zip(joint_names(name, value.shape[1]), value.T, strict=True))
-    columns |= log.extra
     parts = []
-    for name, values in columns.items():
+    for name, values in (signal_columns(log) | log.extra).items():
         known = values[np.isfinite(values)]
         span = f"{known.min():.6g}..{known.max():.6g}" if known.size else ""
         parts.append(Part(name, "column", int(known.size), span))

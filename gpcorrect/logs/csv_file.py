@@ -154,17 +154,6 @@ class Dialect:
             reader = csv.reader(file, delimiter=self.delimiter)
             yield ((self.header_lines + reader.line_num, cells) for cells in reader if cells)
 
-    def line_of(self, path: Path, row: int) -> int | None:
-        """Line of the file that holds a row, counted from one: an editor opens it there.
-
-        Parameters
-        ----------
-        path : Path
-        row : int, sample, counted from zero
-        """
-        with self.records(path) as records:
-            return next(islice((line for line, _ in records), row, None), None)
-
 
 def _is_number(cell: str, decimal: str) -> bool:
     """Whether a cell holds a number in this decimal mark; a missing one does not."""
@@ -204,7 +193,7 @@ def _sniff(path: Path, options: CsvOptions) -> Dialect:
         raise LogError(f"the table has more than one column named {', '.join(twice)}.", hint="Rename them.")
     if len(names) != len(found):
         raise LogError(f"csv.names gives {len(names)} names, the table has {len(found)} columns.")
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+    with path.open("rb") as raw, mmap.mmap(raw.fileno(), 0, access=mmap.ACCESS_READ) as content:
         comments = bool(comment) or content.find(b"\n#") >= 0
     return Dialect(names, number if headed else number - 1, delimiter, decimal, encoding, path, comments)
 

@@ -243,8 +243,6 @@ def _with_partner(
     keep = np.asarray(np.any([np.isfinite(table).any(axis=1) for table in tables], axis=0))
     if not keep.any():
         spans = "; ".join(f"{s.name} {s.stamp.min():.6g} to {s.stamp.max():.6g} s" for s in (lead, *partners.values()))
-        raise LogError(
-            f"the signals share no time: {spans}.",
-            hint="Their clocks differ: set bag.clock = 'receive' in a mapping file, or give bag.shifts.",
-        )
+        hint = "Their clocks differ: set bag.clock = 'receive' in a mapping file, or give bag.shifts."
+        raise LogError(f"the signals share no time: {spans}.", hint=hint)
     return keep

@@ -166,15 +166,31 @@ def orientation_names(signal: str) -> tuple[str, str, str, str]:
     return f"{signal}_qw", f"{signal}_qx", f"{signal}_qy", f"{signal}_qz"
 
 
-def joint_names(signal: str, dof: int) -> tuple[str, ...]:
-    """Columns of a joint signal, counted from one.
+def _joint_names(signal: str, dof: int) -> tuple[str, ...]:
+    """Columns of a joint signal, counted from one."""
+    return tuple(f"{signal}_{k}" for k in range(1, dof + 1))
+
+
+def signal_columns(log: CalibrationLog) -> dict[str, FloatArray]:
+    """Columns of a log's signals under their native names.
 
     Parameters
     ----------
-    signal : str, such as "measured_jp"
-    dof : int
+    log : CalibrationLog
     """
-    return tuple(f"{signal}_{k}" for k in range(1, dof + 1))
+    columns: dict[str, FloatArray] = {}
+    for name in log.signals:
+        values = getattr(log, name)
+        if isinstance(values, PoseSignal):
+            columns |= zip(position_names(name), values.position.T, strict=True)
+            columns |= (
+                {} if values.quaternion is None else zip(orientation_names(name), values.quaternion.T, strict=True)
+            )
+        elif values.ndim == 1:
+            columns[name] = values
+        else:
+            columns |= zip(_joint_names(name, values.shape[1]), values.T, strict=True)
+    return columns
 
 
 def _signal_of(column: str) -> str | None:
@@ -229,7 +245,7 @@ def _joints(signal: str, names: Collection[str], remarks: list[str]) -> ArrayCol
     numbers = sorted(int(n.rpartition("_")[2]) for n in names if n != signal and _signal_of(n) == signal)
     if not numbers:
         return None
-    columns = joint_names(signal, min(numbers[-1], len(numbers) + NAMED))  # a name may end in whatever number
+    columns = _joint_names(signal, min(numbers[-1], len(numbers) + NAMED))  # a name may end in whatever number
     missing = [n for n in columns if n not in names]
     if missing:
         remarks.append(f"{signal} is left out: it lacks {', '.join(missing)}.")

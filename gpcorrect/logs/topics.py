@@ -19,32 +19,12 @@ OTHER = (
 )
 POSE_TYPES = frozenset(PLAIN + OTHER)
 JOINT_TYPES = frozenset({"sensor_msgs/msg/JointState"})
-ROBOT_TOPICS = {
-    "setpoint_cp": POSE_TYPES,
-    "measured_cp": POSE_TYPES,
-    "setpoint_js": JOINT_TYPES,
-    "measured_js": JOINT_TYPES,
-    "external_js": JOINT_TYPES,
-}
+ROBOT_TOPICS = dict.fromkeys(("setpoint_cp", "measured_cp"), POSE_TYPES)
+ROBOT_TOPICS |= dict.fromkeys(("setpoint_js", "measured_js", "external_js"), JOINT_TYPES)
 COMMANDED = {"setpoint_cp", "setpoint_js", "measured_js"}  # by which a robot is known from a tracker
-TRACKER_WORDS = (
-    "track",
-    "marker",
-    "mocap",
-    "motion_capture",
-    "vrpn",
-    "optitrack",
-    "vicon",
-    "qualisys",
-    "phasespace",
-    "polaris",
-    "ndi",
-    "atracsys",
-    "fusion",
-    "aruco",
-    "apriltag",
-    "camera",
-    "fiducial",
+TRACKER_WORDS = re.compile(
+    "track|marker|mocap|motion_capture|vrpn|optitrack|vicon|qualisys|phasespace|polaris|ndi|atracsys|fusion|aruco|"
+    "apriltag|camera|fiducial"
 )
 
 
@@ -156,7 +136,7 @@ def _tracker(types: Mapping[str, str], options: BagOptions) -> tuple[str, list[s
     ]
     for named in (True, False):
         for kinds in (PLAIN, OTHER):
-            found = [t for t in free if types[t] in kinds and (_has_tracker_word(t) or not named)]
+            found = [t for t in free if types[t] in kinds and (TRACKER_WORDS.search(t.lower()) or not named)]
             if found:
                 topic = _only(found, "topic that may be the tracker")
                 return topic, [f"{topic} was taken for the tracker."]
@@ -181,11 +161,8 @@ def _may_track(topic: str, types: Mapping[str, str]) -> bool:
     if not name.endswith("_cp") or name == "tracker_cp":
         return True
     others = {f"{space}/{other}" for other in ROBOT_TOPICS if other != "measured_cp"}
-    return name == "measured_cp" and _has_tracker_word(space) and not others & {_slashed(t) for t in types}
-
-
-def _has_tracker_word(topic: str) -> bool:
-    return any(word in topic.lower() for word in TRACKER_WORDS)
+    sounds = TRACKER_WORDS.search(space.lower()) is not None
+    return name == "measured_cp" and sounds and not others & {_slashed(t) for t in types}
 
 
 def _only(topics: Sequence[str], what: str) -> str:

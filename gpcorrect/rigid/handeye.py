@@ -92,10 +92,9 @@ def require_observable(observed: PoseSignal, command: PoseSignal) -> Observabili
 def fit_separate(observed: PoseSignal, command: PoseSignal) -> RigidModel:
     """Points registered by points, orientations by `R_left R_obs R_right = R_cmd`, both robustly.
 
-    Trackers that solve wrist and tip from different fiducials report such poses: no one rigid body explains
-    both. Rotation about two axes determines R_left and R_right; rotation about one leaves a turn about it
-    open, and the smallest R_right is taken; without rotation only the product is known, and R_right is the
-    identity.
+    Trackers that solve wrist and tip from different fiducials report such poses: no one rigid body explains both.
+    Rotation about two axes determines R_left and R_right; rotation about one leaves a turn about it open, and the
+    smallest R_right is taken; without rotation only the product is known, and R_right is the identity.
 
     Parameters
     ----------
@@ -198,9 +197,8 @@ CUBE = np.array([m for m in SIGNED if np.linalg.det(m) > 0.0])
 def two_sided_rotations(R_obs: FloatArray, R_cmd: FloatArray, w: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rotations (R_left, R_right) of least `sum w ||R_left R_obs R_right - R_cmd||_F^2`.
 
-    For a given R_right the best R_left is one SVD, and the other way round; both need the data only as the
-    sum of the products of their entries. The two alternate from the 24 rotations of a cube; the best end
-    wins.
+    For a given R_right the best R_left is one SVD, and the other way round; both need the data only as the sum of the
+    products of their entries. The two alternate from the 24 rotations of a cube; the best end wins.
 
     Parameters
     ----------

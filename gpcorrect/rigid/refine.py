@@ -74,8 +74,7 @@ def refine(samples: Samples, start: MarkerState) -> tuple[MarkerState, float]:
 def residual_norms(samples: Samples, state: MarkerState) -> list[FloatArray]:
     """Lengths `(n,)` of the residuals: positions (m), then rotations (rad), those that are present.
 
-    A rotation's is the chord 2 sin(angle / 2), which is smooth up to half turns and near the angle when
-    small.
+    A rotation's is the chord 2 sin(angle / 2), which is smooth up to half turns and near the angle when small.
 
     Parameters
     ----------

@@ -109,10 +109,8 @@ def check_pair(observed: PoseSignal, command: PoseSignal) -> None:
             hint="Drop them first: signal[observed.finite & command.finite].",
         )
     if len(observed) < MIN_SAMPLES:
-        raise DegenerateError(
-            f"registration needs at least {MIN_SAMPLES} samples, got {len(observed)}.",
-            hint="Record more of the workspace, or reject less.",
-        )
+        hint = "Record more of the workspace, or reject less."
+        raise DegenerateError(f"registration needs at least {MIN_SAMPLES} samples, got {len(observed)}.", hint=hint)
 
 
 def _normalised(weights: FloatArray | None, n: int) -> FloatArray:

@@ -142,10 +142,8 @@ def _calibrated(row: RigCamera, rig: Rig) -> CameraReport:
     rough = [] if at is None else poses_from_board(_place_corners(row, rig.board), rig.board, at, intrinsics)
     seen = _markers(row, rig, intrinsics, rough)
     if not seen and not rough:
-        raise LogError(
-            f"camera {row.name} has no place: neither a board at a known place nor markers.",
-            hint="Give board_at or markers in the rig file.",
-        )
+        hint = "Give board_at or markers in the rig file."
+        raise LogError(f"camera {row.name} has no place: neither a board at a known place nor markers.", hint=hint)
     if not seen and rig.board.turns_alike:
         return CameraReport(Camera(row.name, intrinsics, rough[0]), used, given, without, corner_rms, {}, (), None)
     if seen:
@@ -205,10 +203,8 @@ def _markers(row: RigCamera, rig: Rig, lens: Intrinsics, rough: Sequence[FloatAr
     if row.markers_in is None:
         return dict(row.seen)
     if not rough:
-        raise LogError(
-            f"camera {row.name}: markers can only be looked for near a rough place.",
-            hint="Give board_at in the rig file.",
-        )
+        hint = "Give board_at in the rig file."
+        raise LogError(f"camera {row.name}: markers can only be looked for near a rough place.", hint=hint)
     image = read_image(row.markers_in)
     blobs = find_blobs(image)
     tried = [_found_from(image, blobs, rig, Camera(row.name, lens, T)) for T in rough]

@@ -81,10 +81,8 @@ def _opened(camera: str, fps: float) -> Any:
     device = number or Path(camera).is_char_device()
     opened = cv2.VideoCapture(int(camera) if number else camera)
     if not opened.isOpened():
-        raise GpCorrectError(
-            f"camera {camera} cannot be opened.",
-            hint="Give numbers of devices (on Linux 0 is /dev/video0) or video files; look who may read /dev/video*.",
-        )
+        hint = "Give numbers of devices (on Linux 0 is /dev/video0) or video files; look who may read /dev/video*."
+        raise GpCorrectError(f"camera {camera} cannot be opened.", hint=hint)
     if device:
         opened.set(cv2.CAP_PROP_FPS, fps)
         opened.set(cv2.CAP_PROP_BUFFERSIZE, 1)

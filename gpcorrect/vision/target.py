@@ -104,10 +104,8 @@ def colour_of(given: str | float | tuple[int, int, int]) -> Colour:
         if re.fullmatch("#[0-9a-fA-F]{6}", given):
             return colour_of((int(given[1:3], 16), int(given[3:5], 16), int(given[5:7], 16)))
         if given.lower() not in COLOURS:
-            raise DataError(
-                f"the colour {given!r} has no name here.",
-                hint=f'Say one of {", ".join(COLOURS)}, a "hue" in degrees, or "#rrggbb".',
-            )
+            hint = f'Say one of {", ".join(COLOURS)}, a "hue" in degrees, or "#rrggbb".'
+            raise DataError(f"the colour {given!r} has no name here.", hint=hint)
         return COLOURS[given.lower()]
     if isinstance(given, tuple | list):
         hue, saturation, _ = colorsys.rgb_to_hsv(*(np.clip(given, 0, 255) / 255.0))
@@ -161,10 +159,8 @@ class Target:
             raise DataError(f"a target has balls with different names; got {', '.join(self.names) or 'none'}.")
         for a, b in itertools.combinations(self.balls, 2):
             if _hue_apart(a.colour.hue, b.colour.hue) < a.colour.tolerance + b.colour.tolerance - LEAST_GAP:
-                raise DataError(
-                    f"balls {a.name} and {b.name} have colours that cannot be distinguished.",
-                    hint="Give each ball its own hue, 20 degrees or more from the others', or narrower tolerances.",
-                )
+                hint = "Give each ball its own hue, 20 degrees or more from the others', or narrower tolerances."
+                raise DataError(f"balls {a.name} and {b.name} have colours that cannot be distinguished.", hint=hint)
         if self.has_pose:
             first, second, _ = np.linalg.svd(self.places - self.places.mean(axis=0), compute_uv=False)
             if second <= THIN * first:

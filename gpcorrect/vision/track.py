@@ -231,10 +231,8 @@ def track(
         remarks.append(f"Cameras look later than {cameras[0].name}: {', '.join(late)}; taken into account.")
     remarks += _doubts(whole, cameras, target, settings.vision.check.often)
     if not (whole.status == 0).any():
-        raise LogError(
-            f"the tool was found in none of {len(whole.time)} frames. {' '.join(remarks)}",
-            hint="Look at the pictures: every ball must be seen by two cameras at the same time.",
-        )
+        hint = "Look at the pictures: every ball must be seen by two cameras at the same time."
+        raise LogError(f"the tool was found in none of {len(whole.time)} frames. {' '.join(remarks)}", hint=hint)
     log = whole.log(target, remarks, ", ".join(names))
     return TrackResult(whole, log, tuple(remarks), time.perf_counter() - begun)
 

@@ -1,10 +1,9 @@
 """CSV exports of OptiTrack Motive, format versions 1.2 to 1.25.
 
 Line 1 holds pairs of keys and values (`Format Version`, `Rotation Type`, `Length Units`, ...). Above each column stand
-its `Type`, `Name`, `ID`, in newer versions `Parent`, a line of quantities (`Rotation`, `Position`,
-`Mean Marker Error`), and the line of axes that begins with `Frame`. Up to 1.21 the labels of these lines are left out
-and the time is `Time`, later `Time (Seconds)`. Euler angles turn about the body's own axes in the order that
-`Rotation Type` names.
+its `Type`, `Name`, `ID`, in newer versions `Parent`, a line of quantities (`Rotation`, `Position`, `Mean Marker
+Error`), and the line of axes that begins with `Frame`. Up to 1.21 the labels of these lines are left out and the time
+is `Time`, later `Time (Seconds)`. Euler angles turn about the body's own axes in the order that `Rotation Type` names.
 """
 
 from __future__ import annotations
@@ -67,7 +66,7 @@ def _items(export: Export, heading: int) -> dict[tuple[str, str], Columns]:
         if k >= 2 and kind:
             what = "Error" if "Error" in quantity or "Error" in axis else quantity
             found.setdefault((kind, name), {}).setdefault(what, {})[axis] = k
-    return {key: {"Rotation": {}, "Position": {}, "Error": {}} | parts for key, parts in found.items()}
+    return {key: {"Rotation": {}, "Position": {}, "Error": {}, **parts} for key, parts in found.items()}
 
 
 def _labelled(lines: Sequence[tuple[str, ...]], label: str) -> tuple[str, ...]:

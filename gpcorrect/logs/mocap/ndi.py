@@ -56,10 +56,8 @@ def _layout(header: Sequence[str]) -> list[str]:
     """Columns of a tool after its label, by name."""
     names = [name.strip() for name in header[2:]]
     if "Error" not in names or not set(POSE) <= set(names[: names.index("Error") + 1]):
-        raise LogError(
-            f"expected the columns {', '.join(POSE)} for each tool in NDI's CSV.",
-            hint="Export rotations as quaternions.",
-        )
+        hint = "Export rotations as quaternions."
+        raise LogError(f"expected the columns {', '.join(POSE)} for each tool in NDI's CSV.", hint=hint)
     stop = names.index("Error") + 1
     return names[: stop + 1] if "".join(names[stop : stop + 1]).endswith("Markers") else names[:stop]
 

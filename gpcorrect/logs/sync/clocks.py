@@ -172,8 +172,7 @@ def align(
     Returns
     -------
     CalibrationLog
-        Same rows; NaN where no sample of the other clock is near enough in time, as at one end of the
-        recording.
+        Same rows; NaN where no sample of the other clock is near enough in time, as at one end of the recording.
 
     Raises
     ------
@@ -185,10 +184,8 @@ def align(
     if log.static:
         raise LogError("static poses have no clock to shift.", hint="Leave the time offset out.", path=log.name)
     if isinstance(offset, TimeOffset) and not offset.observable:
-        raise DegenerateError(
-            f"the time offset is not observable: {offset.reason}",
-            hint="Give the offset in seconds if it is known from elsewhere, 0 if the clocks agree.",
-        )
+        hint = "Give the offset in seconds if it is known from elsewhere, 0 if the clocks agree."
+        raise DegenerateError(f"the time offset is not observable: {offset.reason}", hint=hint)
     at = log.time + (offset.at(log.time) if isinstance(offset, TimeOffset) else offset)
     for name in signals:
         if name not in (*log.POSES, *log.JOINTS) or name not in log.signals:

@@ -1,7 +1,6 @@
 """Coarse search: how well do two speeds agree at each lag, over all trajectories together.
 
-The norm of a velocity is the same in every frame, so two speeds can be compared before the frames are
-registered.
+The norm of a velocity is the same in every frame, so two speeds can be compared before the frames are registered.
 """
 
 from __future__ import annotations
@@ -51,8 +50,7 @@ def typical_step(motions: Sequence[Motion]) -> float:
 def _without_spikes(motion: Motion) -> Motion:
     """Leave out samples far from the median of their neighbours (Hampel's filter): a jump is no speed.
 
-    A steady motion passes through the median of its window, so a fast one is not cut; only its ends are not
-    looked at.
+    A steady motion passes through the median of its window, so a fast one is not cut; only its ends are not looked at.
     """
     if len(motion) < SPIKE_WINDOW:
         return motion

@@ -109,10 +109,8 @@ def default_pair(log: CalibrationLog) -> tuple[str, str]:
         for reference in references:
             if observed in log.signals and reference in log.signals:
                 return observed, reference
-    raise LogError(
-        f"expected two signals of one motion, got {', '.join(log.signals) or 'no signal'}.",
-        hint="Record the command (setpoint_cp or setpoint_jp) beside what was observed.",
-    )
+    hint = "Record the command (setpoint_cp or setpoint_jp) beside what was observed."
+    raise LogError(f"expected two signals of one motion, got {', '.join(log.signals) or 'no signal'}.", hint=hint)
 
 
 def pairs_of(log: CalibrationLog, observed: str, reference: str) -> list[MotionPair]:
