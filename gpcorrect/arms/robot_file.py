@@ -248,8 +248,7 @@ def _chain(model: Any, found: ArmPath) -> Chain:
     """Return the chain whose joint frames have the axis as z and sit on the joint's anchor."""
     joints, before = [], pose_of(model, found.base)
     for j in found.joint_ids:
-        anchor = _anchor(model, j)
-        T_world_joint = pose_of(model, model.jnt_bodyid[j]) @ anchor
+        T_world_joint = pose_of(model, model.jnt_bodyid[j]) @ joint_frame(model.jnt_pos[j], model.jnt_axis[j])
         placement = se3.invert(before) @ T_world_joint
         turning = _turns(model, j)
         zero = -float(model.qpos0[model.jnt_qposadr[j]])
@@ -262,10 +261,6 @@ def _chain(model: Any, found: ArmPath) -> Chain:
 
 def _turns(model: Any, j: int) -> bool:
     return bool(model.jnt_type[j] == mujoco_library().mjtJoint.mjJNT_HINGE)
-
-
-def _anchor(model: Any, j: int) -> FloatArray:
-    return joint_frame(model.jnt_pos[j], model.jnt_axis[j])
 
 
 def _limits(model: Any, j: int) -> tuple[float, float]:
@@ -292,7 +287,8 @@ def _links(model: Any, found: ArmPath) -> tuple[Link, ...]:
     """Masses in the joints' frames; what hangs beside the arm rides on the link that carries it, its joints at rest."""
     links = []
     for number, j in enumerate(found.joint_ids, start=1):
-        T_link_world = se3.invert(pose_of(model, model.jnt_bodyid[j]) @ _anchor(model, j))
+        anchor = joint_frame(model.jnt_pos[j], model.jnt_axis[j])
+        T_link_world = se3.invert(pose_of(model, model.jnt_bodyid[j]) @ anchor)
         bodies = [b for b in range(model.nbody) if found.link_of[b] == number]
         frames = [
             T_link_world @ pose_of(model, b) @ se3.from_parts(model.body_ipos[b], model.body_iquat[b]) for b in bodies

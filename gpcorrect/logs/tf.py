@@ -114,14 +114,9 @@ class Tree:
         """Poses `(n, 4, 4)` of a frame in its parent; NaN in gaps."""
         recorded = self.edges[frame][1]
         rows = np.array(recorded.rows, dtype=np.float64)
-        T = np.full((len(stamp), 4, 4), np.nan)
         if frame in self.still:
-            T[:] = se3.from_parts(rows[-1, :3], rows[-1, 3:])
-            return T
+            return np.broadcast_to(se3.from_parts(rows[-1, :3], rows[-1, 3:]), (len(stamp), 4, 4))
         origin = int(stamp[0])
         stream = Stream("tf", (np.array(recorded.stamp) - origin) / 1e9, PoseSignal(rows[:, :3], rows[:, 3:]))
         pose = cast(PoseSignal, interpolate(stream, (stamp - origin) / 1e9))
-        quaternion = np.asarray(pose.quaternion)
-        seen = np.isfinite(pose.position).all(axis=1) & np.isfinite(quaternion).all(axis=1)
-        T[seen] = se3.from_parts(pose.position[seen], quaternion[seen])
-        return T
+        return se3.from_parts(pose.position, np.asarray(pose.quaternion))

@@ -71,11 +71,14 @@ def _time_unit(evidence: Evidence) -> Iterator[Finding]:
 
 def _creeps(evidence: Evidence) -> bool:
     """Whether every pose, or joint where there are no poses, that moves does so at no speed worth the name."""
-    moves = [evidence.position(name) for name in evidence.log.POSES if evidence.has(name)]
+    moves = [evidence.positions[name] for name in evidence.log.POSES if name in evidence.present]
     limit = FASTEST_CREEP if moves else FASTEST_TURN
     if not moves:
         moves = [
-            evidence.table(n)[:, [j]] for n in JOINTS if evidence.has(n) for j in range(evidence.table(n).shape[1])
+            evidence.tables[n][:, [j]]
+            for n in JOINTS
+            if n in evidence.present
+            for j in range(evidence.tables[n].shape[1])
         ]
     speeds = [evidence.speed(values) for values in moves if extent(values) > MIN_TRAVEL]
     known = [s[np.isfinite(s)] for s in speeds]
@@ -166,7 +169,7 @@ def _offset(offset: TimeOffset, step: float) -> Finding:
 def _exchanged(evidence: Evidence) -> Iterator[Finding]:
     """Ask whether the robot moves after its command, and not before: then the two signals are exchanged."""
     for observed, reference in SERVO:
-        if evidence.log.static or not (evidence.has(observed) and evidence.has(reference)):
+        if evidence.log.static or not {observed, reference} <= evidence.present:
             continue
         known = (o for o in evidence.offsets if (o.observed, o.reference) == (observed, reference))
         offset = next(known, None) or log_offset(evidence.log, observed, reference)

@@ -92,7 +92,7 @@ class Evidence:
         """Time offset of every observed signal against the best reference there is for it; none without a clock."""
         found: list[TimeOffset] = []
         for observed, references in () if self.log.static else REFERENCES.items():
-            reference = next((r for r in references if self.has(observed) and self.has(r)), None)
+            reference = next((r for r in references if {observed, r} <= self.present), None)
             if reference is not None and (self.compared is None or observed in self.compared):
                 found.append(log_offset(self.log, observed, reference))
         return tuple(found)
@@ -116,52 +116,38 @@ class Evidence:
         forward = self.steps[self.steps > 0]
         return float(np.median(forward)) if forward.size else np.inf
 
-    def has(self, name: str) -> bool:
-        """Whether the log has a signal, with at least one sample.
+    @cached_property
+    def present(self) -> set[str]:
+        """Signals that have at least one sample."""
+        return {name for name, known in self.known.items() if known.any()}
 
-        Parameters
-        ----------
-        name : str
-        """
-        return name in self.log.signals and bool(self.known(name).any())
+    @cached_property
+    def tables(self) -> dict[str, FloatArray]:
+        """Each signal as an array `(n, k)`: positions and quaternions side by side, or joints."""
+        found: dict[str, FloatArray] = {}
+        for name in self.log.signals:
+            value = getattr(self.log, name)
+            if isinstance(value, PoseSignal):
+                parts = [value.position] if value.quaternion is None else [value.position, value.quaternion]
+                found[name] = np.hstack(parts)
+            else:
+                found[name] = value.reshape(len(value), -1)
+        return found
 
-    def table(self, name: str) -> FloatArray:
-        """Return a signal as an array `(n, k)`: positions and quaternions side by side, or joints.
+    @cached_property
+    def known(self) -> dict[str, BoolArray]:
+        """(n,) mask of rows in which every number of a signal is present."""
+        return {name: np.isfinite(table).all(axis=1) for name, table in self.tables.items()}
 
-        Parameters
-        ----------
-        name : str
-        """
-        value: PoseSignal | FloatArray = getattr(self.log, name)
-        if not isinstance(value, PoseSignal):
-            return value[:, None] if value.ndim == 1 else value
-        return value.position if value.quaternion is None else np.hstack([value.position, value.quaternion])
+    @cached_property
+    def positions(self) -> dict[str, FloatArray]:
+        """Positions `(n, 3)` of each pose signal."""
+        return {name: self.tables[name][:, :3] for name in self.log.POSES if name in self.tables}
 
-    def known(self, name: str) -> BoolArray:
-        """(n,) mask of rows in which every number of a signal is present.
-
-        Parameters
-        ----------
-        name : str
-        """
-        return np.asarray(np.isfinite(self.table(name)).all(axis=1), dtype=np.bool_)
-
-    def position(self, name: str) -> FloatArray:
-        """Positions `(n, 3)`.
-
-        Parameters
-        ----------
-        name : str
-        """
-        signal: PoseSignal = getattr(self.log, name)
-        return signal.position
-
-    def quaternions(self) -> Iterator[tuple[str, FloatArray]]:
-        """Yield name and quaternions `(n, 4)` of the pose signals that have any."""
-        for name in self.log.POSES:
-            signal = getattr(self.log, name)
-            if signal is not None and signal.quaternion is not None:
-                yield name, signal.quaternion
+    @cached_property
+    def quaternions(self) -> dict[str, FloatArray]:
+        """Quaternions `(n, 4)` of the pose signals that have any."""
+        return {name: self.tables[name][:, 3:] for name in self.positions if self.tables[name].shape[1] == 7}
 
     def speed(self, positions: FloatArray) -> FloatArray:
         """Speed `(n,)` since the row before in the same trajectory; NaN where time does not advance.
@@ -180,7 +166,7 @@ class Evidence:
         ----------
         name : str
         """
-        table = self.table(name)
+        table = self.tables[name]
         same: BoolArray = (self.previous >= 0) & (table == table[self.previous]).all(axis=1)
         return same
 

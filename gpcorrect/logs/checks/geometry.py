@@ -27,7 +27,7 @@ FOLLOWING = 0.5  # of the spread of the positions: what is left of it where one 
 @check
 def _quaternion_norm(evidence: Evidence) -> Iterator[Finding]:
     """Ask whether quaternions have norm one."""
-    for name, quaternion in evidence.quaternions():
+    for name, quaternion in evidence.quaternions.items():
         norm = np.linalg.norm(quaternion, axis=1)
         known = np.isfinite(norm)
         rows = np.flatnonzero(known & (np.abs(norm - 1) > QUATERNION_TOLERANCE))
@@ -42,7 +42,7 @@ def _quaternion_norm(evidence: Evidence) -> Iterator[Finding]:
 @check
 def _quaternion_sign(evidence: Evidence) -> Iterator[Finding]:
     """Find jumps between a quaternion and its negative: one rotation, harmless here, but not everywhere."""
-    for name, quaternion in evidence.quaternions():
+    for name, quaternion in evidence.quaternions.items():
         aligned = np.einsum("ij,ij->i", quaternion, quaternion[evidence.previous])
         rows = np.flatnonzero((aligned < 0) & (evidence.previous >= 0))
         if rows.size:
@@ -57,7 +57,7 @@ def _inverted(evidence: Evidence) -> Iterator[Finding]:
     Another frame and another mounting rotate the four numbers of all quaternions alike. The inverse is a reflection of
     them, and so are components read in cyclic order (xyzw for wxyz).
     """
-    signals = {n: q for n, q in evidence.quaternions() if evidence.has(n)}
+    signals = {n: q for n, q in evidence.quaternions.items() if n in evidence.present}
     reference = next((n for n in ("setpoint_cp", "measured_cp") if n in signals), None)
     for name in ("tracker_cp", "measured_cp"):
         if reference is None or name not in signals or name == reference:
@@ -87,10 +87,10 @@ def _usable(quaternion: FloatArray) -> BoolArray:
 @check
 def _handedness(evidence: Evidence) -> Iterator[Finding]:
     """Ask whether tracker and robot frames are both right-handed."""
-    reference = next((n for n in ("setpoint_cp", "measured_cp") if evidence.has(n)), None)
-    if reference is None or not evidence.has("tracker_cp"):
+    reference = next((n for n in ("setpoint_cp", "measured_cp") if n in evidence.present), None)
+    if reference is None or "tracker_cp" not in evidence.present:
         return
-    if mirrored(evidence.position(reference), evidence.position("tracker_cp")):
+    if mirrored(evidence.positions[reference], evidence.positions["tracker_cp"]):
         what = f"it is a mirror image of {reference}: an axis is reversed, or two are exchanged."
         yield Finding("error", "mirrored", "tracker_cp", what, "Use a right-handed frame for the tracker.")
 
@@ -102,9 +102,9 @@ def _kinematics(evidence: Evidence) -> Iterator[Finding]:
     if arm is None:
         return
     for pose, joints in PAIRS:
-        if not (evidence.has(pose) and evidence.has(joints)) or evidence.table(joints).shape[1] < arm.dof:
+        if not {pose, joints} <= evidence.present or evidence.tables[joints].shape[1] < arm.dof:
             continue
-        position, q = evidence.position(pose), evidence.table(joints)[:, : arm.dof]
+        position, q = evidence.positions[pose], evidence.tables[joints][:, : arm.dof]
         misfit = rigid_misfit(_where_known(_tip(arm), q), position)
         size = f"{1e3 * misfit:.1f} mm"
         if misfit > WRIST_MISFIT and rigid_misfit(_where_known(arm.wrist, q), position) < CLEARLY * misfit:
@@ -157,5 +157,5 @@ def _follows(evidence: Evidence, offset: TimeOffset) -> bool:
     """Whether most observed positions lie where the command puts them, as they stand in the table."""
     if offset.observed not in evidence.log.POSES or offset.reference not in evidence.log.POSES:
         return False
-    observed = evidence.position(offset.observed)
-    return rigid_misfit(evidence.position(offset.reference), observed) < FOLLOWING * spread(observed)
+    observed = evidence.positions[offset.observed]
+    return rigid_misfit(evidence.positions[offset.reference], observed) < FOLLOWING * spread(observed)

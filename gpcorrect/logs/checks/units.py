@@ -31,15 +31,15 @@ def _factor(ratio: float, factors: Sequence[tuple[float, float]]) -> float | Non
 @check
 def _position_unit(evidence: Evidence) -> Iterator[Finding]:
     """Ask whether positions are in metres: neither too wide, nor a thousand times wider than another signal."""
-    wide = [n for n in evidence.log.POSES if evidence.has(n) and extent(evidence.position(n)) > WIDEST]
+    wide = [n for n in evidence.log.POSES if n in evidence.present and extent(evidence.positions[n]) > WIDEST]
     for name in wide:
-        what = f"it spans {extent(evidence.position(name)):.4g} m: it looks like millimetres."
+        what = f"it spans {extent(evidence.positions[name]):.4g} m: it looks like millimetres."
         hint = "Set position_scale = 1e-3 in the mapping file."
         yield Finding("error", "position_unit", name, what, hint, len(evidence.log))
     for name, other in POSITION_PAIRS:
-        if not (evidence.has(name) and evidence.has(other)) or {name, other} & set(wide):
+        if not {name, other} <= evidence.present or {name, other} & set(wide):
             continue
-        sizes = spread(evidence.position(name)), spread(evidence.position(other))
+        sizes = spread(evidence.positions[name]), spread(evidence.positions[other])
         if max(sizes) < MIN_SPREAD or min(sizes) == 0 or _factor(sizes[0] / sizes[1], RATIOS[:1]) is None:
             continue
         what = f"it varies {sizes[0] / sizes[1]:.3g} times as much as {other}: one of them is not in metres."
@@ -58,12 +58,12 @@ def _misread_joints(evidence: Evidence) -> dict[tuple[str, int], str]:
     """Why each suspicious (signal, joint index) is not in rad or m: by itself, or against another signal of it."""
     found: dict[tuple[str, int], str] = {}
     for name in POSITIONS_OF_JOINTS:
-        if evidence.has(name):
+        if name in evidence.present:
             found.update({(name, j): what for j, what in _too_wide(evidence, name)})
     for name, other in JOINT_PAIRS:
-        if not (evidence.has(name) and evidence.has(other)):
+        if not {name, other} <= evidence.present:
             continue
-        for j, (a, b) in enumerate(zip(evidence.table(name).T, evidence.table(other).T, strict=False)):
+        for j, (a, b) in enumerate(zip(evidence.tables[name].T, evidence.tables[other].T, strict=False)):
             ratio, wide = spread_ratio(a, b), max(spread(a[:, None]), spread(b[:, None]))
             unlike = np.isfinite(ratio) and wide > MIN_SPREAD and _factor(ratio, RATIOS) is not None
             if unlike and (other, j) not in found:
@@ -73,7 +73,7 @@ def _misread_joints(evidence: Evidence) -> dict[tuple[str, int], str]:
 
 
 def _too_wide(evidence: Evidence, name: str) -> Iterator[tuple[int, str]]:
-    table = evidence.table(name)[evidence.known(name)]
+    table = evidence.tables[name][evidence.known[name]]
     for j, (kind, column) in enumerate(zip(evidence.joint_types, table.T, strict=False)):
         size = float(np.percentile(np.abs(column), 99))
         if kind == "R" and size > FULL_TURN:
@@ -102,8 +102,8 @@ def _joint_limits(evidence: Evidence) -> Iterator[Finding]:
         return
     misread = _misread_joints(evidence)
     hint = "Check the arm's name in the sidecar, the joint order and the joint offsets."
-    for name in (n for n in POSITIONS_OF_JOINTS if evidence.has(n)):
-        for j, q in enumerate(evidence.table(name)[:, : arm.dof].T):
+    for name in (n for n in POSITIONS_OF_JOINTS if n in evidence.present):
+        for j, q in enumerate(evidence.tables[name][:, : arm.dof].T):
             kind, (low, high) = arm.joint_types[j], arm.limits[j]
             beyond = np.maximum(np.maximum(low - q, q - high), 0.0)
             rows = np.flatnonzero(beyond > BEYOND[kind])

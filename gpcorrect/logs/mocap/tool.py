@@ -121,13 +121,11 @@ def tool_poses(points: FloatArray) -> tuple[PoseSignal, FloatArray]:
     body = configuration(points)
     T = _fit_body(points, body)
     seen = np.isfinite(T).all(axis=(1, 2))
-    position, quaternion = np.full((len(points), 3), np.nan), np.full((len(points), 4), np.nan)
-    position[seen], quaternion[seen] = se3.to_parts(T[seen])
     placed = body @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3]
     square = ((points - placed) ** 2).sum(axis=2)
     visible = np.isfinite(square)
     total = np.where(visible, square, 0.0).sum(axis=1) / np.maximum(visible.sum(axis=1), 1)
-    return PoseSignal(position, quaternion), np.where(seen, np.sqrt(total), np.nan)
+    return PoseSignal(*se3.to_parts(T)), np.where(seen, np.sqrt(total), np.nan)
 
 
 def configuration(points: FloatArray) -> FloatArray:

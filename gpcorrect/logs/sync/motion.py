@@ -190,10 +190,8 @@ def _lever(signal: PoseSignal) -> FloatArray | None:
     """Entries of the rotation matrices `(n, 9)`, None where most orientations are unknown."""
     if signal.quaternion is None:
         return None
-    entries = np.full((len(signal), 9), np.nan)
     norm = np.linalg.norm(signal.quaternion, axis=1)
     usable = (norm > 0.5) & (norm < 2.0)
     if 2 * usable.sum() <= len(usable):
         return None
-    entries[usable] = se3.matrix_from_quaternion(signal.quaternion[usable]).reshape(-1, 9)
-    return entries
+    return se3.matrix_from_quaternion(np.where(usable[:, None], signal.quaternion, np.nan)).reshape(-1, 9)
