@@ -31,7 +31,7 @@ BYTE_ORDER_MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf
 
 
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
-    """Read a text table. See :data:`gpcorrect.logs.apart.Reader`."""
+    """Read a text table."""
     dialect = _sniff(path, settings.columns.csv)
     if not settings.columns.used:
         known = recognised(dialect.names, _first_rows(dialect), settings.columns)

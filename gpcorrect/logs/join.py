@@ -94,13 +94,9 @@ def _refuse_twice(logs: Sequence[CalibrationLog]) -> None:
 
 def _renumbered(numbers: Sequence[IntArray]) -> IntArray:
     """Numbers from zero, by first appearance, that no two logs share."""
-    parts, used = [], 0
-    for part in numbers:
-        ids, first, place = np.unique(part, return_index=True, return_inverse=True)
-        rank = np.argsort(np.argsort(first))
-        parts.append(rank[place] + used)
-        used += len(ids)
-    return np.concatenate(parts)
+    keys = np.concatenate([np.column_stack([np.full(len(part), k), part]) for k, part in enumerate(numbers)])
+    _, first, place = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[place.reshape(-1)]
 
 
 def _joined(logs: Sequence[CalibrationLog], name: str) -> Any:

@@ -34,7 +34,7 @@ Found = tuple[dict[str, np.ndarray[Any, Any]], list[str]]
 
 
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
-    """Read the variables of a MATLAB file as columns. See :data:`gpcorrect.logs.apart.Reader`."""
+    """Read the variables of a MATLAB file as columns."""
     with path.open("rb") as file:
         old = file.read(len(MARKS[0])) == MARKS[0]
     arrays, left_out = (_version_5 if old else _version_73)(path, settings)
@@ -50,14 +50,9 @@ def _version_5(path: Path, settings: ReadSettings) -> Found:
 
     settings.check_memory(_unpacked(path, settings.max_bytes))
     content = loadmat(path, squeeze_me=False, struct_as_record=True, verify_compressed_data_integrity=True)
-    arrays: dict[str, np.ndarray[Any, Any]] = {}
-    left_out: list[str] = []
-    for name, value in _fields({k: v for k, v in content.items() if not k.startswith("__")}):
-        if isinstance(value, np.ndarray) and value.dtype.kind in NUMERIC:
-            arrays[name] = value
-        else:
-            left_out.append(name)
-    return arrays, left_out
+    found = dict(_fields({k: v for k, v in content.items() if not k.startswith("__")}))
+    arrays = {name: v for name, v in found.items() if isinstance(v, np.ndarray) and v.dtype.kind in NUMERIC}
+    return arrays, [name for name in found if name not in arrays]
 
 
 def _unpacked(path: Path, most: int) -> int:

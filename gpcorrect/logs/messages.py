@@ -75,13 +75,13 @@ def array_row(place: int | None) -> Callable[[Any], tuple[float, ...]]:
     place : int or None, which one, counted from 0; None for the only one
     """
 
-    def row(message: Any) -> tuple[float, ...]:
+    def _row(message: Any) -> tuple[float, ...]:
         count, k = len(message.poses), place or 0
         if place is None and count > 1:
             raise LogError(f"an array holds {count} poses.", hint="Choose one by its place, counted from 0: /poses[1].")
         return pose_row(message.poses[k]) if k < count else (math.nan,) * 3 + NO_ROTATION
 
-    return row
+    return _row
 
 
 def joint_row(message: Any) -> tuple[tuple[str, ...], FloatArray, FloatArray, FloatArray]:

@@ -18,7 +18,7 @@ SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
-    """Read a Parquet table; a time stamp becomes seconds since 1970. See :data:`gpcorrect.logs.apart.Reader`."""
+    """Read a Parquet table; a time stamp becomes seconds since 1970."""
     with parquet.ParquetFile(path) as file:
         settings.check_memory(file.metadata.num_rows * max(file.metadata.num_columns, 1) * 8)  # bytes of a number
         arrow = file.read()

@@ -25,10 +25,8 @@ from gpcorrect.types import CalibrationLog, LogMeta, PoseSignal
 
 T = TypeVar("T")
 Reader = Callable[[Path, ReadSettings], CalibrationLog | Take]
-"""What reads a format, from path and settings: into a log, or what cameras saw, where the tool is still to be chosen.
-
-It raises a LogError where the file is damaged, cut off, too large or of another layout, and a MissingExtraError where
-the library that reads it is not installed."""
+"""What reads a format into a log, or what cameras saw, where the tool is still to be chosen. A file that is damaged,
+cut off, too large or of another layout raises a LogError, a library that is not installed a MissingExtraError."""
 FARTHEST = 1e6  # m or rad: beyond it, in whatever unit, no arm has been
 SAME_DECIMALS = 8  # of a mean: far below what noise makes of two recordings, far above rounding; chosen by hand
 HEAD = 1 << 16  # bytes that tell a format: the header of a motion capture export names hundreds of markers
@@ -132,10 +130,8 @@ def read_log(
         meta = LogMeta() if columns and sidecar_path(source) == Path(columns) else read_sidecar(source)
         stated = {name: value for name, value in asdict(meta).items() if value}  # the sidecar comes first
         digest = recording_digest(source)
-        meta = replace(log.meta, **stated)
-        return replace(
-            log, name=str(source), meta=meta, digest=digest, recordings=(digest,), contents=(_contents(log),)
-        )
+        found: dict[str, Any] = {"digest": digest, "recordings": (digest,), "contents": (_contents(log),)}
+        return replace(log, name=str(source), meta=replace(log.meta, **stated), **found)
 
 
 def parsed(kind: type[T], read: Callable[[Format, Path, ReadSettings], T], path: Path, settings: ReadSettings) -> T:
@@ -205,16 +201,13 @@ def format_of(path: Path) -> Format:
         if (text if known.text else head).startswith(known.marks) or (known.line and known.line.search(head)):
             return known
     named = next((f for f in FORMATS if path.suffix.lower() in f.suffixes), None)
-    if named is None:
-        raise LogError(f"the name ends in {path.suffix or 'nothing'} and the content is unknown.", hint=_known())
-    if named.marks and head:
-        raise LogError(f"the name says {named.title}, but the file does not begin like one.", hint=_known())
-    return named
-
-
-def _known() -> str:
+    if named is not None and not (named.marks and head):
+        return named
     formats = ", ".join(f"{f.title} ({', '.join(f.suffixes)})" if f.suffixes else f.title for f in FORMATS)
-    return f"Known formats: {formats}, and the folder of a ROS 2 recording."
+    what = f"the name ends in {path.suffix or 'nothing'} and the content is unknown."
+    if named is not None:
+        what = f"the name says {named.title}, but the file does not begin like one."
+    raise LogError(what, hint=f"Known formats: {formats}, and the folder of a ROS 2 recording.")
 
 
 @contextmanager

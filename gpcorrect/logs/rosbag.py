@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from gpcorrect.errors import GpCorrectError, LogError, MissingExtraError
 from gpcorrect.logs.columns import ReadSettings
@@ -35,10 +35,7 @@ DAMAGED = "the recording cannot be read, it may be cut off or still being writte
 
 
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
-    """Read a recording of ROS topics onto one clock; header stamps count from the start of the recording.
-
-    See :data:`gpcorrect.logs.apart.Reader`.
-    """
+    """Read a recording of ROS topics onto one clock; header stamps count from the start of the recording."""
     options = settings.columns.bag
     with _opened(path) as bag:
         topics, remarks = choose_topics({c.topic: c.msgtype for c in bag.connections if c.msgcount}, options)
@@ -58,8 +55,7 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     return replace(log, meta=meta, remarks=(*remarks, *log.remarks))
 
 
-@dataclass(frozen=True)
-class Topic:
+class Topic(NamedTuple):
     """A topic of a recording: its type of message, how many there are, and how many a second."""
 
     name: str

@@ -118,8 +118,7 @@ class RigidModel:
                 "a model with a marker offset needs orientations to map positions, got positions only.",
                 hint='Give orientations, or register with marker="none".',
             )
-        levers: FloatArray = R_obs @ self.offset
-        return levers
+        return np.asarray(R_obs @ self.offset)
 
     def followed_by(self, other: RigidModel) -> RigidModel:
         """Return the model that maps as this one and then `other` do.

@@ -118,8 +118,7 @@ def _normalised(weights: FloatArray | None, n: int) -> FloatArray:
     w: FloatArray = np.ones(n) if weights is None else np.asarray(weights, dtype=np.float64)
     if w.shape != (n,) or not np.isfinite(w).all() or (w < 0.0).any() or not w.any():
         raise DataError(f"weights must be {n} finite numbers, none negative and not all zero, got shape {w.shape}.")
-    normalised: FloatArray = w / w.sum()
-    return normalised
+    return np.asarray(w / w.sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +154,7 @@ def _pose(pairs: _Pairs, w: FloatArray, rotation_weight: float) -> RigidModel:
     commanded, observed = (w[:, None, None] * pairs.R_cmd).transpose(1, 0, 2), pairs.R_obs.transpose(1, 0, 2)
     attitude = commanded.reshape(3, -1) @ observed.reshape(3, -1).T
     R = _rotation(_cross_covariance(pairs, w) + rotation_weight * attitude)
-    return RigidModel("pose", R_position=R, t=_translation(R, pairs, w), R_left=R)
+    return RigidModel("pose", R_position=R, t=w @ pairs.u - R @ (w @ pairs.p), R_left=R)
 
 
 def _position(pairs: _Pairs, w: FloatArray) -> RigidModel:
@@ -163,7 +162,7 @@ def _position(pairs: _Pairs, w: FloatArray) -> RigidModel:
     _check_spread(pairs.p, w, "observed")
     _check_spread(pairs.u, w, "commanded")
     R = _rotation(_cross_covariance(pairs, w))
-    return RigidModel("position", R_position=R, t=_translation(R, pairs, w), R_left=R)
+    return RigidModel("position", R_position=R, t=w @ pairs.u - R @ (w @ pairs.p), R_left=R)
 
 
 def component_scale(norms: FloatArray) -> float:
@@ -262,10 +261,6 @@ def _reweighted(pairs: _Pairs, rotation_weight: float | None) -> RigidModel:
 
 def _cross_covariance(pairs: _Pairs, w: FloatArray) -> FloatArray:
     return (pairs.u - w @ pairs.u).T @ ((pairs.p - w @ pairs.p) * w[:, None])
-
-
-def _translation(R: FloatArray, pairs: _Pairs, w: FloatArray) -> FloatArray:
-    return w @ pairs.u - R @ (w @ pairs.p)
 
 
 def _rotation(cross: FloatArray) -> FloatArray:

@@ -133,7 +133,14 @@ def register(
     if marker == "solve":
         require_observable(observed, command)
     fits = _fits(observed, command, marker)
-    units = _units(observed, trajectory, marker)
+    if len(trajectory) != len(observed):
+        raise DataError(f"{len(observed)} samples need a trajectory each, got {len(trajectory)}.")
+    units = hold_out_units(np.asarray(trajectory))
+    if marker == "auto" and units.max() == 0:
+        raise DegenerateError(
+            f"choosing by left-out samples needs at least {2 * LEAST_BLOCK} samples, got {len(observed)}.",
+            hint='Record more, or say which registration to use: marker="none" or "solve".',
+        )
     folds = min(FOLDS, int(units.max()) + 1) if held_out else 1
     tried = [_errors(kind, fit, observed, command, units, folds) for kind, fit in fits.items()]
     scores = _scores(tried)
@@ -165,30 +172,14 @@ class _UnitErrors:
     refused: str = ""  # why the kind could not be fitted; empty when it could
 
 
-def _units(observed: PoseSignal, trajectory: IntArray, marker: MarkerOption) -> IntArray:
-    if len(trajectory) != len(observed):
-        raise DataError(f"{len(observed)} samples need a trajectory each, got {len(trajectory)}.")
-    units = hold_out_units(np.asarray(trajectory))
-    if marker == "auto" and units.max() == 0:
-        raise DegenerateError(
-            f"choosing by left-out samples needs at least {2 * LEAST_BLOCK} samples, got {len(observed)}.",
-            hint='Record more, or say which registration to use: marker="none" or "solve".',
-        )
-    return units
-
-
-def _identity(observed: PoseSignal, command: PoseSignal) -> RigidModel:
-    return RigidModel()
-
-
 def _fits(observed: PoseSignal, command: PoseSignal, marker: MarkerOption) -> Mapping[RigidKind, Fit]:
     """Return the kinds to compare, simplest first; the last is what "none" and "solve" ask for."""
     has_orientation = observed.quaternion is not None and command.quaternion is not None
     plain: RigidKind = "pose" if has_orientation else "position"
+    fits: dict[RigidKind, Fit] = {"identity": lambda observed, command: RigidModel(), plain: fit_pose}
     if marker == "none":
-        return {"identity": _identity, plain: fit_pose}
-    robust = fit_balanced if has_orientation else fit_robustly
-    fits: dict[RigidKind, Fit] = {"identity": _identity, plain: robust}
+        return fits
+    fits[plain] = fit_balanced if has_orientation else fit_robustly
     if observed.quaternion is not None:
         fits["marker"] = fit_marker
     if marker == "auto" and has_orientation:
@@ -229,14 +220,12 @@ def _within_one_error(score: FloatArray, best: FloatArray) -> bool:
 
 
 def _reason(tried: list[_UnitErrors], scores: list[FloatArray], best: int, chosen: int) -> str:
-    names = [errors.kind for errors in tried]
-    rank = {name: f"{np.median(score):.3g}" for name, score in zip(names, scores, strict=True)}
-    if chosen == best:
-        why = f"{names[chosen]} predicts left-out trajectories best (score {rank[names[chosen]]})"
-    else:
+    rank = [f"{np.median(score):.3g}" for score in scores]
+    why = f"{tried[chosen].kind} predicts left-out trajectories best (score {rank[chosen]})"
+    if chosen != best:
         why = (
-            f"{names[chosen]} (score {rank[names[chosen]]}) is the simplest within one standard error of the "
-            f"best, {names[best]} ({rank[names[best]]}), on left-out trajectories"
+            f"{tried[chosen].kind} (score {rank[chosen]}) is the simplest within one standard error of the "
+            f"best, {tried[best].kind} ({rank[best]}), on left-out trajectories"
         )
     refused = [f"; {errors.kind} was refused: {errors.refused}" for errors in tried if errors.refused]
     return why + "".join(refused)

@@ -62,8 +62,7 @@ class Clocks:
         rows : (k,) array
             Pixel rows of the views: a rolling shutter reads them one after the other, from the top.
         """
-        delays: FloatArray = self.delays[cameras] + self._readout[cameras] * rows - self.middle
-        return delays
+        return np.asarray(self.delays[cameras] + self._readout[cameras] * rows - self.middle)
 
     def spread(self, last: Linearised, cameras: IntArray) -> FloatArray:
         """Return what the uncertainty of the delays adds to the covariance of a pose: `(6, 6)`.
@@ -74,8 +73,7 @@ class Clocks:
         cameras : (k,) int array, of its views
         """
         gain = last.gain(self._effects(last, cameras))
-        added: FloatArray = gain @ self.covariance @ gain.T
-        return added
+        return np.asarray(gain @ self.covariance @ gain.T)
 
     def learn(self, last: Linearised, cameras: IntArray) -> None:
         """Take in what is left of the views of a moving tool: a camera that is late sees it farther along.

@@ -162,8 +162,7 @@ def _pose_covariance(covariance: FloatArray, x: FloatArray) -> FloatArray:
     # T' = exp(xi) T: the turn is J dr, the shift dt - turn x t; in tracker axes the camera moves by the opposite.
     change = np.block([[np.cross(x[3:, None], J_left, axis=0), np.eye(3)], [J_left, np.zeros((3, 3))]])
     A = -np.kron(np.eye(2), R_tracker_camera) @ change
-    done: FloatArray = A @ covariance @ A.T
-    return done
+    return np.asarray(A @ covariance @ A.T)
 
 
 @dataclass(frozen=True, eq=False)

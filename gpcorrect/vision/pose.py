@@ -65,8 +65,7 @@ class Linearised:
     @property
     def velocity(self) -> FloatArray:
         """How fast each view moves `(k, 2)`, on the plane one unit before the lens, 1/s."""
-        speed: FloatArray = self.J[:, :, : self.free] @ self.twist[: self.free]
-        return speed
+        return np.asarray(self.J[:, :, : self.free] @ self.twist[: self.free])
 
     @property
     def chi_squared(self) -> float:
@@ -81,8 +80,7 @@ class Linearised:
         ----------
         effects : (k, 2, m) array, on the plane one unit before the lens
         """
-        right: FloatArray = np.einsum("kij,kil,klm->jm", self.J, self.weights, effects)
-        return right
+        return np.asarray(np.einsum("kij,kil,klm->jm", self.J, self.weights, effects))
 
     def gain(self, effects: FloatArray) -> FloatArray:
         """Return by how much m errors of views move the pose `(6, m)`.

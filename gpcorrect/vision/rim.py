@@ -102,8 +102,7 @@ def _rim_points(image: Image, circle: FloatArray, reach: float, settings: BallSe
     offset = np.where(bend < -1e-9, 0.5 * (before - after) / np.where(bend < -1e-9, bend, 1.0), 0.0)
     at = r[0] + settings.step_px * (peak + 0.5 + np.clip(offset, -1.0, 1.0))
     good = (contrast > settings.contrast) & (top > settings.least_slope) & inside
-    points: FloatArray = np.stack([u + at * cos[:, 0], v + at * sin[:, 0]], axis=1)[good].astype(np.float64)
-    return points
+    return np.stack([u + at * cos[:, 0], v + at * sin[:, 0]], axis=1)[good].astype(np.float64)
 
 
 def _towards_ball(colours: FloatArray, r: FloatArray, radius: float, half: float) -> tuple[FloatArray, FloatArray]:
@@ -175,8 +174,7 @@ def _consensus(d: FloatArray, lens: Intrinsics, settings: BallSettings) -> BoolA
         return None
     off = lens.focal * np.abs(_distances(d, m))
     best = np.argmin(np.minimum(off, 2.0 * settings.inlier_px).sum(axis=1))
-    agreeing: BoolArray = off[best] < 3.0 * settings.inlier_px
-    return agreeing
+    return np.asarray(off[best] < 3.0 * settings.inlier_px)
 
 
 def _outline(d: FloatArray, m: FloatArray, off: FloatArray, lens: Intrinsics, settings: BallSettings) -> Outline | None:

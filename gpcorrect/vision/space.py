@@ -75,8 +75,7 @@ def mean_midpoint(origins: FloatArray, directions: FloatArray) -> FloatArray:
             continue
     if not midpoints:
         raise DegenerateError("no two rays cross: a point needs two cameras that look from different sides.")
-    mean: FloatArray = np.mean(midpoints, axis=0)
-    return mean
+    return np.asarray(np.mean(midpoints, axis=0))
 
 
 def triangulate(cameras: Sequence[Camera], rays: FloatArray, covariances: FloatArray | None = None) -> Located:

@@ -167,8 +167,7 @@ class Evidence:
         name : str
         """
         table = self.tables[name]
-        same: BoolArray = (self.previous >= 0) & (table == table[self.previous]).all(axis=1)
-        return same
+        return np.asarray((self.previous >= 0) & (table == table[self.previous]).all(axis=1))
 
 
 Check = Callable[[Evidence], Iterator[Finding]]

@@ -80,8 +80,7 @@ def _turns_otherwise(reference: FloatArray, observed: FloatArray) -> bool:
 
 def _usable(quaternion: FloatArray) -> BoolArray:
     norm = np.linalg.norm(quaternion, axis=1)
-    usable: BoolArray = (norm > 0.5) & (norm < 2.0)
-    return usable
+    return np.asarray((norm > 0.5) & (norm < 2.0))
 
 
 @check

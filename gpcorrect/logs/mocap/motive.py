@@ -31,7 +31,7 @@ Columns = Mapping[str, Mapping[str, int]]
 
 
 def read(path: Path, settings: ReadSettings) -> Take:
-    """Read rigid bodies and markers. See :data:`gpcorrect.logs.apart.Reader`."""
+    """Read rigid bodies and markers."""
     export = read_export(path)
     cells = export.cells(0)
     header = dict(zip(cells[::2], cells[1::2], strict=False))

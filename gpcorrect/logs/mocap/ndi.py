@@ -31,7 +31,7 @@ PER_MARKER = 4  # cells: state and position
 
 
 def read(path: Path, settings: ReadSettings) -> Take:
-    """Read the poses of tools. See :data:`gpcorrect.logs.apart.Reader`."""
+    """Read the poses of tools."""
     export = read_export(path, ",")
     names = _layout(export.cells(0))
     rows = [

@@ -27,7 +27,7 @@ BY_ROWS = [0, 3, 6, 1, 4, 7, 2, 5, 8]  # from a matrix written column by column
 
 
 def read(path: Path, settings: ReadSettings) -> Take:
-    """Read rigid bodies, or markers. See :data:`gpcorrect.logs.apart.Reader`."""
+    """Read rigid bodies, or markers."""
     export = read_export(path, "\t")
     start = next((k for k in range(len(export)) if _begins_samples(export.cells(k))), len(export))
     header = {cells[0]: cells[1:] for cells in map(export.cells, range(start)) if cells}

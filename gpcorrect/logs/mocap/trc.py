@@ -21,7 +21,7 @@ VIRTUAL = "V_"  # how Cortex begins the name of a virtual marker
 
 
 def read(path: Path, settings: ReadSettings) -> Take:
-    """Read markers. See :data:`gpcorrect.logs.apart.Reader`."""
+    """Read markers."""
     export = read_export(path)
     if len(export) <= DATA or not export.lines[NAMES].startswith("Frame#"):
         raise LogError("expected Frame#, Time and the names of the markers in line 4 of a TRC file.")

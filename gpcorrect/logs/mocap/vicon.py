@@ -49,7 +49,7 @@ class Section:
 
 
 def read(path: Path, settings: ReadSettings) -> Take:
-    """Read objects or segments, or markers. See :data:`gpcorrect.logs.apart.Reader`."""
+    """Read objects or segments, or markers."""
     export, options = read_export(path), settings.columns.mocap
     # The line of axes, from which a section is known whether it has a title or not.
     lines = [k for k in range(len(export)) if export.cells(k)[:2] in (("Frame", "Sub Frame"), ("Frame", "SubFrame"))]

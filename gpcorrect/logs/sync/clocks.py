@@ -196,17 +196,13 @@ def align(
 
 def _resampled(log: CalibrationLog, name: str, at: FloatArray) -> PoseSignal | FloatArray:
     values: PoseSignal | FloatArray = getattr(log, name)
-    pose = isinstance(values, PoseSignal)
-    moved = {part: np.full(column.shape, np.nan) for part, column in _parts(values).items()}
+    position = np.full((values.position if isinstance(values, PoseSignal) else values).shape, np.nan)
+    quaternion = None
+    if isinstance(values, PoseSignal) and values.quaternion is not None:
+        quaternion = np.full(values.quaternion.shape, np.nan)
     for rows in clock_runs(log):
         piece = interpolate(Stream(name, log.time[rows], values[rows]), at[rows])
-        for part, column in _parts(piece).items():
-            moved[part][rows] = column
-    return PoseSignal(**moved) if pose else moved["values"]
-
-
-def _parts(values: PoseSignal | FloatArray) -> dict[str, FloatArray]:
-    if not isinstance(values, PoseSignal):
-        return {"values": values}
-    turned = {} if values.quaternion is None else {"quaternion": values.quaternion}
-    return {"position": values.position, **turned}
+        position[rows] = piece.position if isinstance(piece, PoseSignal) else piece
+        if isinstance(piece, PoseSignal) and quaternion is not None:
+            quaternion[rows] = piece.quaternion
+    return PoseSignal(position, quaternion) if isinstance(values, PoseSignal) else position

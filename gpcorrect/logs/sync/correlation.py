@@ -144,8 +144,7 @@ def _moments(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:
 def _shifted(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:
     """Sum over t of a(t) b(t + lag) for lags -reach..reach."""
     n = next_fast_len(max(len(a), len(b)) + reach, real=True)  # so long that no lag within reach wraps around
-    sums: FloatArray = irfft(rfft(b, n) * rfft(a, n).conj(), n)[np.arange(-reach, reach + 1)]
-    return sums
+    return np.asarray(irfft(rfft(b, n) * rfft(a, n).conj(), n)[np.arange(-reach, reach + 1)])
 
 
 def _coefficient(count: FloatArray, covariance: FloatArray, var_a: FloatArray, var_b: FloatArray) -> FloatArray:
@@ -172,5 +171,4 @@ def peaks(curve: LagCurve, fraction: float) -> FloatArray:
     inner = inner[r[inner] >= fraction * r[inner[0]]]
     left, top, right = r[inner - 1], r[inner], r[inner + 1]
     shift = 0.5 * (left - right) / np.minimum(left - 2 * top + right, -np.finfo(float).tiny)
-    lags: FloatArray = curve.lags[inner] + np.clip(shift, -0.5, 0.5) * (curve.lags[1] - curve.lags[0])
-    return lags
+    return np.asarray(curve.lags[inner] + np.clip(shift, -0.5, 0.5) * (curve.lags[1] - curve.lags[0]))

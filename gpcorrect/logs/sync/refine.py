@@ -287,8 +287,7 @@ class Timing:
 
 def _size(residual: FloatArray, scale: FloatArray) -> FloatArray:
     """Root mean square of each row `(n,)` in standard deviations."""
-    size: FloatArray = np.sqrt(np.mean((residual / scale) ** 2, axis=1))
-    return size
+    return np.asarray(np.sqrt(np.mean((residual / scale) ** 2, axis=1)))
 
 
 def _normal_rows(linear: _Linear) -> tuple[FloatArray, FloatArray]:
