@@ -66,7 +66,6 @@ class MissingExtraError(GpCorrectError, ImportError):
 
     def __init__(self, library: str, *, extra: str, purpose: str) -> None:
         super().__init__(
-            f"{purpose} needs {library}, which is not installed.",
-            hint=f"Run: pip install 'gpcorrect[{extra}]'",
+            f"{purpose} needs {library}, which is not installed.", hint=f"Run: pip install 'gpcorrect[{extra}]'"
         )
         self.extra = extra

@@ -96,11 +96,7 @@ def derivative(time: ArrayLike, values: ArrayLike, labels: ArrayLike, step: floa
 
 
 def twists(
-    time: ArrayLike,
-    positions: ArrayLike,
-    rotations: ArrayLike | None,
-    labels: ArrayLike,
-    step: float | None = None,
+    time: ArrayLike, positions: ArrayLike, rotations: ArrayLike | None, labels: ArrayLike, step: float | None = None
 ) -> FloatArray:
     """Linear (m/s) and spatial-frame angular velocity (rad/s) of a path, `(n, 6)`; NaN where there is no derivative.
 

@@ -80,10 +80,7 @@ def _round(answer: Image, u: IntArray, v: IntArray) -> FloatArray:
 
 
 def match_blobs(
-    blobs: Blobs,
-    expected: Mapping[str, FloatArray],
-    reach_px: float,
-    near_px: float,
+    blobs: Blobs, expected: Mapping[str, FloatArray], reach_px: float, near_px: float
 ) -> list[dict[str, int]]:
     """Return what may be the blobs of the markers, the likeliest first: of one kind, at one offset from their places.
 
@@ -113,12 +110,7 @@ def match_blobs(
     return [names for _, _, names in chosen]
 
 
-def refine_markers(
-    image: Image,
-    blobs: Blobs,
-    matched: Mapping[str, int],
-    lens: Intrinsics,
-) -> dict[str, FloatArray]:
+def refine_markers(image: Image, blobs: Blobs, matched: Mapping[str, int], lens: Intrinsics) -> dict[str, FloatArray]:
     """Return middles of markers to a fraction of a pixel, from the part of their rim that no post hides.
 
     Parameters

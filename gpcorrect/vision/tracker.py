@@ -22,14 +22,7 @@ from gpcorrect.vision.camera import Camera
 from gpcorrect.vision.clocks import Clocks
 from gpcorrect.vision.filtering import Filtered, PoseFilter, Status
 from gpcorrect.vision.opencv import Image
-from gpcorrect.vision.pose import (
-    FIXED_TURN,
-    Motion,
-    Observations,
-    PoseFit,
-    pose_closed_form,
-    pose_from_observations,
-)
+from gpcorrect.vision.pose import FIXED_TURN, Motion, Observations, PoseFit, pose_closed_form, pose_from_observations
 from gpcorrect.vision.rim import Outline
 from gpcorrect.vision.search import Found, Reason, detect_everywhere, detect_near
 from gpcorrect.vision.settings import DEFAULT, VisionSettings
