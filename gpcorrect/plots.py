@@ -24,12 +24,9 @@ def write_board(path: str | Path, columns: int, rows: int, square: float, paper:
 
     Parameters
     ----------
-    path : str or Path
-        Ends in .pdf.
-    columns, rows : int
-        Inner corners.
-    square : float
-        Side of a square, m.
+    path : str or Path, ends in .pdf
+    columns, rows : int, inner corners
+    square : float, side of a square, m
     paper : str
         One of `PAPERS`.
 

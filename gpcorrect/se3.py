@@ -319,12 +319,9 @@ def interpolate_rotations(times: FloatArray, rotations: FloatArray, at: FloatArr
 
     Parameters
     ----------
-    times : (n,) array
-        Times of the samples, s.
-    rotations : (n, 3, 3) array
-        Rotation matrices there.
-    at : (m,) array
-        Times to interpolate at, s.
+    times : (n,) array, times of the samples, s
+    rotations : (n, 3, 3) array, rotation matrices there
+    at : (m,) array, times to interpolate at, s
 
     Raises
     ------

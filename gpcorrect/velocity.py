@@ -34,8 +34,7 @@ def segment_labels(
 
     Parameters
     ----------
-    time : (n,) array
-        Seconds.
+    time : (n,) array, seconds
     trajectory : (n,) int array
         Which motion a sample belongs to.
     keep : (n,) bool array, optional
@@ -102,10 +101,8 @@ def twists(
 
     Parameters
     ----------
-    time : (n,) array
-        Seconds.
-    positions : (n, 3) array
-        Metres.
+    time : (n,) array, seconds
+    positions : (n, 3) array, metres
     rotations : (n, 3, 3) array or None
         Rotation matrices; None leaves the angular part NaN. The body must turn by less than pi between the
         middle and the ends of a window.
@@ -166,8 +163,7 @@ class CausalTwist:
         ----------
         time : float
             Seconds, later than the sample before.
-        position : (3,) array
-            Metres.
+        position : (3,) array, metres
         rotation : (3, 3) array, optional
             Rotation matrix; without it the angular part is NaN.
 

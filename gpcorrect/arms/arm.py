@@ -20,8 +20,7 @@ class Link:
 
     Parameters
     ----------
-    mass : float
-        kg.
+    mass : float, kg
     com : (3,) array
         Centre of mass in the link's own frame, m.
     inertia : (3, 3) array
@@ -79,8 +78,7 @@ class Transmission:
 
         Parameters
         ----------
-        q : (..., dof) array
-            Joint values, rad and m.
+        q : (..., dof) array, joint values, rad and m
         """
         return np.asarray(q, dtype=np.float64) @ self.matrix.T
 
@@ -89,8 +87,7 @@ class Transmission:
 
         Parameters
         ----------
-        joint_torque : (..., dof) array
-            N m and N.
+        joint_torque : (..., dof) array, N m and N
         """
         loads = np.asarray(joint_torque, dtype=np.float64)
         return np.asarray(np.linalg.solve(self.matrix.T, loads[..., None])[..., 0])
@@ -157,8 +154,7 @@ class Arm:
 
         Parameters
         ----------
-        q : (..., dof) array
-            Joint values, rad and m.
+        q : (..., dof) array, joint values, rad and m
         """
         return self.chain.forward(q)
 
@@ -170,10 +166,8 @@ class Arm:
 
         Parameters
         ----------
-        T : (n, 4, 4) array
-            Tip poses in the base frame.
-        start : (dof,) array, optional
-            Joint values to begin near; home by default.
+        T : (n, 4, 4) array, tip poses in the base frame
+        start : (dof,) array, optional, joint values to begin near; home by default
 
         Raises
         ------

@@ -129,8 +129,7 @@ class Chain:
 
         Parameters
         ----------
-        q : (..., dof) array
-            Joint values, rad and m.
+        q : (..., dof) array, joint values, rad and m
         margin : float
             Added to both limits, rad or m.
         """
@@ -143,8 +142,7 @@ class Chain:
 
         Parameters
         ----------
-        q : (..., dof) array
-            Joint values, rad and m.
+        q : (..., dof) array, joint values, rad and m
 
         Raises
         ------
@@ -161,8 +159,7 @@ class Chain:
 
         Parameters
         ----------
-        q : (..., dof) array
-            Joint values, rad and m.
+        q : (..., dof) array, joint values, rad and m
         """
         return self._walked(q, self.dof)
 
@@ -171,8 +168,7 @@ class Chain:
 
         Parameters
         ----------
-        q : (..., dof) array
-            Joint values, rad and m.
+        q : (..., dof) array, joint values, rad and m
         """
         return se3.compose(self._walked(q, 1)[..., 0, :, :], self.tool)
 
@@ -202,8 +198,7 @@ class Chain:
 
         Parameters
         ----------
-        q : (..., dof) array
-            Joint values, rad and m.
+        q : (..., dof) array, joint values, rad and m
         """
         carriers = self.frames(q)
         if self.convention == "standard":  # joint i turns about the z axis of the frame before it
@@ -216,8 +211,7 @@ class Chain:
 
         Parameters
         ----------
-        q : (..., dof) array
-            Joint values, rad and m.
+        q : (..., dof) array, joint values, rad and m
         """
         tip = self.forward(q)[..., None, :3, 3]
         directions, origins = self.axes(q)
@@ -231,8 +225,7 @@ class Chain:
 
         Parameters
         ----------
-        T : (4, 4) array
-            Tip pose in the base frame.
+        T : (4, 4) array, tip pose in the base frame
         seed : (dof,) or (k, dof) array, optional
             Where to start; the answer is the nearest solution in practice. Starts spread evenly over the limits
             follow when none arrives.
@@ -287,10 +280,8 @@ class Chain:
 
         Parameters
         ----------
-        T : (n, 4, 4) array
-            Tip poses in the base frame.
-        start : (n, dof) array
-            Joint values, rad and m.
+        T : (n, 4, 4) array, tip poses in the base frame
+        start : (n, dof) array, joint values, rad and m
         length : float
             m that weigh as much as one radian.
 

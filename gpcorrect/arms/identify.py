@@ -42,8 +42,7 @@ def identify_chain(q: FloatArray, T: FloatArray, types: str) -> Chain:
 
     Parameters
     ----------
-    q : (n, dof) array
-        Joints, rad and m.
+    q : (n, dof) array, joints, rad and m
     T : (n, 4, 4) array
         Poses that were computed from them.
     types : str

@@ -236,8 +236,7 @@ class RemoteCentreArm(Arm):
 
         Parameters
         ----------
-        q : (..., dof) array
-            Joint values, rad and m.
+        q : (..., dof) array, joint values, rad and m
         """
         return self.chain.frames(q)[..., self.wrist_link - 1, :3, 3]
 
@@ -246,8 +245,7 @@ class RemoteCentreArm(Arm):
 
         Parameters
         ----------
-        T : (..., 4, 4) array
-            Tip poses in the base frame.
+        T : (..., 4, 4) array, tip poses in the base frame
 
         Raises
         ------
@@ -268,8 +266,7 @@ class RemoteCentreArm(Arm):
 
         Parameters
         ----------
-        T : (4, 4) array
-            Tip pose in the base frame.
+        T : (4, 4) array, tip pose in the base frame
         within_limits : bool
             Return the solutions that keep every limit, with all full turns that do; otherwise every solution once.
 
@@ -292,10 +289,8 @@ class RemoteCentreArm(Arm):
 
         Parameters
         ----------
-        T : (n, 4, 4) array
-            Tip poses in the base frame.
-        start : (dof,) array, optional
-            Joint values to begin near; home by default.
+        T : (n, 4, 4) array, tip poses in the base frame
+        start : (dof,) array, optional, joint values to begin near; home by default
 
         Raises
         ------

@@ -49,10 +49,8 @@ class RobotEdit:
 
         Parameters
         ----------
-        joint : int
-            Number on the arm, from 1.
-        torque : float
-            N m or N.
+        joint : int, number on the arm, from 1
+        torque : float, N m or N
         """
         found = self._joint(joint)
         found.frictionloss += torque
@@ -63,10 +61,8 @@ class RobotEdit:
 
         Parameters
         ----------
-        joint : int
-            Number on the arm, from 1.
-        damping : float
-            N m s/rad or N s/m.
+        joint : int, number on the arm, from 1
+        damping : float, N m s/rad or N s/m
         """
         found = self._joint(joint)
         found.damping = np.array(found.damping) + np.array([damping, 0.0, 0.0])
@@ -76,10 +72,8 @@ class RobotEdit:
 
         Parameters
         ----------
-        joint : int
-            Number on the arm, from 1.
-        limit : float
-            N m or N.
+        joint : int, number on the arm, from 1
+        limit : float, N m or N
         """
         servos = [a for a in self._spec.actuators if a.target == self.robot.joints[joint - 1]]
         for servo in servos:
@@ -92,8 +86,7 @@ class RobotEdit:
 
         Parameters
         ----------
-        mass : float
-            kg.
+        mass : float, kg
         """
         site = self._spec.site(self.robot.tool)
         carrier = self._spec.body(self.robot.tool) if site is None else site.parent
@@ -110,8 +103,7 @@ class RobotEdit:
 
         Parameters
         ----------
-        joint : int
-            Number on the arm, from 1.
+        joint : int, number on the arm, from 1
         motion : (4, 4) array
             In the joint's own frame, whose z axis is the joint's.
         """
@@ -133,12 +125,10 @@ class RobotEdit:
 
         Parameters
         ----------
-        joint : int
-            Number on the arm, from 1.
+        joint : int, number on the arm, from 1
         end : str
             "upper" or "lower".
-        limit : float
-            Joint value, rad or m.
+        limit : float, joint value, rad or m
         """
         found = self._joint(joint)
         lower, upper = self.robot.arm.limits[joint - 1]

@@ -170,8 +170,7 @@ def pose_residual(reference: PoseSignal, command: PoseSignal) -> FloatArray:
 
     Parameters
     ----------
-    reference : PoseSignal
-        n poses.
+    reference : PoseSignal, n poses
     command : PoseSignal
         n poses in the same frame.
 
@@ -201,8 +200,7 @@ def apply_residual(reference: PoseSignal, residual: FloatArray) -> PoseSignal:
 
     Parameters
     ----------
-    reference : PoseSignal
-        n poses.
+    reference : PoseSignal, n poses
     residual : (n, 6) array
         m, then rad; NaN where nothing was learned.
 

@@ -137,8 +137,7 @@ class AnnotatedVideo:
         For the drawing.
     target : Target
         For the drawing.
-    fps : float
-        Frames a second.
+    fps : float, frames a second
 
     Raises
     ------

@@ -22,8 +22,7 @@ class Chessboard:
     ----------
     columns, rows : int
         Inner corners: a usual board of 8 x 8 squares has 7 x 7.
-    square : float
-        Side of a square, m.
+    square : float, side of a square, m
     """
 
     columns: int
@@ -117,8 +116,7 @@ def calibrate_lens(
     corners : sequence of (n, 2) arrays
         In the order of `board.points`, px; at least three pictures, slanted differently.
     board : Chessboard
-    size : (2,) tuple
-        Width and height of the pictures, px.
+    size : (2,) tuple, width and height of the pictures, px
     settings : CalibrationSettings
 
     Raises

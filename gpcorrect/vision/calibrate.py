@@ -63,8 +63,7 @@ class CalibrationReport:
 
     Parameters
     ----------
-    cameras : tuple of CameraReport
-        One a camera.
+    cameras : tuple of CameraReport, one a camera
     board : Chessboard
         The chessboard.
     """

@@ -52,8 +52,7 @@ class Intrinsics:
 
         Parameters
         ----------
-        pixels : (n, 2) array
-            px.
+        pixels : (n, 2) array, px
         """
         flat = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
         if not flat.size:
@@ -126,8 +125,7 @@ class Camera:
 
         Parameters
         ----------
-        points : (n, 3) array
-            m.
+        points : (n, 3) array, m
         """
         T = self.T_camera_tracker
         return np.asarray(points).reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
@@ -137,8 +135,7 @@ class Camera:
 
         Parameters
         ----------
-        points : (n, 3) array
-            m.
+        points : (n, 3) array, m
         """
         local = self.local(points)
         return np.where(local[:, 2:] > IN_FRONT, self.intrinsics.pixels(local), np.nan)

@@ -48,8 +48,7 @@ def check_fit(
     ----------
     frames : sequence (frames) of sequence (cameras) of pictures
         A few, spread over the recording.
-    cameras : sequence of Camera
-        In the order of the pictures.
+    cameras : sequence of Camera, in the order of the pictures
     target : Target
     names : sequence of str
         Of the videos or folders, for the message.

@@ -190,8 +190,7 @@ def write_cameras(cameras: Sequence[Camera], path: str | Path) -> None:
     Parameters
     ----------
     cameras : sequence of Camera
-    path : str or Path
-        Replaced when there.
+    path : str or Path, replaced when there
     """
     rows = [
         {
@@ -250,8 +249,7 @@ class Rig:
     ----------
     board : Chessboard
         The chessboard of all pictures.
-    cameras : tuple of RigCamera
-        One a camera.
+    cameras : tuple of RigCamera, one a camera
     markers : mapping of marker to (3,) array
         Places in the tracker frame, m.
     """

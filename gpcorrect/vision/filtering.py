@@ -65,8 +65,7 @@ class PoseFilter:
 
         Parameters
         ----------
-        time : float
-            s.
+        time : float, s
         """
         if self._kalman is None:
             return None
@@ -79,8 +78,7 @@ class PoseFilter:
 
         Parameters
         ----------
-        time : float
-            s.
+        time : float, s
         """
         settings = self.settings
         if self._kalman is None or self._taken < settings.shows_speed:
@@ -101,8 +99,7 @@ class PoseFilter:
 
         Parameters
         ----------
-        time : float
-            Seconds, increasing.
+        time : float, seconds, increasing
         T_tracker_tool : (4, 4) array, optional
             The measured pose.
         covariance : (6, 6) array, optional

@@ -109,8 +109,7 @@ def refine_pose(
     ----------
     points : (n, 3) array
         Known places, tracker frame, m; at least six, not all on a line.
-    pixels : (n, 2) array
-        Where each is seen.
+    pixels : (n, 2) array, where each is seen
     lens : Intrinsics
     starts : sequence of (4, 4) arrays
         Rough poses; the one that ends best counts.

@@ -30,8 +30,7 @@ class Observations:
         Which camera sees which ball.
     rays : (k, 2) array
         Undistorted places on the plane one unit before the lens.
-    covariances : (k, 2, 2) array
-        Of `rays`.
+    covariances : (k, 2, 2) array, of `rays`
     delays : (k,) array, optional
         When each was seen, after the frame's own time, s; zeros when absent.
     """

@@ -34,8 +34,7 @@ def record(
     seconds : float
     fps : float
         Asked of the devices, and written into the videos.
-    clock : callable
-        Seconds.
+    clock : callable, seconds
     on_pictures : callable, optional
         Called with the pictures of every moment: for showing them.
 

@@ -28,8 +28,7 @@ class Outline:
         Where its centre appears, px.
     ray : (2,) array
         The same, undistorted, on the plane one unit before the lens.
-    covariance : (2, 2) array
-        Of `ray`.
+    covariance : (2, 2) array, of `ray`
     half_angle : float
         Of the cone of rays that touch it, rad.
     radius : float

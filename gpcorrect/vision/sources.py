@@ -77,8 +77,7 @@ class Source:
 
         Parameters
         ----------
-        index : int
-            From 0.
+        index : int, from 0
         """
         if self._video is None:
             return cv2.imread(str(self.files[index])) if index < len(self.files) else None

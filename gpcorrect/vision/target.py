@@ -29,10 +29,8 @@ class Colour:
     ----------
     hue : float
         Middle of the range, degrees: red 0, yellow 60, green 120, blue 240.
-    tolerance : float
-        Degrees to either side.
-    saturation, value : float
-        Least of each, 0 to 1.
+    tolerance : float, degrees to either side
+    saturation, value : float, least of each, 0 to 1
     """
 
     hue: float

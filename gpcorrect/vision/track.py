@@ -53,12 +53,10 @@ class Track:
 
     Parameters
     ----------
-    time : (n,) array
-        s.
+    time : (n,) array, s
     status : (n,) int array
         Index into `STATUSES`.
-    T_tracker_tool : (n, 4, 4) array
-        m; NaN where lost.
+    T_tracker_tool : (n, 4, 4) array, m; NaN where lost
     std : (n, 6) array
         Of position (m) and rotation vector (rad); NaN where lost.
     balls : (n, b, 3) array

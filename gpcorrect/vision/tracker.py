@@ -48,8 +48,7 @@ class Frame:
 
     Parameters
     ----------
-    time : float
-        Seconds.
+    time : float, seconds
     pose : Filtered
         The estimated pose, and whether it was measured.
     measured : PoseFit or None
@@ -130,8 +129,7 @@ class Tracker:
         ----------
         images : sequence of (height, width, 3) uint8 arrays
             Blue green red, in the order of the cameras; None where a camera has none.
-        time : float
-            Seconds, increasing.
+        time : float, seconds, increasing
 
         Raises
         ------

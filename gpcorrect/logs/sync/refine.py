@@ -44,57 +44,6 @@ class Sampled:
     valid: BoolArray
 
 
-class ReferenceCurve:
-    """Akima splines through each piece of the reference: local, so a step disturbs its neighbourhood only.
-
-    Columns are centred and scaled to unit spread, for well-conditioned least squares; columns that do not
-    move are left out.
-
-    Parameters
-    ----------
-    pieces : sequence of Motion
-        The reference, a piece a trajectory.
-    """
-
-    def __init__(self, pieces: Sequence[Motion]) -> None:
-        stacked = np.concatenate([p.regressors for p in pieces])
-        centre, spread = stacked.mean(axis=0), stacked.std(axis=0)
-        moving = spread > STILL * max(float(spread.max()), np.finfo(float).tiny)
-        self.columns = int(moving.sum())
-        self._knots = [p.time for p in pieces]
-        # Intervals between knots that are no gap and whose slopes see none.
-        gaps = [np.diff(p.time) > default_max_gap(p.time) for p in pieces]
-        near = [np.convolve(gap, np.ones(2 * REACH + 1), mode="full")[REACH : REACH + len(gap)] for gap in gaps]
-        self._sound = [found == 0 for found in near]
-        unit = np.where(moving, spread, 1.0)
-        self._splines = [
-            Akima1DInterpolator(p.time, ((p.regressors - centre) / unit)[:, moving]) if len(p) >= MIN_KNOTS else None
-            for p in pieces
-        ]
-
-    def at(self, times: Sequence[FloatArray]) -> Sampled:
-        """Sample every piece at its own times, stacked in order.
-
-        Parameters
-        ----------
-        times : sequence of (n,) arrays, seconds, for each piece
-        """
-        parts = [self._piece(i, t) for i, t in enumerate(times)]
-        values, derivatives, valid = (np.concatenate(column) for column in zip(*parts, strict=True))
-        return Sampled(values, derivatives, valid)
-
-    def _piece(self, i: int, t: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-        blank = np.zeros((len(t), self.columns))
-        spline = self._splines[i]
-        if spline is None or not len(t):
-            return blank, blank, np.zeros(len(t), dtype=np.bool_)
-        knots = self._knots[i]
-        interval = np.clip(np.searchsorted(knots, t, side="right") - 1, 0, len(knots) - 2)
-        valid = (t >= knots[0]) & (t <= knots[-1]) & self._sound[i][interval]
-        inside = np.clip(t, knots[0], knots[-1])
-        return spline(inside), spline(inside, nu=1), valid
-
-
 @dataclass(frozen=True, eq=False)
 class Refinement:
     """A local optimum of the shift."""
@@ -152,7 +101,7 @@ class Timing:
     """
 
     def __init__(self, pairs: Sequence[MotionPair], epoch: float = 0.0) -> None:
-        self.curve = ReferenceCurve([p.reference for p in pairs])
+        self._fit_splines([p.reference for p in pairs])
         self.stamps = [np.asarray(p.observed.time) for p in pairs]
         self.elapsed = np.concatenate(self.stamps) - epoch
         labels = [
@@ -174,7 +123,42 @@ class Timing:
         timing : (p,) array, shift in s and, where there is one, drift in s/s
         """
         drift = timing[1] if len(timing) > 1 else 0.0
-        return self.curve.at([s - timing[0] - drift * (s - self.epoch) for s in self.stamps])
+        moved = [s - timing[0] - drift * (s - self.epoch) for s in self.stamps]
+        parts = [self._piece(i, t) for i, t in enumerate(moved)]
+        values, derivatives, valid = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return Sampled(values, derivatives, valid)
+
+    def _fit_splines(self, pieces: Sequence[Motion]) -> None:
+        """Put Akima splines through each piece of the reference: local, so a step disturbs its neighbourhood only.
+
+        Columns are centred and scaled to unit spread, for well-conditioned least squares; those that do not move are
+        left out.
+        """
+        stacked = np.concatenate([p.regressors for p in pieces])
+        centre, spread = stacked.mean(axis=0), stacked.std(axis=0)
+        moving = spread > STILL * max(float(spread.max()), np.finfo(float).tiny)
+        self.columns = int(moving.sum())
+        self._knots = [p.time for p in pieces]
+        # Intervals between knots that are no gap and whose slopes see none.
+        gaps = [np.diff(p.time) > default_max_gap(p.time) for p in pieces]
+        near = [np.convolve(gap, np.ones(2 * REACH + 1), mode="full")[REACH : REACH + len(gap)] for gap in gaps]
+        self._sound = [found == 0 for found in near]
+        unit = np.where(moving, spread, 1.0)
+        self._splines = [
+            Akima1DInterpolator(p.time, ((p.regressors - centre) / unit)[:, moving]) if len(p) >= MIN_KNOTS else None
+            for p in pieces
+        ]
+
+    def _piece(self, i: int, t: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Return values, derivatives and validity of a piece of the reference at its times (n,)."""
+        spline, knots = self._splines[i], self._knots[i]
+        if spline is None or not len(t):
+            blank = np.zeros((len(t), self.columns))
+            return blank, blank, np.zeros(len(t), dtype=np.bool_)
+        interval = np.clip(np.searchsorted(knots, t, side="right") - 1, 0, len(knots) - 2)
+        valid = (t >= knots[0]) & (t <= knots[-1]) & self._sound[i][interval]
+        inside = np.clip(t, knots[0], knots[-1])
+        return spline(inside), spline(inside, nu=1), valid
 
     def enough(self, valid: BoolArray) -> bool:
         """Whether the samples in common outnumber the unknowns safely.
@@ -183,7 +167,7 @@ class Timing:
         ----------
         valid : (n,) bool array
         """
-        return int(valid.sum()) >= 3 * (self.curve.columns + 2) + MIN_BLOCKS
+        return int(valid.sum()) >= 3 * (self.columns + 2) + MIN_BLOCKS
 
     def refine(self, start: FloatArray, bracket: float) -> Refinement | None:
         """Gauss-Newton on the timing with Huber weights from `start`, at most `bracket` s away.
@@ -276,7 +260,7 @@ class Timing:
         residual = np.zeros(self.target.shape)
         residual[valid] = linear.residual
         covariance, dof = sandwich(score_rows, hessian_rows.sum(axis=0))
-        covariance *= lost_freedom(np.clip(linear.residual / linear.scale, -HUBER, HUBER), self.curve.columns + 1)
+        covariance *= lost_freedom(np.clip(linear.residual / linear.scale, -HUBER, HUBER), self.columns + 1)
         target, weight = self.target[valid], linear.weight[:, None]
         spread = float(np.sum(weight * (target - np.average(target, axis=0, weights=linear.weight)) ** 2))
         explained = 1.0 - float(np.sum(weight * linear.residual**2)) / spread if spread > 0 else 0.0
