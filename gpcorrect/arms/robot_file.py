@@ -279,7 +279,7 @@ def _home(model: Any, found: ArmPath) -> FloatArray:
     keys = [model.key(k).name for k in range(model.nkey)]
     rest = model.key_qpos[keys.index(HOME)] if HOME in keys else model.qpos0
     limits = np.array([_limits(model, j) for j in found.joint_ids])
-    return np.clip(rest[model.jnt_qposadr[list(found.joint_ids)]], *limits.T)
+    return np.asarray(np.clip(rest[model.jnt_qposadr[list(found.joint_ids)]], *limits.T))
 
 
 def _links(model: Any, found: ArmPath) -> tuple[Link, ...]:

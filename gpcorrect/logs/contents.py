@@ -106,7 +106,7 @@ def _of_take(title: str, take: Take) -> Contents:
 def _of_log(title: str, log: CalibrationLog) -> Contents:
     """Columns of a table: those of signals with native names, and all others."""
     parts = []
-    for name, values in (signal_columns(log) | log.extra).items():
+    for name, values in {**signal_columns(log), **log.extra}.items():
         known = values[np.isfinite(values)]
         span = f"{known.min():.6g}..{known.max():.6g}" if known.size else ""
         parts.append(Part(name, "column", int(known.size), span))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from gpcorrect.errors import GpCorrectError, LogError, MissingExtraError
 from gpcorrect.logs.columns import ReadSettings
@@ -55,7 +55,8 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     return replace(log, meta=meta, remarks=(*remarks, *log.remarks))
 
 
-class Topic(NamedTuple):
+@dataclass(frozen=True)
+class Topic:
     """A topic of a recording: its type of message, how many there are, and how many a second."""
 
     name: str

@@ -149,4 +149,4 @@ class Camera:
             Of any length.
         """
         d: FloatArray = np.asarray(local).reshape(-1, 3) @ self.T_camera_tracker[:3, :3]
-        return d / np.linalg.norm(d, axis=1, keepdims=True)
+        return np.asarray(d / np.linalg.norm(d, axis=1, keepdims=True))

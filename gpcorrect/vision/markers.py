@@ -76,7 +76,7 @@ def _round(answer: Image, u: IntArray, v: IntArray) -> FloatArray:
     good = (trace - root) > SETTINGS.marker_roundness * (trace + root)
     x = u + 0.5 * (right - left) / np.maximum(xx, 1e-6)
     y = v + 0.5 * (down - up) / np.maximum(yy, 1e-6)
-    return np.stack([x, y, at], axis=1)[good].astype(np.float64)
+    return np.asarray(np.stack([x, y, at], axis=1)[good], dtype=np.float64)
 
 
 def match_blobs(

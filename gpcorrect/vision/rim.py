@@ -101,7 +101,7 @@ def _rim_points(image: Image, circle: FloatArray, reach: float, settings: BallSe
     offset = np.where(bend < -1e-9, 0.5 * (before - after) / np.where(bend < -1e-9, bend, 1.0), 0.0)
     at = r[0] + settings.step_px * (peak + 0.5 + np.clip(offset, -1.0, 1.0))
     good = (contrast > settings.contrast) & (top > settings.least_slope) & inside
-    return np.stack([u + at * cos[:, 0], v + at * sin[:, 0]], axis=1)[good].astype(np.float64)
+    return np.asarray(np.stack([u + at * cos[:, 0], v + at * sin[:, 0]], axis=1)[good], dtype=np.float64)
 
 
 def _towards_ball(colours: FloatArray, r: FloatArray, radius: float, half: float) -> tuple[FloatArray, FloatArray]:

@@ -137,7 +137,7 @@ class Evidence:
     @cached_property
     def known(self) -> dict[str, BoolArray]:
         """(n,) mask of rows in which every number of a signal is present."""
-        return {name: np.isfinite(table).all(axis=1) for name, table in self.tables.items()}
+        return {name: np.asarray(np.isfinite(table).all(axis=1)) for name, table in self.tables.items()}
 
     @cached_property
     def positions(self) -> dict[str, FloatArray]:
