@@ -43,8 +43,7 @@ def require_new(path: str | Path) -> None:
 
     Parameters
     ----------
-    path : str or Path
-        The file or folder to come.
+    path : str or Path, the file or folder to come
 
     Raises
     ------

@@ -32,8 +32,7 @@ def pack(value: Any, prefix: str) -> tuple[Any, Arrays]:
     Parameters
     ----------
     value : Any
-    prefix : str
-        Under which the arrays are named.
+    prefix : str, under which the arrays are named
     """
     if isinstance(value, np.ndarray):
         return ARRAY + prefix, {prefix: value}
@@ -63,10 +62,8 @@ def unpack(hint: type[T], data: Any, arrays: Mapping[str, Any]) -> T:
     Parameters
     ----------
     hint : type
-    data : JSON-able
-        From :func:`pack`.
-    arrays : mapping
-        Likewise.
+    data : JSON-able, from :func:`pack`
+    arrays : mapping, likewise
 
     Raises
     ------

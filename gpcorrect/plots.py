@@ -27,8 +27,7 @@ def write_board(path: str | Path, columns: int, rows: int, square: float, paper:
     path : str or Path, ends in .pdf
     columns, rows : int, inner corners
     square : float, side of a square, m
-    paper : str
-        One of `PAPERS`.
+    paper : str, one of `PAPERS`
 
     Raises
     ------

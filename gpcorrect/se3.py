@@ -140,8 +140,7 @@ def quaternion_angle(first: FloatArray, second: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    first, second : (..., 4) arrays
-        Not zero; normalised first.
+    first, second : (..., 4) arrays, not zero; normalised first
     """
     q, r = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in (first, second))
     aligned = np.where((q * r).sum(axis=-1) < 0, -1.0, 1.0)[..., None] * r

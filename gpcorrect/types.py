@@ -27,8 +27,7 @@ class Progress:
         Parameters
         ----------
         stage : str
-        done : float
-            Finished fraction, 0 to 1.
+        done : float, finished fraction, 0 to 1
         """
 
 
@@ -38,8 +37,7 @@ def frozen_array(value: ArrayLike, dtype: type = np.float64) -> NDArray[Any]:
     Parameters
     ----------
     value : array_like
-    dtype : type
-        Of the copy; float64 by default.
+    dtype : type, of the copy; float64 by default
     """
     array: NDArray[Any] = np.array(value, dtype=dtype)
     array.setflags(write=False)
@@ -241,8 +239,7 @@ class CalibrationLog:
 
         Parameters
         ----------
-        rows : array or slice
-            Flags (n,), row numbers, or a range.
+        rows : array or slice, flags (n,), row numbers, or a range
         """
         values: dict[str, Any] = {n: getattr(self, n)[rows] for n in ("time", "trajectory", "session", *self.signals)}
         return replace(self, extra={k: v[rows] for k, v in self.extra.items()}, **values)

@@ -35,8 +35,7 @@ def segment_labels(
     Parameters
     ----------
     time : (n,) array, seconds
-    trajectory : (n,) int array
-        Which motion a sample belongs to.
+    trajectory : (n,) int array, which motion a sample belongs to
     keep : (n,) bool array, optional
         False for a rejected or missing sample, which breaks the run; all are used by default.
     max_gap : float, optional
@@ -71,8 +70,7 @@ def derivative(time: ArrayLike, values: ArrayLike, labels: ArrayLike, step: floa
     ----------
     time : (n,) array
         Seconds, strictly increasing inside a label.
-    values : (n, k) array
-        What to differentiate.
+    values : (n, k) array, what to differentiate
     labels : (n,) int array
         Runs, as from :func:`segment_labels`; -1 belongs to none.
     step : float, optional
@@ -161,8 +159,7 @@ class CausalTwist:
 
         Parameters
         ----------
-        time : float
-            Seconds, later than the sample before.
+        time : float, seconds, later than the sample before
         position : (3,) array, metres
         rotation : (3, 3) array, optional
             Rotation matrix; without it the angular part is NaN.

@@ -130,8 +130,7 @@ class Chain:
         Parameters
         ----------
         q : (..., dof) array, joint values, rad and m
-        margin : float
-            Added to both limits, rad or m.
+        margin : float, added to both limits, rad or m
         """
         values, limits = self.joint_values(q), self.limits
         inside = (values >= limits[:, 0] - margin) & (values <= limits[:, 1] + margin)
@@ -282,8 +281,7 @@ class Chain:
         ----------
         T : (n, 4, 4) array, tip poses in the base frame
         start : (n, dof) array, joint values, rad and m
-        length : float
-            m that weigh as much as one radian.
+        length : float, m that weigh as much as one radian
 
         Returns
         -------

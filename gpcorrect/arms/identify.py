@@ -43,10 +43,8 @@ def identify_chain(q: FloatArray, T: FloatArray, types: str) -> Chain:
     Parameters
     ----------
     q : (n, dof) array, joints, rad and m
-    T : (n, 4, 4) array
-        Poses that were computed from them.
-    types : str
-        "R" or "P" for each joint.
+    T : (n, 4, 4) array, poses that were computed from them
+    types : str, "R" or "P" for each joint
 
     Raises
     ------

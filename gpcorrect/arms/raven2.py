@@ -88,8 +88,7 @@ def raven2(side: Side, instrument: Raven2Tool = RAVEN_TOOL, tool: ArrayLike | No
 
     Parameters
     ----------
-    side : "left" or "right"
-        The gold or the green arm.
+    side : "left" or "right", the gold or the green arm
     instrument : Raven2Tool
     tool : (4, 4) array, optional
         Tip in frame 6; frame 6 itself by default.

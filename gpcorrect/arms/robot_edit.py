@@ -126,8 +126,7 @@ class RobotEdit:
         Parameters
         ----------
         joint : int, number on the arm, from 1
-        end : str
-            "upper" or "lower".
+        end : str, "upper" or "lower"
         limit : float, joint value, rad or m
         """
         found = self._joint(joint)

@@ -64,12 +64,14 @@ def contents_of(path: str | Path) -> Contents:
 
 def _listed(found: Format, path: Path, settings: ReadSettings) -> Contents:
     if found.read is rosbag.read:
-        return _of_bag(found.title, path)
-    recorded = found.read(path, settings)
-    return _of_take(found.title, recorded) if isinstance(recorded, Take) else _of_log(found.title, recorded)
+        parts, mapping = _of_bag(path)
+    else:
+        recorded = found.read(path, settings)
+        parts, mapping = _of_take(recorded) if isinstance(recorded, Take) else _of_log(recorded)
+    return Contents(found.title, tuple(parts), mapping)
 
 
-def _of_bag(title: str, path: Path) -> Contents:
+def _of_bag(path: Path) -> tuple[list[Part], str]:
     listed, tree = rosbag.topics_of(path)
     parts = [Part(t.name, t.msgtype, t.count, f"{t.rate:.4g} Hz" if t.rate else "") for t in listed]
     parts += [Part(name, "transform", count) for name, count in tree.items()]
@@ -79,38 +81,39 @@ def _of_bag(title: str, path: Path) -> Contents:
     except LogError:  # several robots or trackers: the user is to choose
         chosen = {}
     if "raven_state" in chosen:
-        return Contents(title, tuple(parts), '[bag]\narm = "left"  # or "right"\n')
+        return parts, '[bag]\narm = "left"  # or "right"\n'
     lines = ["[bag.topics]", *(f"{kind} = {quoted(topic)}" for kind, topic in chosen.items())]
     for part in parts:
         moving = part.kind in POSE_TYPES or part.kind == "transform"
         if part.name not in chosen.values() and (moving or part.kind in JOINT_TYPES):
             kind = "tracker_cp" if moving else "measured_js"
             lines.append(f"# {kind} = {quoted(part.name)}")
-    return Contents(title, tuple(parts), "\n".join(lines) + "\n")
+    return parts, "\n".join(lines) + "\n"
 
 
-def _of_take(title: str, take: Take) -> Contents:
-    seen = {name: int(np.isfinite(body.pose.position).all(axis=1).sum()) for name, body in take.bodies.items()}
-    parts = [Part(name, "body", count) for name, count in seen.items()]
-    counts = {name: int(np.isfinite(p).all(axis=1).sum()) for name, p in take.markers.items()}
-    parts += [Part(name, "marker", count) for name, count in counts.items()]
-    labelled = [name for name, count in counts.items() if count and name not in take.others]
+def _of_take(take: Take) -> tuple[list[Part], str]:
+    def _seen(points: FloatArray) -> int:
+        return int(np.isfinite(points).all(axis=1).sum())
+
+    markers = [Part(name, "marker", _seen(points)) for name, points in take.markers.items()]
+    parts = [*(Part(name, "body", _seen(body.pose.position)) for name, body in take.bodies.items()), *markers]
+    labelled = [part.name for part in markers if part.samples and part.name not in take.others]
     groups = [name for name, markers in bodies_of(labelled).items() if name and len(markers) >= 3]
     bodies = list(take.bodies) or (groups if len(groups) > 1 else [])
     lines = [f"{'# ' if k else ''}body = {quoted(name)}" for k, name in enumerate(bodies)]
     if not bodies:
         lines = [f"markers = [{', '.join(quoted(name) for name in labelled)}]"]
-    return Contents(title, tuple(parts), "\n".join(["[mocap]", *lines]) + "\n")
+    return parts, "\n".join(["[mocap]", *lines]) + "\n"
 
 
-def _of_log(title: str, log: CalibrationLog) -> Contents:
+def _of_log(log: CalibrationLog) -> tuple[list[Part], str]:
     """Columns of a table: those of signals with native names, and all others."""
     parts = []
     for name, values in {**signal_columns(log), **log.extra}.items():
         known = values[np.isfinite(values)]
         span = f"{known.min():.6g}..{known.max():.6g}" if known.size else ""
         parts.append(Part(name, "column", int(known.size), span))
-    return Contents(title, tuple(parts), _propose_columns(dict(log.extra)))
+    return parts, _propose_columns(log.extra)
 
 
 CLOCK = re.compile(r"time|stamp|^t$|^sec|nsec|nanosec", re.IGNORECASE)

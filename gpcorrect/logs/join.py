@@ -31,8 +31,7 @@ def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "
 
     Parameters
     ----------
-    logs : sequence of CalibrationLog
-        At least one.
+    logs : sequence of CalibrationLog, at least one
     sessions : {"renumber", "keep"}
         Number sessions anew, each log its own; or keep the numbers, when they mean the same in every log.
 
@@ -143,8 +142,7 @@ def with_tracker(robot: CalibrationLog, take: CalibrationLog, ahead: float | Non
     ----------
     robot : CalibrationLog
         Without a tracker; its clock runs through all trajectories.
-    take : CalibrationLog
-        With `tracker_cp`.
+    take : CalibrationLog, with `tracker_cp`
     ahead : float, optional
         Seconds by which the take's stamps run ahead of the robot's. Found from the motion when not given, wherever the
         two clocks begin; a lag of the robot behind its command is part of what is found where the robot reports no

@@ -100,8 +100,7 @@ def read_log(
         Topic of the outside tracker's pose; "" for none.
     arm : {"left", "right"}, optional
         Which arm of a recording of RAVEN-II state messages.
-    max_bytes : int
-        Largest table to read into memory.
+    max_bytes : int, largest table to read into memory
     disorder : {"refuse", "drop", "keep"}
         What to do about time that does not increase inside a trajectory: raise, leave the samples out, or
         keep them, which is for looking at a recording only.

@@ -12,8 +12,7 @@ from gpcorrect import se3
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs.order import Disorder, rising
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, frozen_array
-
-GAP_STEPS = 5.0  # the same rule as gpcorrect.velocity: five median steps without a sample are a gap
+from gpcorrect.velocity import GAP_STEPS
 
 BASE_ORDER = ("tracker_cp", "setpoint_cp", "setpoint_jp")
 
@@ -64,8 +63,7 @@ class Stream:
 
         Parameters
         ----------
-        seconds : float
-            Of either sign.
+        seconds : float, of either sign
         """
         return replace(self, stamp=self.stamp + seconds)
 
@@ -161,13 +159,11 @@ def combine(
 
     Parameters
     ----------
-    streams : sequence of Stream
-        At most one for a signal.
+    streams : sequence of Stream, at most one for a signal
     base : str, optional
         Name of the stream whose samples become the rows; tracker_cp, else setpoint_cp, else setpoint_jp, else
         the fastest one.
-    max_gap : float, optional
-        See :func:`interpolate`.
+    max_gap : float, optional, see :func:`interpolate`
     shifts : mapping of name to float, optional
         Seconds to add to the stamps of a stream, where its clock differs.
     disorder : {"refuse", "drop", "keep"}

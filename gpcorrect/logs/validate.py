@@ -106,12 +106,9 @@ def refuse_misread(
 
     Parameters
     ----------
-    log : CalibrationLog
-        To learn from or measure on.
-    learned : collection of str
-        Signals that matter, beside time.
-    as_is : bool
-        Refuse nothing; return all errors.
+    log : CalibrationLog, to learn from or measure on
+    learned : collection of str, signals that matter, beside time
+    as_is : bool, refuse nothing; return all errors
 
     Raises
     ------

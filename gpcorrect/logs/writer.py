@@ -56,8 +56,7 @@ def write_log(log: CalibrationLog, path: str | Path) -> None:
     Parameters
     ----------
     log : CalibrationLog
-    path : str or Path
-        Ends in .csv or .parquet.
+    path : str or Path, ends in .csv or .parquet
 
     Raises
     ------

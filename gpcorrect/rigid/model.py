@@ -73,8 +73,7 @@ class RigidModel:
 
         Parameters
         ----------
-        observed : PoseSignal
-            Poses in the observer's frame.
+        observed : PoseSignal, poses in the observer's frame
 
         Raises
         ------
@@ -92,8 +91,7 @@ class RigidModel:
 
         Parameters
         ----------
-        command : PoseSignal
-            Poses in the command's frame.
+        command : PoseSignal, poses in the command's frame
 
         Raises
         ------
@@ -147,8 +145,7 @@ class RigidModel:
 
         Parameters
         ----------
-        data : mapping
-            From :meth:`to_dict`.
+        data : mapping, from :meth:`to_dict`
 
         Raises
         ------
@@ -171,8 +168,7 @@ def pose_residual(reference: PoseSignal, command: PoseSignal) -> FloatArray:
     Parameters
     ----------
     reference : PoseSignal, n poses
-    command : PoseSignal
-        n poses in the same frame.
+    command : PoseSignal, n poses in the same frame
 
     Raises
     ------

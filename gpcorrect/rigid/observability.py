@@ -96,8 +96,7 @@ def rotation_observability(observed: PoseSignal, command: PoseSignal) -> Observa
     ----------
     observed : PoseSignal
         Poses of the marker in the tracker frame.
-    command : PoseSignal
-        Poses of the tip in the base frame.
+    command : PoseSignal, poses of the tip in the base frame
     """
     if observed.quaternion is None:
         return None

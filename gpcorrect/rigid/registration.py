@@ -76,8 +76,7 @@ def fit_position(observed: PoseSignal, command: PoseSignal, *, weights: FloatArr
     ----------
     observed : PoseSignal
         Poses of the marker in the tracker frame.
-    command : PoseSignal
-        Poses of the tip in the base frame.
+    command : PoseSignal, poses of the tip in the base frame
     weights : (n,) array, optional
         Non-negative weight of each sample; equal when not given.
 

@@ -110,8 +110,7 @@ def register(
 
     Parameters
     ----------
-    observed, command : PoseSignal
-        n samples each, all finite.
+    observed, command : PoseSignal, n samples each, all finite
     trajectory : (n,) int array
     marker : {"none", "solve", "auto"}
         Whether the marker may be another point of the tool than its tip.

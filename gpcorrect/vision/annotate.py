@@ -34,8 +34,7 @@ def annotated(frame: Frame, images: Sequence[Image | None], cameras: Sequence[Ca
     Parameters
     ----------
     frame : Frame
-    images : sequence of (height, width, 3) uint8 arrays
-        One a camera; None where there is none.
+    images : sequence of (height, width, 3) uint8 arrays, one a camera; None where there is none
     cameras : sequence of Camera
     target : Target
     """

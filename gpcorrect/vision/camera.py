@@ -66,8 +66,7 @@ class Intrinsics:
 
         Parameters
         ----------
-        local : (n, 3) array
-            x right, y down, z forward, m.
+        local : (n, 3) array, x right, y down, z forward, m
         """
         points = np.ascontiguousarray(local, dtype=np.float64).reshape(-1, 1, 3)
         if not points.size:
@@ -145,8 +144,7 @@ class Camera:
 
         Parameters
         ----------
-        local : (n, 3) array
-            Of any length.
+        local : (n, 3) array, of any length
         """
         d: FloatArray = np.asarray(local).reshape(-1, 3) @ self.T_camera_tracker[:3, :3]
         return np.asarray(d / np.linalg.norm(d, axis=1, keepdims=True))

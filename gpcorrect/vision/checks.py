@@ -46,8 +46,7 @@ def check_fit(
 
     Parameters
     ----------
-    frames : sequence (frames) of sequence (cameras) of pictures
-        A few, spread over the recording.
+    frames : sequence (frames) of sequence (cameras) of pictures, a few, spread over the recording
     cameras : sequence of Camera, in the order of the pictures
     target : Target
     names : sequence of str

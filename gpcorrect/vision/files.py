@@ -168,8 +168,7 @@ def read_cameras(path: str | Path) -> tuple[Camera, ...]:
 
     Parameters
     ----------
-    path : str or Path
-        JSON, or TOML by its ending.
+    path : str or Path, JSON, or TOML by its ending
 
     Raises
     ------
@@ -215,8 +214,7 @@ def read_target(path: str | Path) -> Target:
 
     Parameters
     ----------
-    path : str or Path
-        JSON, or TOML by its ending.
+    path : str or Path, JSON, or TOML by its ending
 
     Raises
     ------

@@ -100,8 +100,7 @@ class PoseFilter:
         Parameters
         ----------
         time : float, seconds, increasing
-        T_tracker_tool : (4, 4) array, optional
-            The measured pose.
+        T_tracker_tool : (4, 4) array, optional, the measured pose
         covariance : (6, 6) array, optional
             Of position and rotation vector; a tenth of a millimetre and 3 mrad when absent.
         found_anew : bool
@@ -119,21 +118,17 @@ class PoseFilter:
         dt, self._time = time - self._time, time
         noise = np.diag(USUAL_STD**2) if covariance is None else covariance
         if self._kalman is not None:
-            self._predict(self._kalman, dt)
+            F = np.eye(2 * POSE)
+            F[:POSE, POSE:] = dt * np.eye(POSE)
+            variances = np.diag([self.settings.acceleration**2] * 3 + [self.settings.angular_acceleration**2] * 3)
+            self._kalman.predict(F=F, Q=np.kron(Q_discrete_white_noise(dim=2, dt=dt, var=1.0), variances))
+            self._fold(self._kalman)
         if T_tracker_tool is not None and self._believed(T_tracker_tool, noise, found_anew):
             self._seen = time
             return self._estimate(Status.MEASURED)
         if time - self._seen > self.settings.coast:
             self._kalman = None
         return self._estimate(Status.COASTING)
-
-    def _predict(self, kalman: KalmanFilter, dt: float) -> None:
-        F = np.eye(2 * POSE)
-        F[:POSE, POSE:] = dt * np.eye(POSE)
-        block = Q_discrete_white_noise(dim=2, dt=dt, var=1.0)
-        variances = np.diag([self.settings.acceleration**2] * 3 + [self.settings.angular_acceleration**2] * 3)
-        kalman.predict(F=F, Q=np.kron(block, variances))
-        self._fold(kalman)
 
     def _believed(self, T: FloatArray, noise: FloatArray, found_anew: bool) -> bool:
         """Take a measurement in, unless it is too far off to be true; a refusal that repeats starts the filter anew."""

@@ -48,11 +48,9 @@ def poses_from_board(
 
     Parameters
     ----------
-    corners : (n, 2) array
-        Of the board, px.
+    corners : (n, 2) array, of the board, px
     board : Chessboard
-    T_tracker_board : (4, 4) array
-        Its place, m.
+    T_tracker_board : (4, 4) array, its place, m
     lens : Intrinsics
 
     Returns

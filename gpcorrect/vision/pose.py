@@ -116,8 +116,7 @@ def pose_closed_form(points: FloatArray, places: FloatArray) -> PoseFit:
     ----------
     points : (b, 3) array
         Centres of the balls, tracker frame, m; at least three.
-    places : (b, 3) array
-        The same in the tool frame.
+    places : (b, 3) array, the same in the tool frame
 
     Raises
     ------

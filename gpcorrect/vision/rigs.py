@@ -21,8 +21,7 @@ def rig_text(folders: Sequence[Path], board: Chessboard, beside: Path) -> str:
 
     Parameters
     ----------
-    folders : sequence of Path
-        One a camera, named as the camera.
+    folders : sequence of Path, one a camera, named as the camera
     board : Chessboard
     beside : Path
         Folder of the rig file: pictures are named from there.

@@ -83,8 +83,7 @@ def triangulate(cameras: Sequence[Camera], rays: FloatArray, covariances: FloatA
 
     Parameters
     ----------
-    cameras : sequence of k Camera
-        That see the point; at least two.
+    cameras : sequence of k Camera, that see the point; at least two
     rays : (k, 2) array
         Undistorted places, on the plane one unit before each lens (:meth:`Intrinsics.normalised` of pixels).
     covariances : (k, 2, 2) array, optional

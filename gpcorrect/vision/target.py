@@ -47,13 +47,12 @@ class Colour:
             Hue, saturation and value as OpenCV has them.
         """
         floor = (255 * self.saturation, 255 * self.value)
-        mask = None
+        mask = np.zeros(hsv.shape[:2], np.uint8)
         for shift in (-TURN, 0.0, TURN):  # a range may cross hue zero
             first = max(self.hue - self.tolerance + shift, 0.0) / 2
             last = min(self.hue + self.tolerance + shift, TURN - 1e-9) / 2
             if first <= last:
-                part = cv2.inRange(hsv, (first, *floor), (last, 255, 255))
-                mask = part if mask is None else cv2.bitwise_or(mask, part)
+                mask |= cv2.inRange(hsv, (first, *floor), (last, 255, 255))
         return mask
 
 

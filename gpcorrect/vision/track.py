@@ -86,8 +86,7 @@ class Track:
         Parameters
         ----------
         target : Target
-        remarks : sequence of str
-            Of the recording, for the log's notes.
+        remarks : sequence of str, of the recording, for the log's notes
         name : str
         """
         position = self.T_tracker_tool[:, :3, 3]
@@ -140,14 +139,10 @@ class TrackResult:
 
     def log_without_predictions(self) -> CalibrationLog:
         """Return the log with `tracker_cp` only where it was measured: coasting rows are empty too."""
-        assert self.log.tracker_cp is not None
-        measured = (self.track.status == 0)[:, None]
-        quaternion = self.log.tracker_cp.quaternion
-        signal = PoseSignal(
-            np.where(measured, self.log.tracker_cp.position, np.nan),
-            None if quaternion is None else np.where(measured, quaternion, np.nan),
-        )
-        return replace(self.log, tracker_cp=signal)
+        seen, measured = self.log.tracker_cp, (self.track.status == 0)[:, None]
+        assert seen is not None
+        quaternion = None if seen.quaternion is None else np.where(measured, seen.quaternion, np.nan)
+        return replace(self.log, tracker_cp=PoseSignal(np.where(measured, seen.position, np.nan), quaternion))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON of `gpcorrect vision track`."""
@@ -279,17 +274,18 @@ def _interruptions(sources: Sequence[Source], frames: int) -> list[str]:
 
 def _doubts(whole: Track, cameras: Sequence[Camera], target: Target, often: float) -> list[str]:
     """Name cameras that contradict the others, and balls that were hardly seen."""
-    remarks = []
     against = (whole.views == REASONS.index(Reason.AGAINST_OTHERS)).mean(axis=(0, 2))
-    for camera, part in zip(cameras, against, strict=True):
-        if part > often:
-            remarks.append(
-                f"Camera {camera.name} contradicts the others in {100 * part:.0f} % of its views: was it moved?"
-            )
     hidden = ((whole.views == 0).sum(axis=1) < 2).mean(axis=0)
-    for ball, part in zip(target.names, hidden, strict=True):
-        if part > often:
-            remarks.append(f"Ball {ball} is seen by fewer than two cameras in {100 * part:.0f} % of the frames.")
+    remarks = [
+        f"Camera {camera.name} contradicts the others in {100 * part:.0f} % of its views: was it moved?"
+        for camera, part in zip(cameras, against, strict=True)
+        if part > often
+    ]
+    remarks += [
+        f"Ball {ball} is seen by fewer than two cameras in {100 * part:.0f} % of the frames."
+        for ball, part in zip(target.names, hidden, strict=True)
+        if part > often
+    ]
     lost = int(np.count_nonzero(whole.status == STATUSES.index(Status.LOST)))
     if lost:
         remarks.append(f"The tool is lost in {lost} of {len(whole.time)} frames; these rows are empty.")

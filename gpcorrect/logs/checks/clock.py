@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, extent
-from gpcorrect.logs.streams import GAP_STEPS
 from gpcorrect.logs.sync import TimeOffset, log_offset
+from gpcorrect.velocity import GAP_STEPS
 
 MAX_JITTER = 0.25  # of the median step, between the 5th and 95th percentile: real clocks stay well below
 LONGEST_STEP = 600.0  # s; no one records a motion at a sample in ten minutes
@@ -19,7 +19,6 @@ FASTEST_CREEP = 5e-4  # m/s; a robot that was recorded moving is faster at times
 FASTEST_TURN = 5e-3  # rad/s of the fastest joint, of logs without poses: the slowest real log is faster by 40
 BUSY = 90.0  # per cent of speeds below the one that is looked at: up to a tenth may be faults of the tracker
 MIN_TRAVEL = 5e-3  # m or rad; below it speeds are not looked at
-JOINTS = ("setpoint_jp", "measured_jp", "external_jp")
 SHORT = 10  # samples of a trajectory; a five-point derivative then rests on one-sided ends
 SERVO = (("measured_cp", "setpoint_cp"), ("measured_jp", "setpoint_jp"))
 SAME_CLOCK = ("measured_cp", "measured_jp")  # stamped by the robot, as its commands are
@@ -74,12 +73,8 @@ def _creeps(evidence: Evidence) -> bool:
     moves = [evidence.positions[name] for name in evidence.log.POSES if name in evidence.present]
     limit = FASTEST_CREEP if moves else FASTEST_TURN
     if not moves:
-        moves = [
-            evidence.tables[n][:, [j]]
-            for n in JOINTS
-            if n in evidence.present
-            for j in range(evidence.tables[n].shape[1])
-        ]
+        joints = [n for n in JOINT_POSITIONS if n in evidence.present]
+        moves = [column[:, None] for n in joints for column in evidence.tables[n].T]
     speeds = [evidence.speed(values) for values in moves if extent(values) > MIN_TRAVEL]
     known = [s[np.isfinite(s)] for s in speeds]
     return bool(known) and all(len(s) and np.percentile(s, BUSY) < limit for s in known)

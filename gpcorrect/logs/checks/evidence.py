@@ -18,6 +18,7 @@ from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, Pos
 
 Severity = Literal["error", "warning", "info"]
 
+JOINT_POSITIONS = ("setpoint_jp", "measured_jp", "external_jp")
 EXAMPLES = 5  # rows named in a finding
 MIN_CORRELATION = 0.8  # of ranks: two signals of one joint agree at least so well, whatever their units
 MIN_PAIRED = 20  # samples, below which two signals are not compared; chosen by hand

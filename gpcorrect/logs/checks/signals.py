@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, runs
+from gpcorrect.logs.checks.evidence import JOINT_POSITIONS, Evidence, Finding, Severity, check, runs
 from gpcorrect.logs.copies import OUTSIDE, stretches
 from gpcorrect.logs.mocap.tool import RIGIDITY, typical_misfit
 from gpcorrect.logs.sync import REFERENCES
@@ -157,7 +157,7 @@ def _displaced(evidence: Evidence, reference: str, run: IntArray) -> bool:
 @check
 def _speed(evidence: Evidence) -> Iterator[Finding]:
     """Find motions faster than an arm is."""
-    for name in (*evidence.log.POSES, "setpoint_jp", "measured_jp", "external_jp"):
+    for name in (*evidence.log.POSES, *JOINT_POSITIONS):
         if name not in evidence.present:
             continue
         if name in evidence.log.POSES:

@@ -6,7 +6,16 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, extent, spread, spread_ratio
+from gpcorrect.logs.checks.evidence import (
+    JOINT_POSITIONS,
+    Evidence,
+    Finding,
+    Severity,
+    check,
+    extent,
+    spread,
+    spread_ratio,
+)
 from gpcorrect.types import FloatArray
 
 WIDEST = 5.0  # m; no arm here reaches so far, and 5 mm is less than any workspace in millimetres
@@ -17,7 +26,6 @@ FULL_TURN = 2 * np.pi  # rad; surgical wrists turn less
 LONGEST = 5.0  # m, of a prismatic joint
 POSITION_PAIRS = (("tracker_cp", "setpoint_cp"), ("tracker_cp", "measured_cp"), ("measured_cp", "setpoint_cp"))
 JOINT_PAIRS = (("measured_jp", "setpoint_jp"), ("external_jp", "setpoint_jp"), ("external_jp", "measured_jp"))
-POSITIONS_OF_JOINTS = ("setpoint_jp", "measured_jp", "external_jp")
 BEYOND = {"R": np.deg2rad(1.0), "P": 1e-3}  # encoders and servo overshoot pass soft limits by less
 SHOWN = {"R": (np.rad2deg(1.0), "deg"), "P": (1e3, "mm")}
 
@@ -57,7 +65,7 @@ def _joint_unit(evidence: Evidence) -> Iterator[Finding]:
 def _misread_joints(evidence: Evidence) -> dict[tuple[str, int], str]:
     """Why each suspicious (signal, joint index) is not in rad or m: by itself, or against another signal of it."""
     found: dict[tuple[str, int], str] = {}
-    for name in POSITIONS_OF_JOINTS:
+    for name in JOINT_POSITIONS:
         if name in evidence.present:
             found.update({(name, j): what for j, what in _too_wide(evidence, name)})
     for name, other in JOINT_PAIRS:
@@ -102,7 +110,7 @@ def _joint_limits(evidence: Evidence) -> Iterator[Finding]:
         return
     misread = _misread_joints(evidence)
     hint = "Check the arm's name in the sidecar, the joint order and the joint offsets."
-    for name in (n for n in POSITIONS_OF_JOINTS if n in evidence.present):
+    for name in (n for n in JOINT_POSITIONS if n in evidence.present):
         for j, q in enumerate(evidence.tables[name][:, : arm.dof].T):
             kind, (low, high) = arm.joint_types[j], arm.limits[j]
             beyond = np.maximum(np.maximum(low - q, q - high), 0.0)

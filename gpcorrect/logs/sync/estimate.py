@@ -52,8 +52,7 @@ def log_offset(log: CalibrationLog, observed: str | None = None, reference: str 
 
     Parameters
     ----------
-    log : CalibrationLog
-        Any; its stamps may be disordered.
+    log : CalibrationLog, any; its stamps may be disordered
     observed, reference : str, optional
         Signals to compare; by default the tracker with what the robot reports, else with the command, else
         joints alike.

@@ -80,8 +80,7 @@ class TimeOffset:
 
         Parameters
         ----------
-        time : (n,) array
-            By the observer's clock, s.
+        time : (n,) array, by the observer's clock, s
         """
         rate, epoch = (0.0, 0.0) if self.drift is None else (1e-6 * self.drift.ppm, self.drift.epoch)
         return self.offset + rate * (np.asarray(time, dtype=np.float64) - epoch)
