@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, extent
+from gpcorrect.logs.checks.evidence import JOINT_POSITIONS, Evidence, Finding, Severity, check, extent
 from gpcorrect.logs.sync import TimeOffset, log_offset
 from gpcorrect.velocity import GAP_STEPS
 
