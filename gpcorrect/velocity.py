@@ -27,10 +27,10 @@ GAP_STEPS = 5.0  # a step this many times the median one is a gap
 FIT_SAMPLES = 3  # a parabola needs three, however slow the stream
 
 
-def segment_labels(
-    time: ArrayLike, trajectory: ArrayLike, keep: ArrayLike | None = None, max_gap: float | None = None
-) -> IntArray:
+def segment_labels(time: ArrayLike, trajectory: ArrayLike, keep: ArrayLike | None = None) -> IntArray:
     """Label the unbroken runs of used samples inside one trajectory: 0, 1... in row order, -1 where not used.
+
+    A step longer than five times the trajectory's median one breaks the run.
 
     Parameters
     ----------
@@ -38,23 +38,22 @@ def segment_labels(
     trajectory : (n,) int array, which motion a sample belongs to
     keep : (n,) bool array, optional
         False for a rejected or missing sample, which breaks the run; all are used by default.
-    max_gap : float, optional
-        A longer time step, s, breaks the run; by default five times the trajectory's median step.
 
     Raises
     ------
     DataError
-        The arrays differ in length, a time is not finite, or `max_gap` is not positive.
+        The arrays differ in length, or a time is not finite.
     """
     t, motion = np.asarray(time, dtype=np.float64), np.asarray(trajectory)
     used: BoolArray = np.ones(t.shape, dtype=bool) if keep is None else np.asarray(keep, dtype=bool)
     if t.ndim != 1 or motion.shape != t.shape or used.shape != t.shape:
         raise DataError(f"time, trajectory and keep must be (n,) each, got {t.shape}, {motion.shape}, {used.shape}.")
-    if max_gap is not None and not max_gap > 0:
-        raise DataError(f"max_gap must be positive seconds, got {max_gap}.")
     if not np.isfinite(t).all():
         raise DataError(f"time of sample {int(np.argmin(np.isfinite(t)))} is not finite.")
-    longest = _default_gaps(t, motion) if max_gap is None else np.full(t.shape, max_gap)
+    longest, inside = np.full(t.shape, np.inf), np.flatnonzero(motion[1:] == motion[:-1]) + 1
+    for number in np.unique(motion[inside]):
+        rows = inside[motion[inside] == number]
+        longest[motion == number] = GAP_STEPS * np.median(t[rows] - t[rows - 1])
     follows = used[1:] & used[:-1] & (motion[1:] == motion[:-1]) & (np.diff(t) <= longest[1:])
     starts = used & ~np.concatenate([np.zeros(min(1, t.size), dtype=bool), follows])
     return np.where(used, np.cumsum(starts) - 1, -1)
@@ -195,16 +194,6 @@ class CausalTwist:
             raise DataError(f"time must advance: {time} s came after {self._past[-1][0]} s.")
 
 
-def _default_gaps(time: FloatArray, trajectory: IntArray) -> FloatArray:
-    """Longest step `(n,)` that is no gap: five medians of the steps of the sample's own trajectory."""
-    inside = np.flatnonzero(trajectory[1:] == trajectory[:-1]) + 1
-    gaps = np.full(time.shape, np.inf)
-    for number in np.unique(trajectory[inside]):
-        rows = inside[trajectory[inside] == number]
-        gaps[trajectory == number] = GAP_STEPS * np.median(time[rows] - time[rows - 1])
-    return gaps
-
-
 def _checked(
     time: ArrayLike, values: ArrayLike, labels: ArrayLike, step: float | None
 ) -> tuple[FloatArray, FloatArray, IntArray]:
@@ -224,7 +213,9 @@ def _checked(
 
 def _windows(time: FloatArray, labels: IntArray, step: float | None) -> Iterator[tuple[IntArray, IntArray]]:
     """Yield (rows (r,), their windows (r, m)) for each window size m that occurs, from 2 up, some rows at a time."""
-    first, stop = _run_bounds(labels)
+    begins = np.flatnonzero(np.concatenate([[True], labels[1:] != labels[:-1]])[: labels.size])
+    run = np.searchsorted(begins, np.arange(labels.size), side="right") - 1
+    first, stop = begins[run], np.append(begins[1:], labels.size)[run]  # of the run that every sample lies in
     inside = np.where(labels >= 0, stop - first, 0)
     low, high = (first, stop) if step is None else _spans(time, first, stop, step)
     dense = (inside > STENCIL) & (high - low > STENCIL) if step is not None else np.zeros(len(time), dtype=bool)
@@ -248,14 +239,6 @@ def _spans(time: FloatArray, first: IntArray, stop: IntArray, step: float) -> tu
     low = _nearest_row(time, middle - half, first, stop - 1)
     high = _nearest_row(time, middle + half, first, stop - 1)
     return low, high + 1
-
-
-def _run_bounds(labels: IntArray) -> tuple[IntArray, IntArray]:
-    """First row and one past the last row, `(n,)` each, of the run every sample lies in."""
-    begins = np.flatnonzero(np.concatenate([[True], labels[1:] != labels[:-1]])[: labels.size])
-    ends = np.append(begins[1:], labels.size)
-    run = np.searchsorted(begins, np.arange(labels.size), side="right") - 1
-    return begins[run], ends[run]
 
 
 def _spread_window(time: FloatArray, rows: IntArray, first: IntArray, stop: IntArray, step: float) -> IntArray:

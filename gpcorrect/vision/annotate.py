@@ -13,6 +13,7 @@ import numpy as np
 
 from gpcorrect.atomic import atomic_path, require_folder
 from gpcorrect.errors import GpCorrectError
+from gpcorrect.types import FloatArray
 from gpcorrect.vision.camera import Camera
 from gpcorrect.vision.filtering import Status
 from gpcorrect.vision.opencv import Image, cv2
@@ -44,7 +45,7 @@ def annotated(frame: Frame, images: Sequence[Image | None], cameras: Sequence[Ca
         tile = np.zeros((lens.height, lens.width, 3), np.uint8) if image is None else np.array(image)
         _draw_views(tile, frame, k, target)
         if frame.pose.status != Status.LOST and target.has_pose:
-            _draw_axes(tile, frame, camera)
+            _draw_axes(tile, frame.pose.T_tracker_tool, camera)
         title = f"{camera.name}  {frame.time:.2f} s  {frame.pose.status}" + ("  no picture" if image is None else "")
         _write(tile, title, (8, 20), STATUS_INK[frame.pose.status])
         tiles.append(tile)
@@ -110,8 +111,7 @@ def _draw_views(tile: Image, frame: Frame, camera: int, target: Target) -> None:
             row -= 18
 
 
-def _draw_axes(tile: Image, frame: Frame, camera: Camera) -> None:
-    T = frame.pose.T_tracker_tool
+def _draw_axes(tile: Image, T: FloatArray, camera: Camera) -> None:
     pixels = camera.project(T[:3, 3] + AXIS_LENGTH * np.vstack([np.zeros(3), T[:3, :3].T]))
     if not np.isfinite(pixels).all() or np.abs(pixels).max() > 1e5:
         return

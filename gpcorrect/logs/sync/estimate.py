@@ -286,9 +286,7 @@ def _with_drift(
     """Fit a drift too where one clock runs throughout; take it when it is significant and matters."""
     starts = np.array([p.observed.time[0] for p in pieces])
     span = float(pieces[-1].observed.time[-1] - starts[0])
-    if (np.diff(starts) <= 0).any():  # the clock starts anew between pieces
-        return None, fit
-    if span < MIN_DRIFT_SPAN:
+    if span < MIN_DRIFT_SPAN or (np.diff(starts) <= 0).any():  # the clock starts anew between pieces
         return None, fit
     both = timing.refine(np.array([fit.timing[0], 0.0]), bracket=reach)
     if both is None:
