@@ -126,14 +126,11 @@ class CalibrationLog:
         Commanded and reported pose (base frame) and outside tracker's pose (tracker frame).
     setpoint_jp, measured_jp, measured_jv, measured_jf, external_jp : (n, dof) arrays or None
         Joint signals, rad or m (velocities a second, efforts N m or N).
-    payload, temperature : (n,) arrays or None
-        Kilograms and degrees Celsius.
+    payload, temperature : (n,) arrays or None, kilograms and degrees Celsius
     extra : mapping of name to (n,) array
         Columns outside the log format, carried along and not used.
-    meta : LogMeta
-        Robot, arm, tracker and provenance.
-    name : str
-        Where the log came from, for messages.
+    meta : LogMeta, robot, arm, tracker and provenance
+    name : str, where the log came from, for messages
     digest : str
         SHA-256 of the source file, empty for logs that never were a file.
     recordings : tuple of str

@@ -133,8 +133,7 @@ class CausalTwist:
     ----------
     window : float
         Length of the past that is fitted, s; at least three samples are used however slow the stream.
-    max_gap : float
-        A longer pause, s, forgets the past.
+    max_gap : float, a longer pause, s, forgets the past
 
     Raises
     ------

@@ -33,8 +33,7 @@ class Joint:
         Revolute (the joint value adds to `theta`) or prismatic (it adds to `d`).
     alpha, a, d, theta : float
         Table entries, rad and m; in the modified convention `alpha` and `a` are those of the link before.
-    lower, upper : float
-        Limits of the joint value, rad or m.
+    lower, upper : float, limits of the joint value, rad or m
     placement : (4, 4) array or None
         Fixed motion before the row, as robot files give it: its z axis is the joint's. None in plain tables.
 
@@ -70,14 +69,11 @@ class Chain:
 
     Parameters
     ----------
-    joints : tuple of Joint
-        The table, base to tip.
+    joints : tuple of Joint, the table, base to tip
     convention : "standard" or "modified"
         Link transform Rz(theta) Tz(d) Tx(a) Rx(alpha), or Craig's Rx(alpha) Tx(a) Rz(theta) Tz(d).
-    base : (4, 4) array
-        First table frame in the base frame.
-    tool : (4, 4) array
-        Tip in the last link frame.
+    base : (4, 4) array, first table frame in the base frame
+    tool : (4, 4) array, tip in the last link frame
 
     Raises
     ------

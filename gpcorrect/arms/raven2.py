@@ -63,10 +63,8 @@ class Raven2Tool:
 
     Parameters
     ----------
-    wrist_length : float
-        Pitch axis to yaw axis, m.
-    jaw_coupling : float
-        Yaw rad added by each pitch rad.
+    wrist_length : float, pitch axis to yaw axis, m
+    jaw_coupling : float, yaw rad added by each pitch rad
     insertion_sign : int
         Sense in which insertion drags the tool cables of the left arm; the right arm's is opposite.
     opposed_jaws : bool

@@ -198,8 +198,7 @@ class Solutions:
     q : (..., 8, dof) array
         Joint values by branch, NaN where the branch does not exist; each angle is the turn nearest to the
         middle of its limits.
-    exists : (..., 8) bool array
-        Whether the branch reaches the pose.
+    exists : (..., 8) bool array, whether the branch reaches the pose
     within_limits : (..., 8) bool array
         Whether it also keeps every joint limit.
     """

@@ -26,8 +26,7 @@ class RobotEdit:
 
     Parameters
     ----------
-    path : str or Path
-        MJCF or URDF; it is not touched.
+    path : str or Path, MJCF or URDF; it is not touched
     tool, base : str, optional
         As of :func:`gpcorrect.arms.read_robot`.
 

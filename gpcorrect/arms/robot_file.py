@@ -31,8 +31,7 @@ class JointDrives:
     ----------
     armature : array
         Inertia of the rotor, reflected to the joint.
-    damping, friction : array
-        Viscous damping and dry friction.
+    damping, friction : array, viscous damping and dry friction
     stiffness, rest : array
         Spring at the joint, and where it is at rest.
     kp, kv : array
@@ -64,14 +63,10 @@ class Robot:
     ----------
     arm : Arm
         Kinematics, limits, masses, rest position and gravity.
-    joints : tuple of str
-        Names of its joints, from the base.
-    tool : str
-        Body or site whose frame is the tip.
-    drives : JointDrives
-        Of its joints.
-    step : float
-        Time step that the file asks for, s.
+    joints : tuple of str, names of its joints, from the base
+    tool : str, body or site whose frame is the tip
+    drives : JointDrives, of its joints
+    step : float, time step that the file asks for, s
     remarks : tuple of str
         What the file says that is not simulated here.
     """

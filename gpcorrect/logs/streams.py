@@ -27,8 +27,7 @@ class Stream:
         The :class:`~gpcorrect.types.CalibrationLog` field that the stream becomes, such as "tracker_cp".
     stamp : (n,) array
         When each sample was taken, by the source's own clock, s.
-    values : PoseSignal or (n, k) array or (n,) array
-        The samples.
+    values : PoseSignal or (n, k) array or (n,) array, the samples
     receive : (n,) array or None
         When the recorder received each sample, by the recorder's clock, s; on the same origin as `stamp`.
     source : str

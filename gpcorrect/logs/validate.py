@@ -33,8 +33,7 @@ class ValidationReport:
 
     Parameters
     ----------
-    facts : mapping
-        Sizes, rates, signals: JSON-able.
+    facts : mapping, sizes, rates, signals: JSON-able
     findings : tuple of Finding
         Errors, then warnings, then information.
     offsets : tuple of TimeOffset

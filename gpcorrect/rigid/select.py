@@ -37,8 +37,7 @@ class Candidate:
 
     Parameters
     ----------
-    kind : str
-        Kind of the model.
+    kind : str, kind of the model
     position_mm, rotation_deg : float
         Median over the left-out trajectories of the median error in each; NaN where it does not apply.
     score : float
@@ -66,10 +65,8 @@ class Registration:
 
     Parameters
     ----------
-    model : RigidModel
-        Fitted to all samples.
-    reason : str
-        Why this kind, in one sentence.
+    model : RigidModel, fitted to all samples
+    reason : str, why this kind, in one sentence
     candidates : tuple of Candidate
         Every kind that was tried, from the simplest.
     observability : Observability or None

@@ -115,8 +115,7 @@ class LoneBall:
 
     Parameters
     ----------
-    settings : AgreementSettings
-        How far is still.
+    settings : AgreementSettings, how far is still
     """
 
     def __init__(self, settings: AgreementSettings = DEFAULT.agreement) -> None:

@@ -73,8 +73,7 @@ class LiveView:
 
     Parameters
     ----------
-    send : callable
-        Takes a JPEG.
+    send : callable, takes a JPEG
     """
 
     def __init__(self, send: Callable[[bytes], None]) -> None:
@@ -130,12 +129,9 @@ class AnnotatedVideo:
 
     Parameters
     ----------
-    path : str or Path
-        .mp4 or .avi.
-    cameras : sequence of Camera
-        For the drawing.
-    target : Target
-        For the drawing.
+    path : str or Path, .mp4 or .avi
+    cameras : sequence of Camera, for the drawing
+    target : Target, for the drawing
     fps : float, frames a second
 
     Raises

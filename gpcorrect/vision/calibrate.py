@@ -64,8 +64,7 @@ class CalibrationReport:
     Parameters
     ----------
     cameras : tuple of CameraReport, one a camera
-    board : Chessboard
-        The chessboard.
+    board : Chessboard, the chessboard
     """
 
     cameras: tuple[CameraReport, ...]

@@ -20,8 +20,7 @@ class Intrinsics:
 
     Parameters
     ----------
-    width, height : int
-        Of the picture, px.
+    width, height : int, of the picture, px
     matrix : (3, 3) array
         [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], px.
     distortion : (5,) array
@@ -81,17 +80,14 @@ class Camera:
 
     Parameters
     ----------
-    name : str
-        For messages and columns.
-    intrinsics : Intrinsics
-        Its lens.
+    name : str, for messages and columns
+    intrinsics : Intrinsics, its lens
     T_camera_tracker : (4, 4) array
         Maps tracker coordinates into the camera frame (OpenCV's rvec and tvec), m.
     covariance : (6, 6) array or None
         Of the camera's pose in the tracker frame: position (m), then rotation vector (rad), tracker axes; None when
         not known.
-    rms_px : float or None
-        Reprojection error of the calibration.
+    rms_px : float or None, reprojection error of the calibration
     delay : float or None
         By how much later than the first camera's its pictures are taken, s; None when not known: the tracker learns it.
     readout : float

@@ -21,8 +21,7 @@ class Clocks:
     ----------
     cameras : sequence of Camera
         Those with a delay of their own are believed; the others' are unknown.
-    settings : ClockSettings
-        What is known beforehand.
+    settings : ClockSettings, what is known beforehand
     """
 
     def __init__(self, cameras: Sequence[Camera], settings: ClockSettings = DEFAULT.clocks) -> None:

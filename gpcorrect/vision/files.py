@@ -245,11 +245,9 @@ class Rig:
 
     Parameters
     ----------
-    board : Chessboard
-        The chessboard of all pictures.
+    board : Chessboard, the chessboard of all pictures
     cameras : tuple of RigCamera, one a camera
-    markers : mapping of marker to (3,) array
-        Places in the tracker frame, m.
+    markers : mapping of marker to (3,) array, places in the tracker frame, m
     """
 
     board: Chessboard

@@ -46,8 +46,7 @@ class PoseFilter:
 
     Parameters
     ----------
-    settings : MotionSettings
-        How the tool may move.
+    settings : MotionSettings, how the tool may move
     """
 
     def __init__(self, settings: MotionSettings = DEFAULT.motion) -> None:

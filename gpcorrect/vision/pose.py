@@ -26,8 +26,7 @@ class Observations:
 
     Parameters
     ----------
-    camera, ball : (k,) int arrays
-        Which camera sees which ball.
+    camera, ball : (k,) int arrays, which camera sees which ball
     rays : (k, 2) array
         Undistorted places on the plane one unit before the lens.
     covariances : (k, 2, 2) array, of `rays`

@@ -24,17 +24,13 @@ class Outline:
 
     Parameters
     ----------
-    pixel : (2,) array
-        Where its centre appears, px.
+    pixel : (2,) array, where its centre appears, px
     ray : (2,) array
         The same, undistorted, on the plane one unit before the lens.
     covariance : (2, 2) array, of `ray`
-    half_angle : float
-        Of the cone of rays that touch it, rad.
-    radius : float
-        Of the outline, px.
-    arc : float
-        Fraction of the rim that was seen.
+    half_angle : float, of the cone of rays that touch it, rad
+    radius : float, of the outline, px
+    arc : float, fraction of the rim that was seen
     rms_px : float
         Of the rim points about the fitted outline.
     """

@@ -27,20 +27,14 @@ class Source:
 
     Parameters
     ----------
-    path : Path
-        The video, or the folder.
-    count : int
-        Pictures that it says it has.
-    fps : float or None
-        Pictures a second, where it says so.
+    path : Path, the video, or the folder
+    count : int, pictures that it says it has
+    fps : float or None, pictures a second, where it says so
     times : (count,) array or None
         Seconds, where the names of the images are times.
-    files : tuple of Path
-        The images; empty for a video.
-    read_so_far : int
-        Pictures that were read, or tried.
-    unreadable : list of int
-        Those that could not be read.
+    files : tuple of Path, the images; empty for a video
+    read_so_far : int, pictures that were read, or tried
+    unreadable : list of int, those that could not be read
     """
 
     path: Path

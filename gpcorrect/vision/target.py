@@ -118,12 +118,9 @@ class BallSpec:
 
     Parameters
     ----------
-    name : str
-        For columns and messages.
-    colour : Colour
-        Hues it may show.
-    place : (3,) tuple
-        Its centre in the tool frame, m.
+    name : str, for columns and messages
+    colour : Colour, hues it may show
+    place : (3,) tuple, its centre in the tool frame, m
     radius : float or None
         m; None when not known: then no size is checked.
     """

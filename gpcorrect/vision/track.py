@@ -37,8 +37,7 @@ class TrackSettings:
         Check before tracking that pictures, calibration and target belong together.
     workers : int
         Whole pictures that are searched at the same time.
-    vision : VisionSettings
-        Every number that decides.
+    vision : VisionSettings, every number that decides
     """
 
     fps: float | None = None
@@ -54,8 +53,7 @@ class Track:
     Parameters
     ----------
     time : (n,) array, s
-    status : (n,) int array
-        Index into `STATUSES`.
+    status : (n,) int array, index into `STATUSES`
     T_tracker_tool : (n, 4, 4) array, m; NaN where lost
     std : (n, 6) array
         Of position (m) and rotation vector (rad); NaN where lost.
@@ -117,14 +115,10 @@ class TrackResult:
 
     Parameters
     ----------
-    track : Track
-        The numbers.
-    log : CalibrationLog
-        The same as a log.
-    remarks : tuple of str
-        What went wrong, in words.
-    seconds : float
-        That it took, reading included.
+    track : Track, the numbers
+    log : CalibrationLog, the same as a log
+    remarks : tuple of str, what went wrong, in words
+    seconds : float, that it took, reading included
     """
 
     track: Track

@@ -51,12 +51,10 @@ class Frame:
     time : float, seconds
     pose : Filtered
         The estimated pose, and whether it was measured.
-    measured : PoseFit or None
-        What was measured in this very frame.
+    measured : PoseFit or None, what was measured in this very frame
     balls : (b, 3) array
         Centres of the balls, tracker frame, m; NaN for a ball that fewer than two cameras see.
-    views : tuple (cameras) of tuple (balls) of View
-        What each camera saw.
+    views : tuple (cameras) of tuple (balls) of View, what each camera saw
     reprojection_px : float
         RMS over the observations that were used; NaN without any.
     """
@@ -74,8 +72,7 @@ class Tracker:
 
     Parameters
     ----------
-    cameras : sequence of Camera
-        Calibrated; at least two.
+    cameras : sequence of Camera, calibrated; at least two
     target : Target
     settings : VisionSettings
         When a ball is one, when a view is trusted, how the tool may move.

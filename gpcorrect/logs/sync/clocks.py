@@ -37,8 +37,7 @@ class Clocks:
         Estimate of how far the signal's stamps run ahead; None when it was not asked for.
     applied : float
         Seconds by which the signal was shifted; 0 when it was left alone.
-    remark : str
-        The same in a sentence.
+    remark : str, the same in a sentence
     to_note : bool
         Whether a person must know: the signal was shifted, or seems to be on another clock and was left alone.
     """

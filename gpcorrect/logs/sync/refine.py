@@ -94,8 +94,7 @@ class Timing:
 
     Parameters
     ----------
-    pairs : sequence of MotionPair
-        One for each run of the clocks.
+    pairs : sequence of MotionPair, one for each run of the clocks
     epoch : float
         Observer's time at which the shift is quoted, s; a drift turns about it.
     """
