@@ -6,7 +6,7 @@ The file of a table is made of the names of its columns; what they do not say is
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -161,25 +161,26 @@ def _clock(left: dict[str, FloatArray]) -> list[str]:
     return [f"time = {quoted(named[0])}", *([f"time_scale = {scale:g}"] if scale != 1.0 else [])]
 
 
-def _triples(names: Sequence[str]) -> list[tuple[str, str, str]]:
-    """Columns that differ by x, y and z in one place, quaternions among them."""
-    found: list[tuple[str, str, str]] = []
-    for name in names:
-        for match in re.finditer(r"[xX]", name):
-            begin, end = name[: match.start()], name[match.end() :]
-            others = "yz" if match[0] == "x" else "YZ"
-            triple = (name, *(f"{begin}{axis}{end}" for axis in others))
-            if all(n in names for n in triple) and triple not in found:
-                found.append((triple[0], triple[1], triple[2]))
+def _alike(name: str, axes: str, names: Sequence[str]) -> Iterator[list[str]]:
+    """Yield the columns that differ from one by their axis in one place, such as x, y and z."""
+    for match in re.finditer(axes[0], name, re.IGNORECASE):
+        letters = axes if match[0].islower() else axes.upper()
+        found = [f"{name[: match.start()]}{axis}{name[match.end() :]}" for axis in letters]
+        if all(other in names for other in found):
+            yield found
+
+
+def _triples(names: Sequence[str]) -> list[list[str]]:
+    """Columns that differ by x, y and z in one place, quaternions among them, which come last."""
+    found = [triple for name in names for triple in _alike(name, "xyz", names)]
     return sorted(found, key=lambda t: re.search(r"q|rot|quat|vel|ang|^r|_r|w", t[0], re.IGNORECASE) is not None)
 
 
-def _pose(names: tuple[str, str, str], left: dict[str, FloatArray], taken: set[str]) -> list[str]:
+def _pose(names: Sequence[str], left: dict[str, FloatArray], taken: set[str]) -> list[str]:
     """Lines on a pose; a quaternion goes with the position before it in the table."""
     order = list(left)
     after = order[order.index(names[2]) + 1 :]
-    w = next((n for n in after if re.search(r"w", n, re.IGNORECASE) and len(_quaternion(n, order)) == 4), None)
-    turned = _quaternion(w, order) if w else []
+    turned: list[str] = next((found for n in after for found in _alike(n, "wxyz", order)), [])
     role = _role(names[0])
     signal = f"{role or 'tracker'}_cp".replace("external", "tracker")
     body = [f"position = [{', '.join(map(quoted, names))}]"]
@@ -193,16 +194,6 @@ def _pose(names: tuple[str, str, str], left: dict[str, FloatArray], taken: set[s
     if not doubtful:
         taken.add(signal)
     return _section(signal, body, doubtful or (role is None and len(taken) > 1))
-
-
-def _quaternion(w: str, names: Sequence[str]) -> list[str]:
-    """Columns w, x, y, z that differ in one place."""
-    for match in re.finditer(r"[wW]", w):
-        axes = "wxyz" if match[0] == "w" else "WXYZ"
-        found = [f"{w[: match.start()]}{axis}{w[match.end() :]}" for axis in axes]
-        if all(name in names for name in found):
-            return found
-    return []
 
 
 def _numbered(names: Sequence[str]) -> list[list[str]]:

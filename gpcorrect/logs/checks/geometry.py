@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -104,14 +104,14 @@ def _kinematics(evidence: Evidence) -> Iterator[Finding]:
         if not {pose, joints} <= evidence.present or evidence.tables[joints].shape[1] < arm.dof:
             continue
         position, q = evidence.positions[pose], evidence.tables[joints][:, : arm.dof]
-        misfit = rigid_misfit(_where_known(_tip(arm), q), position)
+        misfit = rigid_misfit(_points(arm, q), position)
         size = f"{1e3 * misfit:.1f} mm"
-        if misfit > WRIST_MISFIT and rigid_misfit(_where_known(arm.wrist, q), position) < CLEARLY * misfit:
+        if misfit > WRIST_MISFIT and rigid_misfit(_points(arm, q, wrist=True), position) < CLEARLY * misfit:
             what = f"it holds the wrist point, {size} off the tip: no one rigid body with its orientations."
             yield Finding("warning", "wrist_point", pose, what, "Register position and orientation separately.")
         elif misfit > MIN_MISFIT:
             others = [other for n in ARM_NAMES if (other := arm_named(n)).name != arm.name and other.dof == arm.dof]
-            fits = (o for o in others if rigid_misfit(_where_known(_tip(o), q), position) < BETTER * misfit)
+            fits = (o for o in others if rigid_misfit(_points(o, q), position) < BETTER * misfit)
             better = next(fits, None)
             if better is None:
                 where = f"where {joints} puts the tip of {arm.name}, after the best base registration"
@@ -125,15 +125,11 @@ def _kinematics(evidence: Evidence) -> Iterator[Finding]:
                 yield Finding("error", "swapped_arm", pose, what, hint)
 
 
-def _tip(arm: RemoteCentreArm) -> Callable[[FloatArray], FloatArray]:
-    return lambda q: arm.forward(q)[:, :3, 3]
-
-
-def _where_known(points: Callable[[FloatArray], FloatArray], q: FloatArray) -> FloatArray:
-    """Points `(n, 3)` of the arm at joints `(n, dof)`; NaN where a joint is missing."""
+def _points(arm: RemoteCentreArm, q: FloatArray, *, wrist: bool = False) -> FloatArray:
+    """Tips, or wrist points, `(n, 3)` of the arm at joints `(n, dof)`; NaN where a joint is missing."""
     result = np.full((len(q), 3), np.nan)
     known = np.isfinite(q).all(axis=1)
-    result[known] = points(q[known])
+    result[known] = arm.wrist(q[known]) if wrist else arm.forward(q[known])[:, :3, 3]
     return result
 
 

@@ -13,16 +13,11 @@ from gpcorrect.logs.mocap.tool import RIGIDITY, bodies_of, require_rigid, tool_p
 from gpcorrect.types import CalibrationLog, FloatArray, LogMeta, PoseSignal
 
 METRES: Mapping[str, float] = {
-    "m": 1.0,
-    "meters": 1.0,
-    "cm": 1e-2,
-    "centimeters": 1e-2,
-    "mm": 1e-3,
-    "millimeters": 1e-3,
-    "in": 0.0254,
-    "inches": 0.0254,
-    "ft": 0.3048,
-    "feet": 0.3048,
+    **dict.fromkeys(("m", "meters"), 1.0),
+    **dict.fromkeys(("cm", "centimeters"), 1e-2),
+    **dict.fromkeys(("mm", "millimeters"), 1e-3),
+    **dict.fromkeys(("in", "inches"), 0.0254),
+    **dict.fromkeys(("ft", "feet"), 0.3048),
 }
 
 
