@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from gpcorrect import se3
 from gpcorrect.arms.arm import Arm
-from gpcorrect.arms.chain import Chain
+from gpcorrect.arms.chain import LIMIT_ROUNDING, Chain
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray
 
@@ -184,9 +184,6 @@ def _unit(v: FloatArray) -> FloatArray:
 def _distance(point: FloatArray, on_lines: FloatArray, directions: FloatArray) -> FloatArray:
     """Distances (k,) of a point from k lines."""
     return np.asarray(np.linalg.norm(np.cross(on_lines - point, directions), axis=-1))
-
-
-LIMIT_ROUNDING = 1e-9  # rad or m beyond a limit that count as on it: far above rounding, far below a micrometre
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,10 +25,11 @@ MEAN_ROUNDS = 20  # of weighing rotations: converged to rounding well before
 def fit_marker(observed: PoseSignal, command: PoseSignal) -> RigidModel:
     """Solve `T_base_tracker X_i T_marker_tip = U_i` for the registration of the tracker and the tip's pose.
 
-    Both rotations start from the alternation of :func:`two_sided_rotations`, translation and lever arm from
-    linear least squares; all twelve unknowns are then refined together by Gauss-Newton under a Cauchy loss,
-    positions and rotations each on their own robust scale. Where the commands have no orientations, the lever
-    arm follows from the positions alone and the orientation of the tip in the marker stays the identity.
+    The problem is the AX = YB of Zhuang, Roth and Sudhakar (IEEE T-RA 10(4), 1994). Both rotations start from the
+    alternation of :func:`two_sided_rotations`, translation and lever arm from linear least squares; all twelve
+    unknowns are then refined together by Gauss-Newton under a Cauchy loss, positions and rotations each on their own
+    robust scale. Where the commands have no orientations, the lever arm follows from the positions alone and the
+    orientation of the tip in the marker stays the identity.
 
     Parameters
     ----------
@@ -43,11 +44,6 @@ def fit_marker(observed: PoseSignal, command: PoseSignal) -> RigidModel:
         No observed orientations, signals of unequal length, missing samples.
     DegenerateError
         Fewer than three samples, or too little rotation: which part is not observable, with numbers.
-
-    References
-    ----------
-    The problem is that of Zhuang, Roth and Sudhakar, "Simultaneous robot/world and tool/flange calibration
-    by solving homogeneous transformation equations of the form AX=YB", IEEE T-RA 10(4), 1994.
     """
     require_observable(observed, command)
     rows = evenly_spaced(len(observed))

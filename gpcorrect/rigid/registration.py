@@ -1,4 +1,4 @@
-"""Registration of whole poses by one SVD, and of bare positions (Mahler et al. 2014, Sec. IV-B).
+"""Registration of whole poses by one SVD, and of bare positions (Mahler et al., CASE 2014, Sec. IV-B).
 
 Each also comes with robust weights: registration must stand before cleaning is finished, so gross errors may not steer
 it.
@@ -55,11 +55,6 @@ def fit_pose(
         Signals of unequal length, missing samples, bad weights.
     DegenerateError
         Fewer than three samples, or points or orientations that do not determine the rotation.
-
-    References
-    ----------
-    Mahler et al., "Learning accurate kinematic control of cable-driven surgical robots using data cleaning
-    and Gaussian process regression", CASE 2014, Sec. IV-B.
     """
     if observed.quaternion is None or command.quaternion is None:
         return fit_position(observed, command, weights=weights)

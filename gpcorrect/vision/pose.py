@@ -11,10 +11,9 @@ from gpcorrect import se3
 from gpcorrect.errors import DataError, DegenerateError
 from gpcorrect.types import FloatArray, IntArray
 from gpcorrect.vision.camera import Camera
-from gpcorrect.vision.space import normal_equations, reprojection
+from gpcorrect.vision.space import CONVERGED, STEPS, normal_equations, reprojection
 
 POSE = 6  # numbers of a pose: position, rotation vector
-STEPS, CONVERGED = 10, 1e-9  # steps of Gauss-Newton, which takes three or four, and its last step (m and rad)
 FIXED_TURN = 1e-6  # rad^2: variance of the rotation of a target without orientation, which never turns
 THIN = 1e-3  # height of a triangle over its spread, below which three balls are on a line
 WORST_CONDITION = 1e14  # of an information matrix in m and rad: beyond it, rounding decides
