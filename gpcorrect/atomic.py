@@ -51,9 +51,8 @@ def require_new(path: str | Path) -> None:
         It is there already.
     """
     if Path(path).exists():
-        raise GpCorrectError(
-            f"{path} is there already, and a recording is not overwritten.", hint="Name another one, or move it away."
-        )
+        hint = "Name another one, or move it away."
+        raise GpCorrectError(f"{path} is there already, and a recording is not overwritten.", hint=hint)
 
 
 def require_own(path: str | Path, begins: bytes, what: str) -> None:

@@ -106,9 +106,8 @@ class LogMeta:
     def __post_init__(self) -> None:
         types = self.joint_types.replace(" ", "").replace(",", "").upper()
         if set(types) - set("RP"):
-            raise LogError(
-                f"joint_types {self.joint_types!r} does not name each joint with R or P.", hint="Correct the sidecar."
-            )
+            hint = "Correct the sidecar."
+            raise LogError(f"joint_types {self.joint_types!r} does not name each joint with R or P.", hint=hint)
         object.__setattr__(self, "joint_types", types)
 
 

@@ -185,9 +185,8 @@ def parse(path: str | Path) -> Any:
     root = FIRST_ELEMENT.search(COMMENT.sub("", text))
     if root is None or root[1] not in ("mujoco", "robot"):
         came = "no XML" if root is None else f"<{root[1]}>"
-        raise DataError(
-            f"{path} begins with {came}, expected <mujoco> (MJCF) or <robot> (URDF).", hint="Expand xacro files first."
-        )
+        hint = "Expand xacro files first."
+        raise DataError(f"{path} begins with {came}, expected <mujoco> (MJCF) or <robot> (URDF).", hint=hint)
     try:
         spec = library.MjSpec.from_file(str(path))
     except ValueError as error:
@@ -263,9 +262,8 @@ def _limits(model: Any, j: int) -> tuple[float, float]:
         lower, upper = model.jnt_range[j]
         return float(lower), float(upper)
     if not _turns(model, j):
-        raise DataError(
-            f"the sliding joint {model.joint(j).name!r} has no range.", hint="Give it a range in the robot file."
-        )
+        hint = "Give it a range in the robot file."
+        raise DataError(f"the sliding joint {model.joint(j).name!r} has no range.", hint=hint)
     middle = float(model.qpos0[model.jnt_qposadr[j]])
     return middle - TURN, middle + TURN
 

@@ -49,9 +49,8 @@ def arm_path(
     names = list(joints or ())
     unknown = [name for name in names if name not in known]
     if unknown:
-        raise DataError(
-            f"{file} has no joint {', '.join(map(repr, unknown))}.", hint=f"Its joints: {', '.join(known) or 'none'}."
-        )
+        hint = f"Its joints: {', '.join(known) or 'none'}."
+        raise DataError(f"{file} has no joint {', '.join(map(repr, unknown))}.", hint=hint)
     body, T_tool, tool = _end(model, file, start, names, tool)
     line = [*_ancestors(model, body)[::-1], body]
     if start not in line:
@@ -146,9 +145,8 @@ def _check_joints(model: Any, file: str, ids: Sequence[int]) -> None:
             hint="Name a base behind it (base = a body), or fix it in the file.",
         )
     if not ids:
-        raise DataError(
-            f"{file}: no joint lies between base and tool.", hint="Name a base before it and a tool behind."
-        )
+        hint = "Name a base before it and a tool behind."
+        raise DataError(f"{file}: no joint lies between base and tool.", hint=hint)
 
 
 def _check_loops(model: Any, file: str, ids: Sequence[int], link_of: Sequence[int]) -> None:

@@ -221,9 +221,8 @@ def _check_order(streams: Iterable[Stream], disorder: Disorder) -> list[str]:
             continue
         found = f"{back.size} stamps of {s.source or s.name} run backwards, the first at sample {back[0] + 2}"
         if disorder == "refuse":
-            raise LogError(
-                f"{found}.", hint="Read with disorder='drop', or set bag.clock = 'receive' in a mapping file."
-            )
+            hint = "Read with disorder='drop', or set bag.clock = 'receive' in a mapping file."
+            raise LogError(f"{found}.", hint=hint)
         remarks.append(f"{found} ({'left out' if disorder == 'drop' else 'left in'}).")
     return remarks
 

@@ -81,9 +81,8 @@ class Tree:
         up, down = up[: up.index(common)], down[: down.index(common)]
         moving = [frame for frame in (*down, *up) if frame not in self.still]
         if not moving:
-            raise LogError(
-                f"nothing moves between {parent} and {child}.", hint=f"What moves: {', '.join(self.moving())}."
-            )
+            hint = f"What moves: {', '.join(self.moving())}."
+            raise LogError(f"nothing moves between {parent} and {child}.", hint=hint)
         lead = self.edges[max(moving, key=lambda frame: len(self.edges[frame][1].rows))][1]
         found = Recorded(_source_name(parent, child), pose_row, list(lead.stamp), list(lead.receive), list(lead.rows))
         if (up, down) != ([], [child]) or lead is not self.edges[child][1]:

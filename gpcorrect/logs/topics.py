@@ -86,9 +86,8 @@ def _stated(types: Mapping[str, str], kind: str, name: str) -> str:
     found = next((t for t in fitting if _slashed(t) == _slashed(topic)), None)
     if found is None:
         what = "joint state" if wanted is JOINT_TYPES else "pose"
-        raise LogError(
-            f"there is no {what} topic {name}.", hint=f"{what.capitalize()} topics here: {', '.join(fitting)}."
-        )
+        hint = f"{what.capitalize()} topics here: {', '.join(fitting)}."
+        raise LogError(f"there is no {what} topic {name}.", hint=hint)
     return found if place is None else f"{found}[{place}]"
 
 

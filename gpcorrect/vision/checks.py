@@ -81,9 +81,8 @@ def check_fit(
     if best.agreeing > check.better * placed.agreeing + 2 and best.fraction >= check.some:
         moved = [f"{names[i]} shows what camera {cameras[k].name} sees" for i, k in enumerate(order) if i != k]
         right = " ".join(names[order.index(k)] for k in range(len(order)))
-        raise LogError(
-            f"the cameras are swapped: {'; '.join(moved)}.", hint=f"Give them in the calibration's order: {right}"
-        )
+        hint = f"Give them in the calibration's order: {right}"
+        raise LogError(f"the cameras are swapped: {'; '.join(moved)}.", hint=hint)
     if given.fraction >= check.some:
         return
     _check_sizes(candidates, cameras, target, settings)

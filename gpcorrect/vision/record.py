@@ -66,9 +66,8 @@ def record(
         for one in (*opened, *writers):
             one.release()
     if not times:
-        raise GpCorrectError(
-            "the cameras gave no picture.", hint="Close other programs that use them; try fewer at once."
-        )
+        hint = "Close other programs that use them; try fewer at once."
+        raise GpCorrectError("the cameras gave no picture.", hint=hint)
     rows = [names, *([f"{stamp:.6f}" for stamp in row] for row in times)]
     write_file(Path(folder) / TIMES, "".join(",".join(row) + "\n" for row in rows))
     return len(times)

@@ -158,9 +158,8 @@ class Target:
         if self.has_pose:
             first, second, _ = np.linalg.svd(self.places - self.places.mean(axis=0), compute_uv=False)
             if second <= THIN * first:
-                raise DataError(
-                    "the balls lie on a line, which determines no orientation.", hint="Place them in a triangle."
-                )
+                hint = "Place them in a triangle."
+                raise DataError("the balls lie on a line, which determines no orientation.", hint=hint)
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
 from gpcorrect.errors import LogError
-from gpcorrect.logs.columns import ReadSettings
+from gpcorrect.logs.columns import EulerOrder, ReadSettings
 from gpcorrect.logs.mocap.take import Body, Take, scale_of
 from gpcorrect.logs.mocap.text import Export, read_export, seen_only
 from gpcorrect.logs.orientation import quaternion_from_euler, unit_quaternions
@@ -23,7 +24,7 @@ from gpcorrect.types import FloatArray, PoseSignal
 TYPES = ("Rigid Body", "Marker", "Rigid Body Marker", "Bone", "Bone Marker")
 BODY, MARKER = "Rigid Body", "Marker"
 LABELLED = ("Type", "Name")
-ORDERS = ("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
+ORDERS = get_args(EulerOrder)
 
 
 Columns = Mapping[str, Mapping[str, int]]
