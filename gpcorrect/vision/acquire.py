@@ -12,7 +12,7 @@ from gpcorrect.errors import DegenerateError
 from gpcorrect.types import FloatArray
 from gpcorrect.vision.camera import Camera
 from gpcorrect.vision.rim import Outline
-from gpcorrect.vision.settings import DEFAULT, AgreementSettings
+from gpcorrect.vision.settings import AgreementSettings
 from gpcorrect.vision.space import common_perpendicular, triangulate
 from gpcorrect.vision.target import Target
 
@@ -31,7 +31,7 @@ def hypotheses(
     cameras: Sequence[Camera],
     candidates: Sequence[Sequence[Outline]],
     radius: float | None,
-    settings: AgreementSettings = DEFAULT.agreement,
+    settings: AgreementSettings,
 ) -> list[Hypothesis]:
     """Return places at which at least two cameras agree on a ball of one size: more cameras first, then less error.
 
@@ -118,7 +118,7 @@ class LoneBall:
     settings : AgreementSettings, how far is still
     """
 
-    def __init__(self, settings: AgreementSettings = DEFAULT.agreement) -> None:
+    def __init__(self, settings: AgreementSettings) -> None:
         self.settings = settings
         self._earlier: list[Hypothesis] = []
         self._time = -np.inf
@@ -155,7 +155,7 @@ def acquire(
     cameras: Sequence[Camera],
     target: Target,
     candidates: Sequence[Sequence[Sequence[Outline]]],
-    settings: AgreementSettings = DEFAULT.agreement,
+    settings: AgreementSettings,
 ) -> list[Hypothesis | None]:
     """Return the best place of each ball, or None, such that the distances between the balls are the target's.
 

@@ -9,7 +9,7 @@ import numpy as np
 from gpcorrect.types import FloatArray, IntArray
 from gpcorrect.vision.camera import Camera
 from gpcorrect.vision.pose import Linearised
-from gpcorrect.vision.settings import DEFAULT, ClockSettings
+from gpcorrect.vision.settings import ClockSettings
 
 
 class Clocks:
@@ -24,7 +24,7 @@ class Clocks:
     settings : ClockSettings, what is known beforehand
     """
 
-    def __init__(self, cameras: Sequence[Camera], settings: ClockSettings = DEFAULT.clocks) -> None:
+    def __init__(self, cameras: Sequence[Camera], settings: ClockSettings) -> None:
         self.settings = settings
         self._readout = np.array([camera.readout / camera.intrinsics.height for camera in cameras])  # s a row
         self.middle = 0.5 * float(np.mean([camera.readout for camera in cameras]))  # s after a frame's time

@@ -82,12 +82,7 @@ class Found(NamedTuple):
 
 
 def detect_near(
-    image: Image,
-    camera: Camera,
-    ball: BallSpec,
-    expected: FloatArray,
-    tolerance: float = 1.0,
-    settings: VisionSettings = DEFAULT,
+    image: Image, camera: Camera, ball: BallSpec, expected: FloatArray, tolerance: float, settings: VisionSettings
 ) -> Found:
     """Find a ball where it should be, of the size that it should have.
 
