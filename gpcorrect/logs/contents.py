@@ -132,7 +132,9 @@ def _propose_columns(columns: Mapping[str, FloatArray]) -> str:
     left = dict(columns)
     lines = _clock(left)
     taken: set[str] = set()
-    for names in _triples(list(left)):
+    triples = [triple for name in left for triple in _alike(name, "xyz", list(left))]
+    triples.sort(key=lambda t: re.search(r"q|rot|quat|vel|ang|^r|_r|w", t[0], re.IGNORECASE) is not None)
+    for names in triples:  # quaternions and velocities last
         if set(names) <= set(left):
             lines += _pose(names, left, taken)
     for series in _numbered(list(left)):
@@ -168,12 +170,6 @@ def _alike(name: str, axes: str, names: Sequence[str]) -> Iterator[list[str]]:
         found = [f"{name[: match.start()]}{axis}{name[match.end() :]}" for axis in letters]
         if all(other in names for other in found):
             yield found
-
-
-def _triples(names: Sequence[str]) -> list[list[str]]:
-    """Columns that differ by x, y and z in one place, quaternions among them, which come last."""
-    found = [triple for name in names for triple in _alike(name, "xyz", names)]
-    return sorted(found, key=lambda t: re.search(r"q|rot|quat|vel|ang|^r|_r|w", t[0], re.IGNORECASE) is not None)
 
 
 def _pose(names: Sequence[str], left: dict[str, FloatArray], taken: set[str]) -> list[str]:

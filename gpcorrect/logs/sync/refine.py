@@ -214,14 +214,14 @@ class Timing:
         common = np.logical_and.reduce([sampled.valid for sampled in samples])
         if not self.enough(common):
             return np.full(len(samples), np.nan)
-        return np.array([self._misfit(replace(sampled, valid=common)) for sampled in samples])
-
-    def _misfit(self, sampled: Sampled) -> float:
-        weight = np.ones(int(sampled.valid.sum()))
-        for _ in range(FREE_STEPS):
-            linear = self._linearise(sampled, weight, 1, None)
-            weight = linear.weight
-        return float(np.median(np.linalg.norm(linear.residual, axis=1)))
+        misfits = []
+        for sampled in samples:
+            weight = np.ones(int(common.sum()))
+            for _ in range(FREE_STEPS):
+                linear = self._linearise(replace(sampled, valid=common), weight, 1, None)
+                weight = linear.weight
+            misfits.append(float(np.median(np.linalg.norm(linear.residual, axis=1))))
+        return np.array(misfits)
 
     def _linearise(self, sampled: Sampled, weight: FloatArray, parameters: int, scale: FloatArray | None) -> _Linear:
         valid = sampled.valid
