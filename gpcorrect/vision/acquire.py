@@ -112,10 +112,6 @@ class LoneBall:
 
     Where it was expected, it is the ball. Elsewhere, or where several places are possible from the start, it is
     believed when it moves: what lies still is not on the tool.
-
-    Parameters
-    ----------
-    settings : AgreementSettings, how far is still
     """
 
     def __init__(self, settings: AgreementSettings) -> None:

@@ -16,12 +16,7 @@ class Clocks:
     """How long after the first camera each other one looks; learned while the tool moves (:meth:`learn`).
 
     The first camera's clock is the recording's: what all of them are late by together leaves no trace in pictures.
-
-    Parameters
-    ----------
-    cameras : sequence of Camera
-        Those with a delay of their own are believed; the others' are unknown.
-    settings : ClockSettings, what is known beforehand
+    Cameras with a delay of their own are believed; the others' are unknown.
     """
 
     def __init__(self, cameras: Sequence[Camera], settings: ClockSettings) -> None:

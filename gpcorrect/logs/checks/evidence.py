@@ -54,14 +54,9 @@ class Finding:
 
 
 class Evidence:
-    """A log and what several checks derive from it, computed once.
+    """A log, of which nothing is taken for granted, and what several checks derive from it, computed once.
 
-    Parameters
-    ----------
-    log : CalibrationLog
-        Any; nothing about it is taken for granted.
-    compared : collection of str, optional
-        Signals whose motion is compared with the robot's; all by default.
+    `compared` are the signals whose motion is compared with the robot's; all by default.
     """
 
     def __init__(self, log: CalibrationLog, compared: Collection[str] | None = None) -> None:

@@ -90,13 +90,9 @@ class _Linear:
 
 
 class Timing:
-    """The regression of observed on shifted reference samples.
+    """The regression of observed on shifted reference samples, of a pair for each run of the clocks.
 
-    Parameters
-    ----------
-    pairs : sequence of MotionPair, one for each run of the clocks
-    epoch : float
-        Observer's time at which the shift is quoted, s; a drift turns about it.
+    `epoch` is the observer's time at which the shift is quoted, s; a drift turns about it.
     """
 
     def __init__(self, pairs: Sequence[MotionPair], epoch: float = 0.0) -> None:
