@@ -44,11 +44,6 @@ def require_new(path: str | Path) -> None:
     Parameters
     ----------
     path : str or Path, the file or folder to come
-
-    Raises
-    ------
-    GpCorrectError
-        It is there already.
     """
     if Path(path).exists():
         hint = "Name another one, or move it away."

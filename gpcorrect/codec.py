@@ -64,11 +64,6 @@ def unpack(hint: type[T], data: Any, arrays: Mapping[str, Any]) -> T:
     hint : type
     data : JSON-able, from :func:`pack`
     arrays : mapping, likewise
-
-    Raises
-    ------
-    DataError
-        The data are not what the hint says.
     """
     value: T = _unpack(hint, data, arrays)
     return value

@@ -105,11 +105,6 @@ def twists(
         middle and the ends of a window.
     labels, step
         See :func:`derivative`.
-
-    Raises
-    ------
-    DataError
-        As :func:`derivative`, or rotations of another shape.
     """
     t, p, runs = _checked(time, positions, labels, step)
     angular = np.full((len(t), 3), np.nan)
@@ -134,11 +129,6 @@ class CausalTwist:
     window : float
         Length of the past that is fitted, s; at least three samples are used however slow the stream.
     max_gap : float, a longer pause, s, forgets the past
-
-    Raises
-    ------
-    DataError
-        `window` or `max_gap` is not positive.
     """
 
     def __init__(self, window: float = 0.1, max_gap: float = 0.5) -> None:

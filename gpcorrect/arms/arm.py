@@ -107,11 +107,6 @@ class Arm:
         Known masses of links 1, 2, ...; empty where none are published.
     velocity_limits : (dof,) array or None, largest joint speeds, rad/s and m/s
     transmission : Transmission or None, nominal cable drive
-
-    Raises
-    ------
-    DataError
-        An array does not fit the chain.
     """
 
     name: str

@@ -138,11 +138,6 @@ class Chain:
         Parameters
         ----------
         q : (..., dof) array, joint values, rad and m
-
-        Raises
-        ------
-        DataError
-            The last axis is not `dof` long.
         """
         values = np.asarray(q, dtype=np.float64)
         if values.ndim == 0 or values.shape[-1] != self.dof:

@@ -242,11 +242,6 @@ class RemoteCentreArm(Arm):
         Parameters
         ----------
         T : (..., 4, 4) array, tip poses in the base frame
-
-        Raises
-        ------
-        DataError
-            `T` does not hold poses.
         """
         poses = np.asarray(T, dtype=np.float64)
         if poses.shape[-2:] != (4, 4):
@@ -265,11 +260,6 @@ class RemoteCentreArm(Arm):
         T : (4, 4) array, tip pose in the base frame
         within_limits : bool
             Return the solutions that keep every limit, with all full turns that do; otherwise every solution once.
-
-        Raises
-        ------
-        DataError
-            `T` is not one pose.
         """
         pose = np.asarray(T, dtype=np.float64)
         if pose.shape != (4, 4):

@@ -53,11 +53,6 @@ def recalled(digits: str) -> Marks:
     Parameters
     ----------
     digits : str, 16 a mark
-
-    Raises
-    ------
-    ValueError
-        They are not.
     """
     return np.frombuffer(bytes.fromhex(digits), dtype=">u8").astype(np.uint64)
 

@@ -57,13 +57,6 @@ def write_log(log: CalibrationLog, path: str | Path) -> None:
     ----------
     log : CalibrationLog
     path : str or Path, ends in .csv or .parquet
-
-    Raises
-    ------
-    LogError
-        The name has another ending.
-    GpCorrectError
-        The folder does not exist or cannot be written.
     """
     target = Path(path)
     require_writable(target)

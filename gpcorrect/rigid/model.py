@@ -92,11 +92,6 @@ class RigidModel:
         Parameters
         ----------
         command : PoseSignal, poses in the command's frame
-
-        Raises
-        ------
-        DataError
-            As for :meth:`apply`.
         """
         position = (command.position - self.t) @ self.R_position
         if command.quaternion is None:
@@ -146,11 +141,6 @@ class RigidModel:
         Parameters
         ----------
         data : mapping, from :meth:`to_dict`
-
-        Raises
-        ------
-        DataError
-            A part is missing or is not what :class:`RigidModel` takes.
         """
         missing = [name for name in ("kind", *SHAPES) if name not in data]
         if missing:
@@ -169,11 +159,6 @@ def pose_residual(reference: PoseSignal, command: PoseSignal) -> FloatArray:
     ----------
     reference : PoseSignal, n poses
     command : PoseSignal, n poses in the same frame
-
-    Raises
-    ------
-    DataError
-        The two signals differ in length.
     """
     if len(reference) != len(command):
         raise DataError(
@@ -199,11 +184,6 @@ def apply_residual(reference: PoseSignal, residual: FloatArray) -> PoseSignal:
     reference : PoseSignal, n poses
     residual : (n, 6) array
         m, then rad; NaN where nothing was learned.
-
-    Raises
-    ------
-    DataError
-        The residuals are not `(n, 6)` with a row a pose.
     """
     residual = np.asarray(residual, dtype=np.float64)
     if residual.shape != (len(reference), 6):

@@ -81,11 +81,6 @@ class Tracker:
         threads would wait for each other there.
     clocks : Clocks, optional
         What is known already of when each camera looks; learned further.
-
-    Raises
-    ------
-    DataError
-        There are fewer than two cameras.
     """
 
     def __init__(

@@ -137,11 +137,6 @@ def seconds_of(text: str) -> float:
     Parameters
     ----------
     text : str, a finite number
-
-    Raises
-    ------
-    DataError
-        It is none.
     """
     try:
         seconds = float(text)
