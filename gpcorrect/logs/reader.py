@@ -87,6 +87,8 @@ def read_log(
 ) -> CalibrationLog:
     """Read a recording of any format that is known, into SI units, radians and quaternions wxyz.
 
+    The log has the sidecar's meta data, the SHA-256 of the file, and remarks on what reading decided.
+
     Parameters
     ----------
     path : str or Path
@@ -104,11 +106,6 @@ def read_log(
     disorder : {"refuse", "drop", "keep"}
         What to do about time that does not increase inside a trajectory: raise, leave the samples out, or
         keep them, which is for looking at a recording only.
-
-    Returns
-    -------
-    CalibrationLog
-        With the sidecar's meta data, the SHA-256 of the file, and remarks on what reading decided.
 
     Raises
     ------

@@ -154,7 +154,8 @@ def combine(
 ) -> CalibrationLog:
     """One log on the clock of the base stream; every other stream is interpolated onto it.
 
-    Rows for which no other stream has a value are dropped; a signal that alone is missing there is NaN.
+    Rows for which no other stream has a value are dropped; a signal that alone is missing there is NaN. The log is one
+    trajectory of one session.
 
     Parameters
     ----------
@@ -168,11 +169,6 @@ def combine(
     disorder : {"refuse", "drop", "keep"}
         What to do about stamps that run backwards; "keep" is for looking at a recording, not for learning
         from it. A repeated stamp of the base says nothing new and is dropped, unless "keep".
-
-    Returns
-    -------
-    CalibrationLog
-        One trajectory, one session; what was dropped is in its remarks.
 
     Raises
     ------

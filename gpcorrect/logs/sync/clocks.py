@@ -152,8 +152,8 @@ def align(
 ) -> CalibrationLog:
     """Return the log with signal(t + d) in place of signal(t), for the signals of the other clock.
 
-    Positions and joints are interpolated linearly, rotations along the shortest arc, as far as
-    the clock ran on and never across a gap.
+    Positions and joints are interpolated linearly, rotations along the shortest arc, as far as the clock ran on and
+    never across a gap. Rows near which the other clock has no sample are NaN, as at one end of the recording.
 
     Parameters
     ----------
@@ -162,11 +162,6 @@ def align(
         Seconds d by which the stamps of these signals run ahead; an estimate brings its drift along.
     signals : sequence of str
         Those that the other clock stamped; add external_jp where its joints come from the same tracker.
-
-    Returns
-    -------
-    CalibrationLog
-        Same rows; NaN where no sample of the other clock is near enough in time, as at one end of the recording.
 
     Raises
     ------

@@ -167,15 +167,13 @@ class Timing:
     def refine(self, start: FloatArray, bracket: float) -> Refinement | None:
         """Gauss-Newton on the timing with Huber weights from `start`, at most `bracket` s away.
 
+        It ends where it stands as soon as the motion turns out to hold no information; None where it does not
+        converge.
+
         Parameters
         ----------
         start : (p,) array, shift in s and, where it is fitted, drift in s/s
         bracket : float, largest change of the shift, s
-
-        Returns
-        -------
-        Refinement or None
-            Where it stands as soon as the motion turns out to hold no information; None where it does not converge.
         """
         timing = np.array(start, dtype=np.float64)
         weight = np.ones(len(self.target))
