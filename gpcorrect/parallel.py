@@ -42,8 +42,7 @@ def each(
         with :func:`functools.partial`.
     items : iterable
         What differs between the calls: a random generator of its own where one is needed.
-    progress, stage
-        See :class:`~gpcorrect.types.Progress`.
+    progress, stage : see :class:`~gpcorrect.types.Progress`
 
     Raises
     ------
@@ -67,8 +66,7 @@ def each_as_done(function: Callable[[Item], Result], items: Iterable[Item]) -> I
 
     Parameters
     ----------
-    function, items
-        See :func:`each`.
+    function, items : see :func:`each`
     """
     return _run(function, list(items), "generator_unordered")
 

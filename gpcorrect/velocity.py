@@ -103,8 +103,7 @@ def twists(
     rotations : (n, 3, 3) array or None
         Rotation matrices; None leaves the angular part NaN. The body must turn by less than pi between the
         middle and the ends of a window.
-    labels, step
-        See :func:`derivative`.
+    labels, step : see :func:`derivative`
     """
     t, p, runs = _checked(time, positions, labels, step)
     angular = np.full((len(t), 3), np.nan)

@@ -56,8 +56,7 @@ def parse(title: str, read: Callable[[Path, ReadSettings], T], path: Path, setti
     ----------
     title : str
     read : callable, from path and settings to what is wanted of the recording
-    path, settings
-        See :func:`gpcorrect.logs.read_log`.
+    path, settings : see :func:`gpcorrect.logs.read_log`
     """
     try:
         return read(path, settings)
@@ -96,8 +95,7 @@ def parse_apart(
     Parameters
     ----------
     kind : type, what `read` returns: a dataclass that :func:`gpcorrect.codec.pack` takes apart
-    title, read, path, settings
-        As for :func:`parse`; `read` can be pickled.
+    title, read, path, settings : as for :func:`parse`; `read` can be pickled
     libraries : sequence of str
         Modules that the reader needs, loaded once; one that is not installed is left out.
     """

@@ -132,8 +132,7 @@ def pose_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Stre
     Parameters
     ----------
     name : str
-    recorded, times
-        Messages of a topic and when they were taken.
+    recorded, times : messages of a topic, and when they were taken
     """
     table = np.array(recorded.rows, dtype=np.float64)[times.rows]
     quaternion = unit_quaternions(table[:, 3:])
@@ -181,8 +180,7 @@ def joint_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Str
     Parameters
     ----------
     name : str, CRTK name of the topic, such as "measured_js"
-    recorded, times
-        Messages of a topic and when they were taken.
+    recorded, times : messages of a topic, and when they were taken
     """
     if len({row[0] for row in recorded.rows}) > 1:
         raise LogError(f"the joints of {recorded.topic} change from message to message.")

@@ -88,8 +88,7 @@ def raven_streams(recorded: Recorded, times: Times, arm: Arm | None) -> tuple[li
 
     Parameters
     ----------
-    recorded, times
-        Messages of a topic and when they were taken.
+    recorded, times : messages of a topic, and when they were taken
     arm : {"left", "right"}, optional, the only one there when not given
     """
     ends = np.cumsum(list(FIELDS.values()))

@@ -138,8 +138,7 @@ def parsed(kind: type[T], read: Callable[[Format, Path, ReadSettings], T], path:
     kind : type, what `read` returns: a dataclass
     read : callable
         From format, path and settings to what is wanted of the recording; a function of a module.
-    path, settings
-        See :func:`read_log`.
+    path, settings : see :func:`read_log`
     """
     found = format_of(path)
     size = path.stat().st_size

@@ -157,8 +157,7 @@ class AnnotatedVideo:
 
         Parameters
         ----------
-        frame, images
-            As :func:`annotated`.
+        frame, images : as :func:`annotated`
 
         Raises
         ------
