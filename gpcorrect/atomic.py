@@ -24,7 +24,6 @@ def require_folder(path: str | Path) -> None:
     Parameters
     ----------
     path : str or Path
-        The file to come.
 
     Raises
     ------
@@ -44,18 +43,11 @@ def require_new(path: str | Path) -> None:
 
     Parameters
     ----------
-    path : str or Path
-        The file or folder to come.
-
-    Raises
-    ------
-    GpCorrectError
-        It is there already.
+    path : str or Path, the file or folder to come
     """
     if Path(path).exists():
-        raise GpCorrectError(
-            f"{path} is there already, and a recording is not overwritten.", hint="Name another one, or move it away."
-        )
+        hint = "Name another one, or move it away."
+        raise GpCorrectError(f"{path} is there already, and a recording is not overwritten.", hint=hint)
 
 
 def require_own(path: str | Path, begins: bytes, what: str) -> None:
@@ -64,7 +56,6 @@ def require_own(path: str | Path, begins: bytes, what: str) -> None:
     Parameters
     ----------
     path : str or Path
-        The file to come.
     begins : bytes
         Regular expression of how files of its kind begin.
     what : str
@@ -82,10 +73,8 @@ def require_own(path: str | Path, begins: bytes, what: str) -> None:
     with target.open("rb") as file:
         head = file.read(HEAD_BYTES)
     if head and not re.match(begins, head, re.DOTALL):
-        raise GpCorrectError(
-            f"{path} is there already, and is no {what}: it is not overwritten.",
-            hint="Name another output, or move it away.",
-        )
+        hint = "Name another output, or move it away."
+        raise GpCorrectError(f"{path} is there already, and is no {what}: it is not overwritten.", hint=hint)
 
 
 def _require_room(folder: Path, path: str | Path) -> None:
@@ -105,7 +94,6 @@ def make_folder(path: str | Path) -> None:
     Parameters
     ----------
     path : str or Path
-        The folder.
 
     Raises
     ------
@@ -130,7 +118,6 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     Parameters
     ----------
     path : str or Path
-        The file to come.
 
     Raises
     ------
@@ -169,9 +156,7 @@ def write_file(path: str | Path, content: str | bytes) -> None:
     Parameters
     ----------
     path : str or Path
-        Of the file.
     content : str or bytes
-        All of it.
     """
     with atomic_path(path) as temporary:
         temporary.write_bytes(content.encode() if isinstance(content, str) else content)

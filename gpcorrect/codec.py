@@ -21,14 +21,8 @@ T = TypeVar("T")
 Arrays = dict[str, Any]
 ARRAY = "array:"  # marks, in the JSON, where an array stood
 TYPE = "type"  # names the class of a dataclass; no field may be called so
-PLAIN: dict[Any, tuple[type, ...]] = {
-    float: (float, int),
-    int: (int,),
-    bool: (bool,),
-    str: (str,),
-    types.NoneType: (types.NoneType,),
-}
-"""What JSON may hold for each plain type."""
+PLAIN = (int, bool, str, types.NoneType)
+"""Types that JSON holds as they are; a float may stand there as an integer."""
 _hints = cache(get_type_hints)  # a third of the time that it takes to build a small model
 
 
@@ -38,9 +32,7 @@ def pack(value: Any, prefix: str) -> tuple[Any, Arrays]:
     Parameters
     ----------
     value : Any
-        What is taken apart.
-    prefix : str
-        Under which the arrays are named.
+    prefix : str, under which the arrays are named
     """
     if isinstance(value, np.ndarray):
         return ARRAY + prefix, {prefix: value}
@@ -70,16 +62,8 @@ def unpack(hint: type[T], data: Any, arrays: Mapping[str, Any]) -> T:
     Parameters
     ----------
     hint : type
-        What it was.
-    data : JSON-able
-        From :func:`pack`.
-    arrays : mapping
-        Likewise.
-
-    Raises
-    ------
-    DataError
-        The data are not what the hint says.
+    data : JSON-able, from :func:`pack`
+    arrays : mapping, likewise
     """
     value: T = _unpack(hint, data, arrays)
     return value
@@ -98,16 +82,14 @@ def _unpack(hint: Any, data: Any, arrays: Mapping[str, Any]) -> Any:
         return tuple(_unpack(kind, item, arrays) for kind, item in zip(kinds, data, strict=True))
     if origin is Mapping and isinstance(data, dict):
         return {name: _unpack(inner[1], item, arrays) for name, item in data.items()}
-    if hint is Any or (data in inner if origin is Literal else type(data) in PLAIN.get(hint, ())):
-        return _number(data) if hint is float else data
+    if hint is float and type(data) in (float, int):
+        try:
+            return float(data)
+        except OverflowError as error:
+            raise DataError("no floating-point number is as large as the stored integer.") from error
+    if hint is Any or (data in inner if origin is Literal else hint in PLAIN and type(data) is hint):
+        return data
     raise DataError(f"cannot rebuild {hint} from {type(data).__name__}.")
-
-
-def _number(data: float) -> float:
-    try:
-        return float(data)
-    except OverflowError as error:
-        raise DataError("no floating-point number is as large as the stored integer.") from error
 
 
 def _array(hint: Any, data: Any, arrays: Mapping[str, Any]) -> Any:

@@ -71,6 +71,9 @@ _TEXT = {
 }
 
 
+_ARRAYS = ("position", "quaternion", "joints", "std", "interval95")
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Correction:
     """What to command, or where the robot is, and how sure that is; arrays of n answers have a leading axis n.
@@ -128,18 +131,10 @@ class Correction:
     def __getitem__(self, row: int | BoolArray | IntArray) -> Self:
         """Return one answer of n, or several by their rows."""
         assert isinstance(self.reasons, np.ndarray)
-        position, quaternion, joints = (
-            None if part is None else part[row] for part in (self.position, self.quaternion, self.joints)
-        )
+        arrays = {name: getattr(self, name) for name in _ARRAYS}
+        parts: dict[str, Any] = {name: None if part is None else part[row] for name, part in arrays.items()}
         reasons = self.reasons[row]
-        return type(self)(
-            position,
-            quaternion,
-            joints,
-            self.std[row],
-            self.interval95[row],
-            reasons if isinstance(reasons, np.ndarray) else Reason(int(reasons)),
-        )
+        return type(self)(**parts, reasons=reasons if isinstance(reasons, np.ndarray) else Reason(int(reasons)))
 
     def because(self, reason: Reason, rows: BoolArray | bool = True) -> Self:
         """Return the same with a further reason, at these rows (n,) of n."""
@@ -149,20 +144,11 @@ class Correction:
 
     def at(self, rows: BoolArray, other: Correction) -> Self:
         """Return these answers at rows (n,) of n, and another's, of the same parts, elsewhere."""
-        mask = rows[:, None]
-
-        def column(name: str) -> Any:
+        parts: dict[str, Any] = {}
+        for name in _ARRAYS:
             mine, its = getattr(self, name), getattr(other, name)
-            return None if mine is None or its is None else np.where(mask, mine, its)
-
-        return type(self)(
-            position=column("position"),
-            quaternion=column("quaternion"),
-            joints=column("joints"),
-            std=column("std"),
-            interval95=column("interval95"),
-            reasons=np.where(rows, self.reasons, other.reasons),
-        )
+            parts[name] = None if mine is None or its is None else np.where(rows[:, None], mine, its)
+        return type(self)(**parts, reasons=np.where(rows, self.reasons, other.reasons))
 
     def numbers(self, width: FloatArray) -> FloatArray:
         """Return the poses of n answers beside how sure they are, `width` (n, k), whose NaN become 0."""
@@ -172,16 +158,6 @@ class Correction:
     @classmethod
     def stack(cls, answers: Sequence[Correction]) -> Self:
         """Gather single answers, one at least, given one after the other."""
-
-        def column(name: str) -> Any:
-            values = [getattr(answer, name) for answer in answers]
-            return None if values[0] is None else np.array(values)
-
-        return cls(
-            position=column("position"),
-            quaternion=column("quaternion"),
-            joints=column("joints"),
-            std=column("std"),
-            interval95=column("interval95"),
-            reasons=np.array([int(answer.reasons) for answer in answers], dtype=np.int64),
-        )
+        columns = {name: [getattr(answer, name) for answer in answers] for name in _ARRAYS}
+        parts: dict[str, Any] = {n: None if values[0] is None else np.array(values) for n, values in columns.items()}
+        return cls(**parts, reasons=np.array([int(answer.reasons) for answer in answers], dtype=np.int64))

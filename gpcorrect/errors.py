@@ -10,8 +10,7 @@ class GpCorrectError(Exception):
     ----------
     message : str
         What went wrong, in one sentence: what was expected and what came.
-    hint : str, optional
-        What to do about it.
+    hint : str, optional, what to do about it
     """
 
     def __init__(self, message: str, *, hint: str = "") -> None:
@@ -32,8 +31,7 @@ class LogError(GpCorrectError, ValueError):
 
     Parameters
     ----------
-    message, hint : str
-        See :class:`GpCorrectError`.
+    message, hint : str, see :class:`GpCorrectError`
     path : str
         The file that was read, empty when the log never was a file.
     """
@@ -56,17 +54,13 @@ class MissingExtraError(GpCorrectError, ImportError):
 
     Parameters
     ----------
-    library : str
-        Name of the library that is missing.
-    extra : str
-        Extra of this package that brings it.
-    purpose : str
-        What the library is needed for.
+    library : str, name of the library that is missing
+    extra : str, extra of this package that brings it
+    purpose : str, what the library is needed for
     """
 
     def __init__(self, library: str, *, extra: str, purpose: str) -> None:
         super().__init__(
-            f"{purpose} needs {library}, which is not installed.",
-            hint=f"Run: pip install 'gpcorrect[{extra}]'",
+            f"{purpose} needs {library}, which is not installed.", hint=f"Run: pip install 'gpcorrect[{extra}]'"
         )
         self.extra = extra

@@ -12,8 +12,7 @@ def imported_on_demand(package: str, homes: Mapping[str, str]) -> Callable[[str]
 
     Parameters
     ----------
-    package : str
-        Its `__name__`.
+    package : str, its `__name__`
     homes : mapping of str to str
         Module inside the package, and the public names that it has, with blanks between them.
     """

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from importlib.metadata import version
+from itertools import chain
 from typing import Any, TypeVar
 
 from joblib import Parallel, delayed, effective_n_jobs, parallel_config
@@ -41,8 +42,7 @@ def each(
         with :func:`functools.partial`.
     items : iterable
         What differs between the calls: a random generator of its own where one is needed.
-    progress, stage
-        See :class:`~gpcorrect.types.Progress`.
+    progress, stage : see :class:`~gpcorrect.types.Progress`
 
     Raises
     ------
@@ -50,17 +50,15 @@ def each(
         The cluster lost the work.
     """
     todo = list(items)
-    done = 0
     # Neighbouring items go together, some chunks for each worker; one by one where there is one worker.
     jobs = effective_n_jobs()
     size = 1 if jobs == 1 else max(1, math.ceil(len(todo) / (CHUNKS * jobs)))
     chunks = [todo[k : k + size] for k in range(0, len(todo), size)]
-    for results in _run(partial(_results, function), chunks, "generator"):
-        for result in results:
-            done += 1
-            if progress is not None:
-                progress.step(stage, done / len(todo))
-            yield result
+    results = chain.from_iterable(_run(partial(_results, function), chunks, "generator"))
+    for done, result in enumerate(results, start=1):
+        if progress is not None:
+            progress.step(stage, done / len(todo))
+        yield result
 
 
 def each_as_done(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
@@ -68,8 +66,7 @@ def each_as_done(function: Callable[[Item], Result], items: Iterable[Item]) -> I
 
     Parameters
     ----------
-    function, items
-        See :func:`each`.
+    function, items : see :func:`each`
     """
     return _run(function, list(items), "generator_unordered")
 
@@ -118,12 +115,11 @@ def _cluster(address: str) -> Iterator[None]:
             f"no Dask scheduler answers at {address} ({error}).",
             hint=f"Start one with `dask scheduler`, and workers with `dask worker {address}`.",
         ) from error
-    lost = (KilledWorker, FutureCancelledError, CommClosedError)
     try:
         with client:
             _check_workers(client, address)
             yield
-    except lost as error:
+    except (KilledWorker, FutureCancelledError, CommClosedError) as error:
         raise ClusterError(
             f"the cluster {address} lost the work: {error}.", hint="Give the same command again."
         ) from error

@@ -31,7 +31,6 @@ def quoted(text: str) -> str:
     Parameters
     ----------
     text : str
-        Any.
     """
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
@@ -45,14 +44,15 @@ def toml_text(document: Mapping[str, Any]) -> str:
         Text, numbers, truth values, lists of these, tables, and lists of tables. Tables inside a table of the first
         level, or inside a list, are written inline.
     """
-    plain = {k: v for k, v in document.items() if not (_is_table(v) or _is_table_list(v))}
-    blocks = ["\n".join(_line(k, v) for k, v in plain.items())]
+    plain, blocks = [], list[str]()
     for key, value in document.items():
-        if _is_table(value):
+        if isinstance(value, Mapping):
             blocks.append("\n".join([f"[{_key(key)}]", *(_line(k, v) for k, v in value.items())]))
-        elif _is_table_list(value):
+        elif isinstance(value, Sequence) and value and all(isinstance(v, Mapping) for v in value):
             blocks += ["\n".join([f"[[{_key(key)}]]", *(_line(k, v) for k, v in table.items())]) for table in value]
-    return "\n\n".join(block for block in blocks if block) + "\n"
+        else:
+            plain.append(_line(key, value))
+    return "\n\n".join(["\n".join(plain), *blocks] if plain else blocks) + "\n"
 
 
 def _line(key: str, value: Any) -> str:
@@ -74,11 +74,3 @@ def _value(value: Any) -> str:
     if isinstance(value, Sequence):
         return "[" + ", ".join(map(_value, value)) + "]"
     return repr(value)  # int and float: Python's shortest exact form, also inf and nan, is TOML's
-
-
-def _is_table(value: Any) -> bool:
-    return isinstance(value, Mapping)
-
-
-def _is_table_list(value: Any) -> bool:
-    return isinstance(value, Sequence) and bool(value) and all(isinstance(v, Mapping) for v in value)

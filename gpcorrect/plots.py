@@ -16,22 +16,18 @@ except ImportError as error:
 PAPERS = {"a4": (0.297, 0.210), "a3": (0.420, 0.297), "letter": (0.2794, 0.2159)}  # m, lying on the long side
 INCH = 0.0254  # m
 MARGIN = 0.008  # m: what printers leave white
-RULER = 0.100  # m
+SCALE = 0.100  # m, of the printed line of known length
 
 
 def write_board(path: str | Path, columns: int, rows: int, square: float, paper: str = "a4") -> None:
-    """Write a chessboard as a PDF of true size, with a ruler to check what the printer made of it.
+    """Write a chessboard as a PDF of true size, with a line of known length to check what the printer made of it.
 
     Parameters
     ----------
-    path : str or Path
-        Ends in .pdf.
-    columns, rows : int
-        Inner corners.
-    square : float
-        Side of a square, m.
-    paper : str
-        One of `PAPERS`.
+    path : str or Path, ends in .pdf
+    columns, rows : int, inner corners
+    square : float, side of a square, m
+    paper : str, one of `PAPERS`
 
     Raises
     ------
@@ -41,10 +37,8 @@ def write_board(path: str | Path, columns: int, rows: int, square: float, paper:
     if Path(path).suffix != ".pdf" or paper not in PAPERS:
         raise DataError(f"a board is a .pdf on {', '.join(PAPERS)}; got {Path(path).name} on {paper}.")
     if (columns + rows) % 2 == 0:
-        raise DataError(
-            f"a board of {columns} x {rows} inner corners looks the same turned by half.",
-            hint="Take one even and one odd number, as 9 and 6.",
-        )
+        hint = "Take one even and one odd number, as 9 and 6."
+        raise DataError(f"a board of {columns} x {rows} inner corners looks the same turned by half.", hint=hint)
     width, height = PAPERS[paper]
     wide, high = (columns + 1) * square, (rows + 1) * square
     if wide > width - 2 * (MARGIN + square / 2) or high > height - 2 * (MARGIN + square / 2):
@@ -63,10 +57,10 @@ def write_board(path: str | Path, columns: int, rows: int, square: float, paper:
             if (i + j) % 2 == 0:
                 axes.add_patch(Rectangle((left + i * square, top + j * square), square, square, color="k", lw=0))
     bottom = height - MARGIN
-    axes.plot([left, left + RULER], [bottom, bottom], color="k", lw=0.6)
-    for end in (left, left + RULER):
+    axes.plot([left, left + SCALE], [bottom, bottom], color="k", lw=0.6)
+    for end in (left, left + SCALE):
         axes.plot([end, end], [bottom - 0.002, bottom], color="k", lw=0.6)
     words = f"{columns} x {rows} inner corners, squares of {1e3 * square:g} mm. Print at 100 %: this line is 100 mm."
-    axes.text(left + RULER + 0.004, bottom, words, fontsize=7, va="bottom")
+    axes.text(left + SCALE + 0.004, bottom, words, fontsize=7, va="bottom")
     with atomic_path(path) as temporary:
         figure.savefig(temporary, format="pdf")

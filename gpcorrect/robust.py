@@ -27,11 +27,6 @@ def robust_scale(lengths: FloatArray, dimension: int = 1) -> FloatArray:
     ----------
     lengths : (n,) or (n, k) array
         Lengths of n residual vectors, of each of k kinds.
-    dimension : int
-        Components that each vector has.
-
-    Returns
-    -------
-    () or (k,) array
+    dimension : int, components that each vector has
     """
     return np.asarray(np.median(lengths, axis=0) / _median_length(dimension))

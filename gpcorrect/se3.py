@@ -48,7 +48,6 @@ def quaternion_from_matrix(rotation: FloatArray) -> FloatArray:
     Parameters
     ----------
     rotation : (..., 3, 3) array
-        Rotation matrices.
     """
     from_matrix = _rotations().from_matrix
     return _map_rows(rotation, (4,), lambda rows: from_matrix(rows).as_quat(canonical=True, scalar_first=True), axes=2)
@@ -60,7 +59,6 @@ def matrix_from_rotvec(rotvec: FloatArray) -> FloatArray:
     Parameters
     ----------
     rotvec : (..., 3) array
-        Rotation vectors, rad.
     """
     return _map_rows(rotvec, (3, 3), lambda rows: _rotations().from_rotvec(rows).as_matrix(), axes=1)
 
@@ -84,7 +82,6 @@ def rotvec_from_matrix(rotation: FloatArray) -> FloatArray:
     Parameters
     ----------
     rotation : (..., 3, 3) array
-        Rotation matrices.
     """
     return _map_rows(rotation, (3,), _rotvecs, axes=2)
 
@@ -133,7 +130,6 @@ def angle(rotation: FloatArray) -> FloatArray:
     Parameters
     ----------
     rotation : (..., 3, 3) array
-        Rotation matrices.
     """
     lengths: FloatArray = np.linalg.norm(rotvec_from_matrix(rotation), axis=-1)
     return lengths
@@ -144,8 +140,7 @@ def quaternion_angle(first: FloatArray, second: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    first, second : (..., 4) arrays
-        Not zero; normalised first.
+    first, second : (..., 4) arrays, not zero; normalised first
     """
     q, r = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in (first, second))
     aligned = np.where((q * r).sum(axis=-1) < 0, -1.0, 1.0)[..., None] * r
@@ -159,7 +154,6 @@ def nearest_rotation(matrix: FloatArray) -> FloatArray:
     Parameters
     ----------
     matrix : (..., 3, 3) array
-        Any finite matrices.
 
     Raises
     ------
@@ -181,9 +175,7 @@ def pose(rotation: FloatArray, translation: FloatArray) -> FloatArray:
     Parameters
     ----------
     rotation : (..., 3, 3) array
-        Rotation matrices.
     translation : (..., 3) array
-        Translations, m.
     """
     r, t = np.asarray(rotation, dtype=np.float64), np.asarray(translation, dtype=np.float64)
     lead = np.broadcast_shapes(r.shape[:-2], t.shape[:-1])
@@ -200,9 +192,7 @@ def from_parts(position: FloatArray, quaternion: FloatArray) -> FloatArray:
     Parameters
     ----------
     position : (..., 3) array
-        Positions, m.
     quaternion : (..., 4) array
-        Quaternions wxyz.
     """
     return pose(matrix_from_quaternion(quaternion), position)
 
@@ -213,7 +203,6 @@ def to_parts(T: FloatArray) -> tuple[FloatArray, FloatArray]:
     Parameters
     ----------
     T : (..., 4, 4) array
-        Poses.
     """
     return np.array(T[..., :3, 3]), quaternion_from_matrix(T[..., :3, :3])
 
@@ -233,7 +222,6 @@ def invert(T: FloatArray) -> FloatArray:
     Parameters
     ----------
     T : (..., 4, 4) array
-        Poses.
     """
     r_t = np.swapaxes(T[..., :3, :3], -1, -2)
     return pose(r_t, -(r_t @ T[..., :3, 3, None])[..., 0])
@@ -245,7 +233,6 @@ def hat(v: FloatArray) -> FloatArray:
     Parameters
     ----------
     v : (..., 3) array
-        Vectors.
     """
     upper = np.zeros((*v.shape[:-1], 3, 3))
     upper[..., 0, 1], upper[..., 0, 2], upper[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
@@ -272,7 +259,6 @@ def left_jacobian_inverse(rotvec: FloatArray) -> FloatArray:
     Parameters
     ----------
     rotvec : (..., 3) array
-        Rotation vectors, rad.
     """
     theta = np.linalg.norm(rotvec, axis=-1)[..., None, None]
     small = theta < SMALL_ANGLE
@@ -301,7 +287,6 @@ def log(T: FloatArray) -> FloatArray:
     Parameters
     ----------
     T : (..., 4, 4) array
-        Poses.
     """
     rotvec = rotvec_from_matrix(T[..., :3, :3])
     rho = (left_jacobian_inverse(rotvec) @ T[..., :3, 3, None])[..., 0]
@@ -314,7 +299,6 @@ def rotation_mean(rotations: FloatArray, weights: FloatArray | None = None) -> F
     Parameters
     ----------
     rotations : (n, 3, 3) array
-        Rotation matrices.
     weights : (n,) array, optional
         Non-negative weights; equal when not given.
 
@@ -334,12 +318,9 @@ def interpolate_rotations(times: FloatArray, rotations: FloatArray, at: FloatArr
 
     Parameters
     ----------
-    times : (n,) array
-        Times of the samples, s.
-    rotations : (n, 3, 3) array
-        Rotation matrices there.
-    at : (m,) array
-        Times to interpolate at, s.
+    times : (n,) array, times of the samples, s
+    rotations : (n, 3, 3) array, rotation matrices there
+    at : (m,) array, times to interpolate at, s
 
     Raises
     ------

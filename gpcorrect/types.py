@@ -27,9 +27,7 @@ class Progress:
         Parameters
         ----------
         stage : str
-            Its name, for people.
-        done : float
-            Finished fraction, 0 to 1.
+        done : float, finished fraction, 0 to 1
         """
 
 
@@ -39,9 +37,7 @@ def frozen_array(value: ArrayLike, dtype: type = np.float64) -> NDArray[Any]:
     Parameters
     ----------
     value : array_like
-        What is copied.
-    dtype : type
-        Of the copy; float64 by default.
+    dtype : type, of the copy; float64 by default
     """
     array: NDArray[Any] = np.array(value, dtype=dtype)
     array.setflags(write=False)
@@ -110,9 +106,8 @@ class LogMeta:
     def __post_init__(self) -> None:
         types = self.joint_types.replace(" ", "").replace(",", "").upper()
         if set(types) - set("RP"):
-            raise LogError(
-                f"joint_types {self.joint_types!r} does not name each joint with R or P.", hint="Correct the sidecar."
-            )
+            hint = "Correct the sidecar."
+            raise LogError(f"joint_types {self.joint_types!r} does not name each joint with R or P.", hint=hint)
         object.__setattr__(self, "joint_types", types)
 
 
@@ -130,14 +125,11 @@ class CalibrationLog:
         Commanded and reported pose (base frame) and outside tracker's pose (tracker frame).
     setpoint_jp, measured_jp, measured_jv, measured_jf, external_jp : (n, dof) arrays or None
         Joint signals, rad or m (velocities a second, efforts N m or N).
-    payload, temperature : (n,) arrays or None
-        Kilograms and degrees Celsius.
+    payload, temperature : (n,) arrays or None, kilograms and degrees Celsius
     extra : mapping of name to (n,) array
         Columns outside the log format, carried along and not used.
-    meta : LogMeta
-        Robot, arm, tracker and provenance.
-    name : str
-        Where the log came from, for messages.
+    meta : LogMeta, robot, arm, tracker and provenance
+    name : str, where the log came from, for messages
     digest : str
         SHA-256 of the source file, empty for logs that never were a file.
     recordings : tuple of str
@@ -185,14 +177,10 @@ class CalibrationLog:
             if value is not None:
                 object.__setattr__(self, name, frozen_array(value))
         object.__setattr__(self, "extra", {k: frozen_array(v) for k, v in self.extra.items()})
-        self._check_lengths()
-
-    def _check_lengths(self) -> None:
-        n = len(self.time)
         for name in (f.name for f in fields(self)):
             value = getattr(self, name)
-            if isinstance(value, PoseSignal | np.ndarray) and len(value) != n:
-                raise DataError(f"signal {name} has {len(value)} samples, time has {n}.")
+            if isinstance(value, PoseSignal | np.ndarray) and len(value) != len(self.time):
+                raise DataError(f"signal {name} has {len(value)} samples, time has {len(self.time)}.")
         for name in self.JOINTS:
             value = getattr(self, name)
             if value is not None and value.ndim != 2:
@@ -218,7 +206,6 @@ class CalibrationLog:
         Parameters
         ----------
         dof : int
-            Number of joints.
 
         Raises
         ------
@@ -248,8 +235,7 @@ class CalibrationLog:
 
         Parameters
         ----------
-        rows : array or slice
-            Flags (n,), row numbers, or a range.
+        rows : array or slice, flags (n,), row numbers, or a range
         """
         values: dict[str, Any] = {n: getattr(self, n)[rows] for n in ("time", "trajectory", "session", *self.signals)}
         return replace(self, extra={k: v[rows] for k, v in self.extra.items()}, **values)

@@ -27,40 +27,33 @@ GAP_STEPS = 5.0  # a step this many times the median one is a gap
 FIT_SAMPLES = 3  # a parabola needs three, however slow the stream
 
 
-def segment_labels(
-    time: ArrayLike, trajectory: ArrayLike, keep: ArrayLike | None = None, max_gap: float | None = None
-) -> IntArray:
-    """Label the unbroken runs of kept samples inside one trajectory: 0, 1... in row order, -1 where not kept.
+def segment_labels(time: ArrayLike, trajectory: ArrayLike, keep: ArrayLike | None = None) -> IntArray:
+    """Label the unbroken runs of used samples inside one trajectory: 0, 1... in row order, -1 where not used.
+
+    A step longer than five times the trajectory's median one breaks the run.
 
     Parameters
     ----------
-    time : (n,) array
-        Seconds.
-    trajectory : (n,) int array
-        Which motion a sample belongs to.
+    time : (n,) array, seconds
+    trajectory : (n,) int array, which motion a sample belongs to
     keep : (n,) bool array, optional
-        False for a rejected or missing sample, which breaks the run; all kept by default.
-    max_gap : float, optional
-        A longer time step, s, breaks the run; by default five times the trajectory's median step.
-
-    Returns
-    -------
-    (n,) int array
+        False for a rejected or missing sample, which breaks the run; all are used by default.
 
     Raises
     ------
     DataError
-        The arrays differ in length, a time is not finite, or `max_gap` is not positive.
+        The arrays differ in length, or a time is not finite.
     """
     t, motion = np.asarray(time, dtype=np.float64), np.asarray(trajectory)
     used: BoolArray = np.ones(t.shape, dtype=bool) if keep is None else np.asarray(keep, dtype=bool)
     if t.ndim != 1 or motion.shape != t.shape or used.shape != t.shape:
         raise DataError(f"time, trajectory and keep must be (n,) each, got {t.shape}, {motion.shape}, {used.shape}.")
-    if max_gap is not None and not max_gap > 0:
-        raise DataError(f"max_gap must be positive seconds, got {max_gap}.")
     if not np.isfinite(t).all():
         raise DataError(f"time of sample {int(np.argmin(np.isfinite(t)))} is not finite.")
-    longest = _default_gaps(t, motion) if max_gap is None else np.full(t.shape, max_gap)
+    longest, inside = np.full(t.shape, np.inf), np.flatnonzero(motion[1:] == motion[:-1]) + 1
+    for number in np.unique(motion[inside]):
+        rows = inside[motion[inside] == number]
+        longest[motion == number] = GAP_STEPS * np.median(t[rows] - t[rows - 1])
     follows = used[1:] & used[:-1] & (motion[1:] == motion[:-1]) & (np.diff(t) <= longest[1:])
     starts = used & ~np.concatenate([np.zeros(min(1, t.size), dtype=bool), follows])
     return np.where(used, np.cumsum(starts) - 1, -1)
@@ -76,19 +69,13 @@ def derivative(time: ArrayLike, values: ArrayLike, labels: ArrayLike, step: floa
     ----------
     time : (n,) array
         Seconds, strictly increasing inside a label.
-    values : (n, k) array
-        What to differentiate.
+    values : (n, k) array, what to differentiate
     labels : (n,) int array
         Runs, as from :func:`segment_labels`; -1 belongs to none.
     step : float, optional
         Stencil step h, s, so that noise is divided by h: a least-squares parabola through all samples from t-2h to
         t+2h, or where these are no more than five, the five nearest to t-2h, t-h, t, t+h, t+2h. Adjacent samples by
         default.
-
-    Returns
-    -------
-    (n, k) array
-        NaN for label -1 and for runs of one sample.
 
     Raises
     ------
@@ -105,35 +92,18 @@ def derivative(time: ArrayLike, values: ArrayLike, labels: ArrayLike, step: floa
 
 
 def twists(
-    time: ArrayLike,
-    positions: ArrayLike,
-    rotations: ArrayLike | None,
-    labels: ArrayLike,
-    step: float | None = None,
+    time: ArrayLike, positions: ArrayLike, rotations: ArrayLike | None, labels: ArrayLike, step: float | None = None
 ) -> FloatArray:
-    """Linear (m/s) and spatial-frame angular velocity (rad/s) of a path, `(n, 6)`.
+    """Linear (m/s) and spatial-frame angular velocity (rad/s) of a path, `(n, 6)`; NaN where there is no derivative.
 
     Parameters
     ----------
-    time : (n,) array
-        Seconds.
-    positions : (n, 3) array
-        Metres.
+    time : (n,) array, seconds
+    positions : (n, 3) array, metres
     rotations : (n, 3, 3) array or None
         Rotation matrices; None leaves the angular part NaN. The body must turn by less than pi between the
         middle and the ends of a window.
-    labels, step
-        See :func:`derivative`.
-
-    Returns
-    -------
-    (n, 6) array
-        NaN where there is no derivative.
-
-    Raises
-    ------
-    DataError
-        As :func:`derivative`, or rotations of another shape.
+    labels, step : see :func:`derivative`
     """
     t, p, runs = _checked(time, positions, labels, step)
     angular = np.full((len(t), 3), np.nan)
@@ -156,14 +126,8 @@ class CausalTwist:
     Parameters
     ----------
     window : float
-        Length of the past that is fitted, s; at least three samples are kept however slow the stream.
-    max_gap : float
-        A longer pause, s, forgets the past.
-
-    Raises
-    ------
-    DataError
-        `window` or `max_gap` is not positive.
+        Length of the past that is fitted, s; at least three samples are used however slow the stream.
+    max_gap : float, a longer pause, s, forgets the past
     """
 
     def __init__(self, window: float = 0.1, max_gap: float = 0.5) -> None:
@@ -182,17 +146,15 @@ class CausalTwist:
 
         Parameters
         ----------
-        time : float
-            Seconds, later than the sample before.
-        position : (3,) array
-            Metres.
+        time : float, seconds, later than the sample before
+        position : (3,) array, metres
         rotation : (3, 3) array, optional
             Rotation matrix; without it the angular part is NaN.
 
         Raises
         ------
         DataError
-            Time does not advance, or the sample is not finite or of another shape; the past is kept.
+            Time does not advance, or the sample is not finite or of another shape; the past stays.
         """
         p = np.array(position, dtype=np.float64)
         R = None if rotation is None else np.array(rotation, dtype=np.float64)
@@ -202,7 +164,13 @@ class CausalTwist:
         self._past.append((time, p, R))
         while len(self._past) > FIT_SAMPLES and time - self._past[0][0] > self.window:
             self._past.popleft()
-        return np.concatenate([self._linear(), self._angular()])
+        past_times = np.array([sample[0] for sample in self._past])
+        linear = _end_slope(past_times, np.array([sample[1] for sample in self._past]))
+        if R is None:
+            return np.concatenate([linear, np.full(3, np.nan)])
+        turned = [(t, past) for t, _, past in self._past if past is not None]
+        local = se3.rotvec_from_matrix(np.array([past for _, past in turned]) @ R.T)
+        return np.concatenate([linear, _end_slope(np.array([t for t, _ in turned]), local)])
 
     def _check(self, time: float, position: FloatArray, rotation: FloatArray | None) -> None:
         if position.shape != (3,) or (rotation is not None and rotation.shape != (3, 3)):
@@ -212,28 +180,6 @@ class CausalTwist:
             raise DataError(f"the sample at time {time} is not finite.", hint="Leave a missing sample out.")
         if self._past and time <= self._past[-1][0]:
             raise DataError(f"time must advance: {time} s came after {self._past[-1][0]} s.")
-
-    def _linear(self) -> FloatArray:
-        t = np.array([sample[0] for sample in self._past])
-        return _end_slope(t, np.array([sample[1] for sample in self._past]))
-
-    def _angular(self) -> FloatArray:
-        newest = self._past[-1][2]
-        if newest is None:
-            return np.full(3, np.nan)
-        turned = [(t, R) for t, _, R in self._past if R is not None]
-        local = se3.rotvec_from_matrix(np.array([R for _, R in turned]) @ newest.T)
-        return _end_slope(np.array([t for t, _ in turned]), local)
-
-
-def _default_gaps(time: FloatArray, trajectory: IntArray) -> FloatArray:
-    """Longest step `(n,)` that is no gap: five medians of the steps of the sample's own trajectory."""
-    inside = np.flatnonzero(trajectory[1:] == trajectory[:-1]) + 1
-    gaps = np.full(time.shape, np.inf)
-    for number in np.unique(trajectory[inside]):
-        rows = inside[trajectory[inside] == number]
-        gaps[trajectory == number] = GAP_STEPS * np.median(time[rows] - time[rows - 1])
-    return gaps
 
 
 def _checked(
@@ -248,33 +194,29 @@ def _checked(
     stuck = np.flatnonzero((runs[1:] == runs[:-1]) & (runs[1:] >= 0) & ~(np.diff(t) > 0))
     if stuck.size:
         i = int(stuck[0])
-        raise DataError(
-            f"time does not advance from sample {i} ({t[i]} s) to {i + 1} ({t[i + 1]} s).",
-            hint="Drop repeated and backward samples, or give them label -1.",
-        )
+        hint = "Drop repeated and backward samples, or give them label -1."
+        raise DataError(f"time does not advance from sample {i} ({t[i]} s) to {i + 1} ({t[i + 1]} s).", hint=hint)
     return t, x, runs
 
 
 def _windows(time: FloatArray, labels: IntArray, step: float | None) -> Iterator[tuple[IntArray, IntArray]]:
     """Yield (rows (r,), their windows (r, m)) for each window size m that occurs, from 2 up, some rows at a time."""
-    first, stop = _run_bounds(labels)
+    begins = np.flatnonzero(np.concatenate([[True], labels[1:] != labels[:-1]])[: labels.size])
+    run = np.searchsorted(begins, np.arange(labels.size), side="right") - 1
+    first, stop = begins[run], np.append(begins[1:], labels.size)[run]  # of the run that every sample lies in
     inside = np.where(labels >= 0, stop - first, 0)
     low, high = (first, stop) if step is None else _spans(time, first, stop, step)
     dense = (inside > STENCIL) & (high - low > STENCIL) if step is not None else np.zeros(len(time), dtype=bool)
     size = np.where(dense, np.minimum(high - low, MOST), np.minimum(inside, STENCIL))
     for m in np.unique(size[size > 1]):
-        for rows in _blocks(np.flatnonzero(size == m)):
+        all_rows = np.flatnonzero(size == m)
+        for rows in (all_rows[start : start + BLOCK] for start in range(0, len(all_rows), BLOCK)):
             if m > STENCIL:
                 yield rows, low[rows, None] + np.arange(m) * (high - low - 1)[rows, None] // (m - 1)
             elif m == STENCIL and step is not None:
                 yield rows, _spread_window(time, rows, first[rows], stop[rows], step)
             else:
                 yield rows, np.clip(rows - m // 2, first[rows], stop[rows] - m)[:, None] + np.arange(m)
-
-
-def _blocks(rows: IntArray) -> Iterator[IntArray]:
-    for start in range(0, len(rows), BLOCK):
-        yield rows[start : start + BLOCK]
 
 
 def _spans(time: FloatArray, first: IntArray, stop: IntArray, step: float) -> tuple[IntArray, IntArray]:
@@ -285,14 +227,6 @@ def _spans(time: FloatArray, first: IntArray, stop: IntArray, step: float) -> tu
     low = _nearest_row(time, middle - half, first, stop - 1)
     high = _nearest_row(time, middle + half, first, stop - 1)
     return low, high + 1
-
-
-def _run_bounds(labels: IntArray) -> tuple[IntArray, IntArray]:
-    """First row and one past the last row, `(n,)` each, of the run every sample lies in."""
-    begins = np.flatnonzero(np.concatenate([[True], labels[1:] != labels[:-1]])[: labels.size])
-    ends = np.append(begins[1:], labels.size)
-    run = np.searchsorted(begins, np.arange(labels.size), side="right") - 1
-    return begins[run], ends[run]
 
 
 def _spread_window(time: FloatArray, rows: IntArray, first: IntArray, stop: IntArray, step: float) -> IntArray:
@@ -321,7 +255,7 @@ def _nearest_row(time: FloatArray, target: FloatArray, low: IntArray, high: IntA
 
 def _slope_weights(nodes: FloatArray, at: FloatArray) -> FloatArray:
     """Weights `(r, m)` of the first derivative at `at` (r,): through up to five nodes, between more of them."""
-    return _weights(nodes, at) if nodes.shape[1] <= STENCIL else _parabola_weights(nodes, at)
+    return _lagrange_weights(nodes, at) if nodes.shape[1] <= STENCIL else _parabola_weights(nodes, at)
 
 
 def _parabola_weights(nodes: FloatArray, at: FloatArray) -> FloatArray:
@@ -330,10 +264,8 @@ def _parabola_weights(nodes: FloatArray, at: FloatArray) -> FloatArray:
     The parabola is written in polynomials that are orthogonal on the nodes, so nothing needs to be inverted.
     """
     span = nodes[:, -1:] - nodes[:, :1]
-    x, x_at = (
-        (nodes - nodes.mean(axis=1, keepdims=True)) / span,
-        (at[:, None] - nodes.mean(axis=1, keepdims=True)) / span,
-    )
+    middle = nodes.mean(axis=1, keepdims=True)
+    x, x_at = (nodes - middle) / span, (at[:, None] - middle) / span
     squares = (x * x).mean(axis=1, keepdims=True)
     skew = (x**3).mean(axis=1, keepdims=True) / squares
     second = x * x - skew * x - squares
@@ -343,7 +275,7 @@ def _parabola_weights(nodes: FloatArray, at: FloatArray) -> FloatArray:
     return weights
 
 
-def _weights(nodes: FloatArray, at: FloatArray) -> FloatArray:
+def _lagrange_weights(nodes: FloatArray, at: FloatArray) -> FloatArray:
     """Weights `(r, m)` of the first derivative at `at` (r,) through the samples at `nodes` (r, m).
 
     They are the derivatives of the Lagrange polynomials, which Fornberg's recursion (1988) also yields.

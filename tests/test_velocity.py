@@ -144,8 +144,6 @@ def test_labels_break_at_rejections_trajectories_and_gaps():
     trajectory = np.array([0, 0, 0, 0, 0, 1, 1, 1, 1, 1])
     keep = np.array([True, True, False, True, True, True, True, True, True, True])
     np.testing.assert_array_equal(segment_labels(time, trajectory, keep), [0, 0, -1, 1, 1, 2, 2, 3, 3, 3])
-    np.testing.assert_array_equal(segment_labels(time, trajectory, keep, max_gap=1.0)[-3:], [2, 2, 2])
-    np.testing.assert_array_equal(segment_labels(time, trajectory, keep, max_gap=0.005)[:2], [0, 1])
 
 
 def test_default_gap_follows_each_trajectory_own_rate():
@@ -156,13 +154,11 @@ def test_default_gap_follows_each_trajectory_own_rate():
 
 
 def test_labels_refuse_broken_input():
-    """Unequal lengths, missing times and a gap of zero raise."""
+    """Unequal lengths and missing times raise."""
     with pytest.raises(DataError, match=r"\(n,\)"):
         segment_labels([0.0, 1.0], [0])
     with pytest.raises(DataError, match="sample 1 is not finite"):
         segment_labels([0.0, np.nan], [0, 0])
-    with pytest.raises(DataError, match="max_gap"):
-        segment_labels([0.0, 1.0], [0, 0], max_gap=0.0)
 
 
 @given(st.integers(0, 10_000), st.sampled_from([None, 0.03]))

@@ -99,7 +99,7 @@ def other_arms(_: Lab) -> Seen:
     topics = {f"/{arm}/{name}": POSE for arm in ("PSM1", "PSM2") for name in ("setpoint_cp", "measured_cp")}
     topics |= {f"/{arm}/measured_js": JOINTS for arm in ("PSM1", "PSM2")}
     seen = ({"/PSM2/tracker_cp": POSE}, {"/PSM2/marker": POSE}, {"/PSM1/tracker_cp": POSE, "/PSM2/tracker_cp": POSE})
-    found = [choose_topics(topics | more, BagOptions(namespace="PSM1")).topics.get("tracker_cp", "") for more in seen]
+    found = [choose_topics(topics | more, BagOptions(namespace="PSM1"))[0].get("tracker_cp", "") for more in seen]
     return Seen(len(found), sum("PSM2" in topic for topic in found))
 
 

@@ -20,8 +20,7 @@ class Link:
 
     Parameters
     ----------
-    mass : float
-        kg.
+    mass : float, kg
     com : (3,) array
         Centre of mass in the link's own frame, m.
     inertia : (3, 3) array
@@ -50,8 +49,7 @@ class Transmission:
 
     Parameters
     ----------
-    matrix : (dof, dof) array
-        Motor rad for each joint rad or m.
+    matrix : (dof, dof) array, motor rad for each joint rad or m
 
     Raises
     ------
@@ -79,8 +77,7 @@ class Transmission:
 
         Parameters
         ----------
-        q : (..., dof) array
-            Joint values, rad and m.
+        q : (..., dof) array, joint values, rad and m
         """
         return np.asarray(q, dtype=np.float64) @ self.matrix.T
 
@@ -89,8 +86,7 @@ class Transmission:
 
         Parameters
         ----------
-        joint_torque : (..., dof) array
-            N m and N.
+        joint_torque : (..., dof) array, N m and N
         """
         loads = np.asarray(joint_torque, dtype=np.float64)
         return np.asarray(np.linalg.solve(self.matrix.T, loads[..., None])[..., 0])
@@ -102,25 +98,15 @@ class Arm:
 
     Parameters
     ----------
-    name : str
-        Its name in messages and logs.
-    chain : Chain
-        Kinematics with limits.
-    home : (dof,) array
-        Rest position, rad and m.
+    name : str, its name in messages and logs
+    chain : Chain, kinematics with limits
+    home : (dof,) array, rest position, rad and m
     gravity : (3,) array
         Acceleration of free fall in the base frame of a normally mounted arm, m/s^2.
     links : tuple of Link
         Known masses of links 1, 2, ...; empty where none are published.
-    velocity_limits : (dof,) array or None
-        Largest joint speeds, rad/s and m/s.
-    transmission : Transmission or None
-        Nominal cable drive.
-
-    Raises
-    ------
-    DataError
-        An array does not fit the chain.
+    velocity_limits : (dof,) array or None, largest joint speeds, rad/s and m/s
+    transmission : Transmission or None, nominal cable drive
     """
 
     name: str
@@ -157,8 +143,7 @@ class Arm:
 
         Parameters
         ----------
-        q : (..., dof) array
-            Joint values, rad and m.
+        q : (..., dof) array, joint values, rad and m
         """
         return self.chain.forward(q)
 
@@ -170,10 +155,8 @@ class Arm:
 
         Parameters
         ----------
-        T : (n, 4, 4) array
-            Tip poses in the base frame.
-        start : (dof,) array, optional
-            Joint values to begin near; home by default.
+        T : (n, 4, 4) array, tip poses in the base frame
+        start : (dof,) array, optional, joint values to begin near; home by default
 
         Raises
         ------

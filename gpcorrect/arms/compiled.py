@@ -28,9 +28,8 @@ def walk(
 ) -> None:  # pragma: no cover - compiled
     """Write the frames of the last m links at joint values `(n, dof)` into `frames` `(n, m, 4, 4)`.
 
-    `table` holds alpha, a, d, theta `(dof, 4)`, `placements` what comes before each row, or nothing. Link
-    transforms are Craig's Rx(alpha) Tx(a) Rz(theta) Tz(d) where
-    `modified`, else Rz(theta) Tz(d) Tx(a) Rx(alpha).
+    `table` holds alpha, a, d, theta `(dof, 4)`, `placements` what comes before each row, or nothing. Link transforms
+    are Craig's Rx(alpha) Tx(a) Rz(theta) Tz(d) where `modified`, else Rz(theta) Tz(d) Tx(a) Rx(alpha).
     """
     T = np.empty((4, 4))
     first = q.shape[1] - frames.shape[1]

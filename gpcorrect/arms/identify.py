@@ -42,12 +42,9 @@ def identify_chain(q: FloatArray, T: FloatArray, types: str) -> Chain:
 
     Parameters
     ----------
-    q : (n, dof) array
-        Joints, rad and m.
-    T : (n, 4, 4) array
-        Poses that were computed from them.
-    types : str
-        "R" or "P" for each joint.
+    q : (n, dof) array, joints, rad and m
+    T : (n, 4, 4) array, poses that were computed from them
+    types : str, "R" or "P" for each joint
 
     Raises
     ------
@@ -88,7 +85,6 @@ def workspace(T: FloatArray) -> float:
     Parameters
     ----------
     T : (n, 4, 4) array
-        Poses.
     """
     return max(float(np.linalg.norm(T[:, :3, 3].std(axis=0))), 1e-3)
 
@@ -122,7 +118,8 @@ class _Screws:
             normal, pull = slopes.T @ slopes, slopes.T @ errors
             curvature = np.trace(normal) / len(normal)
             step = np.linalg.solve(normal + damping * curvature * np.eye(len(normal)), pull)
-            changed = screws._moved(step)
+            motions = se3.exp(step.reshape(-1, 6))
+            changed = _Screws(self.types, self.home, motions[:-1] @ screws.frames, motions[-1] @ screws.tip)
             found, steeper = changed._linearised(q, T, length)
             if found @ found < errors @ errors:
                 settled = found @ found > (1 - 1e-6) * (errors @ errors) or found @ found < 1e-24 * len(found)
@@ -161,11 +158,6 @@ class _Screws:
         turned = se3.rotvec_from_matrix(T[:, :3, :3] @ np.swapaxes(reached[:, :3, :3], -1, -2))
         missed = np.hstack([(T[:, :3, 3] - reached[:, :3, 3]) / length, turned])
         return missed.ravel(), (to_point @ np.concatenate(twists, axis=-1)).reshape(6 * n, -1)
-
-    def _moved(self, step: FloatArray) -> _Screws:
-        """Return the screws moved by twists (6 dof + 6,)."""
-        motions = se3.exp(step.reshape(-1, 6))
-        return _Screws(self.types, self.home, motions[:-1] @ self.frames, motions[-1] @ self.tip)
 
     def chain(self) -> Chain:
         """Return the chain: a placed joint each."""

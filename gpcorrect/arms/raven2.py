@@ -1,9 +1,8 @@
 """The RAVEN-II arms, left and right.
 
-Numbers are those of the public control software uw-biorobotics/raven2 (the file is named beside each) and of
-the RAVEN-II calibration paper. The tip is frame 6 of the table, on the jaws' common axis: the pose that the
-robot itself reports (`pos` and `ori` of its state message). The table ends there; a jaw's length comes in as
-the tool transform.
+Numbers are those of the public control software uw-biorobotics/raven2 (the file is named beside each) and of the
+RAVEN-II calibration paper. The tip is frame 6 of the table, on the jaws' common axis: the pose that the robot itself
+reports (`pos` and `ori` of its state message). The table ends there; a jaw's length comes in as the tool transform.
 """
 
 from __future__ import annotations
@@ -64,10 +63,8 @@ class Raven2Tool:
 
     Parameters
     ----------
-    wrist_length : float
-        Pitch axis to yaw axis, m.
-    jaw_coupling : float
-        Yaw rad added by each pitch rad.
+    wrist_length : float, pitch axis to yaw axis, m
+    jaw_coupling : float, yaw rad added by each pitch rad
     insertion_sign : int
         Sense in which insertion drags the tool cables of the left arm; the right arm's is opposite.
     opposed_jaws : bool
@@ -89,17 +86,10 @@ def raven2(side: Side, instrument: Raven2Tool = RAVEN_TOOL, tool: ArrayLike | No
 
     Parameters
     ----------
-    side : "left" or "right"
-        The gold or the green arm.
+    side : "left" or "right", the gold or the green arm
     instrument : Raven2Tool
-        Tool on the arm.
     tool : (4, 4) array, optional
         Tip in frame 6; frame 6 itself by default.
-
-    Raises
-    ------
-    DataError
-        The side is neither.
     """
     if side not in ("left", "right"):
         raise DataError(f"a RAVEN-II arm is 'left' or 'right', got {side!r}.")

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from gpcorrect import se3
 from gpcorrect.arms.arm import Arm
-from gpcorrect.arms.chain import Chain
+from gpcorrect.arms.chain import LIMIT_ROUNDING, Chain
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray
 
@@ -35,25 +35,14 @@ ROUNDING = 1e-12  # of a square that is zero at the edge of reach: some thousand
 
 @dataclass(frozen=True, eq=False)
 class RcmInverse:
-    """Inverse of one arm: its screw axes at joint zero and what follows from them.
+    """Inverse of one arm: its screw axes at joint zero and what follows from them."""
 
-    Parameters
-    ----------
-    axes : (6, 3) array
-        Unit directions of the joint axes at joint zero, base frame.
-    centre : (3,) array
-        The remote centre, m.
-    wrist, yaw_point : (3,) arrays
-        Where the pitch axis crosses the shaft, and the foot of its perpendicular on the yaw axis, m.
-    T_zero : (4, 4) array
-        Tip pose at joint zero.
-    """
-
-    axes: FloatArray
-    centre: FloatArray
+    axes: FloatArray  # (6, 3) unit directions of the joint axes at joint zero, base frame
+    centre: FloatArray  # (3,) the remote centre, m
+    # (3,) where the pitch axis crosses the shaft, and the foot of its perpendicular on the yaw axis, m
     wrist: FloatArray
     yaw_point: FloatArray
-    T_zero: FloatArray
+    T_zero: FloatArray  # (4, 4) tip pose at joint zero
 
     @classmethod
     def of(cls, chain: Chain, wrist_link: int) -> RcmInverse:
@@ -61,15 +50,8 @@ class RcmInverse:
 
         Parameters
         ----------
-        chain : Chain
-            The arm, RRPRRR.
-        wrist_link : int
-            Link, from 1, whose frame sits in the wrist point.
-
-        Raises
-        ------
-        DataError
-            The chain is not RRPRRR or its axes do not meet as this solution needs.
+        chain : Chain, the arm, RRPRRR
+        wrist_link : int, link, from 1, whose frame sits in the wrist point
         """
         if chain.joint_types != "RRPRRR":
             raise DataError(f"the remote-centre solution is for RRPRRR arms, got {chain.joint_types}.")
@@ -77,7 +59,9 @@ class RcmInverse:
         axes, points = chain.axes(rest)
         wrist = chain.frames(rest)[wrist_link - 1, :3, 3]
         yaw_point = points[5] + axes[5] * ((wrist - points[5]) @ axes[5])
-        inverse = cls(axes, _meeting_point(axes[:2], points[:2]), wrist, yaw_point, chain.forward(rest))
+        across = np.eye(3) - axes[:2, :, None] * axes[:2, None, :]  # the centre is the point nearest to axes 1 and 2
+        centre = np.linalg.solve(across.sum(axis=0), (across @ points[:2, :, None]).sum(axis=0)[:, 0])
+        inverse = cls(axes, centre, wrist, yaw_point, chain.forward(rest))
         inverse._check(points)
         return inverse
 
@@ -103,8 +87,7 @@ class RcmInverse:
 
         Parameters
         ----------
-        T : (..., 4, 4) array
-            Tip poses in the base frame.
+        T : (..., 4, 4) array, tip poses in the base frame
         """
         target = np.asarray(T, dtype=np.float64)
         q = self._solve(target)
@@ -120,9 +103,9 @@ class RcmInverse:
         motion = target @ se3.invert(self.T_zero)  # product of the six joints' screw motions
         yaw_axis = motion[..., :3, :3] @ self.axes[5]
         arm, wrist = self._wrist(motion, yaw_axis)
-        q12, R_base_shaft, q3 = self._shaft(wrist)
+        q123, R_base_shaft = self._shaft(wrist)
         q456 = self._orientation(motion[..., :3, :3], R_base_shaft, arm, yaw_axis)
-        q = np.concatenate([q12, q3[..., None], q456], axis=-1)
+        q = np.concatenate([q123, q456], axis=-1)
         return np.where(np.isfinite(q).all(axis=-1, keepdims=True), q, np.nan)
 
     def _wrist(self, motion: FloatArray, yaw_axis: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -133,15 +116,15 @@ class RcmInverse:
         arm = SIGNS[0][:, None] * _unit(across)
         return arm, yaw_point - arm * np.linalg.norm(self.yaw_point - self.wrist)
 
-    def _shaft(self, wrist: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Joints 1 and 2 (..., 8, 2), the rotation they make (..., 8, 3, 3) and joint 3 (..., 8)."""
+    def _shaft(self, wrist: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Joints 1 to 3 (..., 8, 3), and the rotation that the first two make (..., 8, 3, 3)."""
         w1, w2, w3 = self.axes[:3]
         away = wrist - self.centre
         direction = SIGNS[1][:, None] * _unit(away)
         depth = _dot(away, direction)[..., 0] - (self.wrist - self.centre) @ w3
         half_way = _half_way(w1, w2, w3, direction, SIGNS[2])
         q1, q2 = _turn(w1, half_way, direction), _turn(w2, w3, half_way)
-        return np.stack([q1, q2], axis=-1), _rotation(w1, q1) @ _rotation(w2, q2), depth
+        return np.stack([q1, q2, depth], axis=-1), _rotation(w1, q1) @ _rotation(w2, q2)
 
     def _orientation(
         self, R_motion: FloatArray, R_base_shaft: FloatArray, arm: FloatArray, yaw_axis: FloatArray
@@ -203,15 +186,6 @@ def _distance(point: FloatArray, on_lines: FloatArray, directions: FloatArray) -
     return np.asarray(np.linalg.norm(np.cross(on_lines - point, directions), axis=-1))
 
 
-def _meeting_point(directions: FloatArray, points: FloatArray) -> FloatArray:
-    """Point nearest to two lines in the least-squares sense."""
-    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
-    return np.linalg.solve(across.sum(axis=0), (across @ points[:, :, None]).sum(axis=0)[:, 0])
-
-
-LIMIT_ROUNDING = 1e-9  # rad or m beyond a limit that count as on it: far above rounding, far below a micrometre
-
-
 @dataclass(frozen=True, eq=False)
 class Solutions:
     """Closed-form inverse kinematics of one or many poses.
@@ -221,8 +195,7 @@ class Solutions:
     q : (..., 8, dof) array
         Joint values by branch, NaN where the branch does not exist; each angle is the turn nearest to the
         middle of its limits.
-    exists : (..., 8) bool array
-        Whether the branch reaches the pose.
+    exists : (..., 8) bool array, whether the branch reaches the pose
     within_limits : (..., 8) bool array
         Whether it also keeps every joint limit.
     """
@@ -259,8 +232,7 @@ class RemoteCentreArm(Arm):
 
         Parameters
         ----------
-        q : (..., dof) array
-            Joint values, rad and m.
+        q : (..., dof) array, joint values, rad and m
         """
         return self.chain.frames(q)[..., self.wrist_link - 1, :3, 3]
 
@@ -269,18 +241,14 @@ class RemoteCentreArm(Arm):
 
         Parameters
         ----------
-        T : (..., 4, 4) array
-            Tip poses in the base frame.
-
-        Raises
-        ------
-        DataError
-            `T` does not hold poses.
+        T : (..., 4, 4) array, tip poses in the base frame
         """
         poses = np.asarray(T, dtype=np.float64)
         if poses.shape[-2:] != (4, 4):
             raise DataError(f"poses must have shape (..., 4, 4), got {poses.shape}.")
-        q = self._nearest_turns(self._inverse.solve(poses), self.limits.mean(axis=1))
+        q = self._inverse.solve(poses)
+        turns = np.round((self.limits.mean(axis=1) - q) / (2 * np.pi))  # full ones, to the middle of the limits
+        q = q + np.where(self.chain.revolute, 2 * np.pi * turns, 0.0)
         exists: BoolArray = np.asarray(np.isfinite(q).all(axis=-1))
         return Solutions(q, exists, exists & self.chain.within_limits(q, LIMIT_ROUNDING))
 
@@ -289,16 +257,9 @@ class RemoteCentreArm(Arm):
 
         Parameters
         ----------
-        T : (4, 4) array
-            Tip pose in the base frame.
+        T : (4, 4) array, tip pose in the base frame
         within_limits : bool
-            Return the solutions that keep every limit, with all full turns that do; otherwise every solution
-            once.
-
-        Raises
-        ------
-        DataError
-            `T` is not one pose.
+            Return the solutions that keep every limit, with all full turns that do; otherwise every solution once.
         """
         pose = np.asarray(T, dtype=np.float64)
         if pose.shape != (4, 4):
@@ -314,10 +275,8 @@ class RemoteCentreArm(Arm):
 
         Parameters
         ----------
-        T : (n, 4, 4) array
-            Tip poses in the base frame.
-        start : (dof,) array, optional
-            Joint values to begin near; home by default.
+        T : (n, 4, 4) array, tip poses in the base frame
+        start : (dof,) array, optional, joint values to begin near; home by default
 
         Raises
         ------
@@ -330,17 +289,10 @@ class RemoteCentreArm(Arm):
         for i, branches in enumerate(found.q):
             options = self._all_turns(branches[found.exists[i]])
             if not len(options):
-                raise DataError(
-                    f"pose {i} cannot be reached within the limits of {self.name}.",
-                    hint="Move the path into the workspace.",
-                )
+                hint = "Move the path into the workspace."
+                raise DataError(f"pose {i} cannot be reached within the limits of {self.name}.", hint=hint)
             near = path[i] = options[np.argmin((((options - near) / spans) ** 2).sum(axis=1))]
         return path
-
-    def _nearest_turns(self, q: FloatArray, near: FloatArray) -> FloatArray:
-        """Angles moved by full turns to lie nearest to `near`; prismatic joints stay."""
-        turns = np.round((near - q) / (2 * np.pi))
-        return q + np.where(self.chain.revolute, 2 * np.pi * turns, 0.0)
 
     def _all_turns(self, q: FloatArray) -> FloatArray:
         """Every variant of `q` (k, dof) by one full turn of a revolute joint that keeps the limits."""

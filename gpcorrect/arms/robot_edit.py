@@ -18,7 +18,7 @@ from gpcorrect.types import FloatArray
 
 STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # MuJoCo's hardest; its default lets a stuck joint creep by 20 mrad/s
 POINT_INERTIA = 1e-9  # kg m^2: MuJoCo asks for some, of a body that is a point
-PAYLOAD = "gpcorrect_payload"
+PAYLOAD = "gpcorrect_payload"  # name of the body that is hung at the tip
 
 
 class RobotEdit:
@@ -26,15 +26,9 @@ class RobotEdit:
 
     Parameters
     ----------
-    path : str or Path
-        MJCF or URDF; it is not touched.
+    path : str or Path, MJCF or URDF; it is not touched
     tool, base : str, optional
         As of :func:`gpcorrect.arms.read_robot`.
-
-    Raises
-    ------
-    DataError
-        The file cannot be read.
     """
 
     def __init__(self, path: str | Path, tool: str | None = None, base: str | None = None) -> None:
@@ -49,10 +43,8 @@ class RobotEdit:
 
         Parameters
         ----------
-        joint : int
-            Number on the arm, from 1.
-        torque : float
-            N m or N.
+        joint : int, number on the arm, from 1
+        torque : float, N m or N
         """
         found = self._joint(joint)
         found.frictionloss += torque
@@ -63,10 +55,8 @@ class RobotEdit:
 
         Parameters
         ----------
-        joint : int
-            Number on the arm, from 1.
-        damping : float
-            N m s/rad or N s/m.
+        joint : int, number on the arm, from 1
+        damping : float, N m s/rad or N s/m
         """
         found = self._joint(joint)
         found.damping = np.array(found.damping) + np.array([damping, 0.0, 0.0])
@@ -76,10 +66,8 @@ class RobotEdit:
 
         Parameters
         ----------
-        joint : int
-            Number on the arm, from 1.
-        limit : float
-            N m or N.
+        joint : int, number on the arm, from 1
+        limit : float, N m or N
         """
         servos = [a for a in self._spec.actuators if a.target == self.robot.joints[joint - 1]]
         for servo in servos:
@@ -92,8 +80,7 @@ class RobotEdit:
 
         Parameters
         ----------
-        mass : float
-            kg.
+        mass : float, kg
         """
         site = self._spec.site(self.robot.tool)
         carrier = self._spec.body(self.robot.tool) if site is None else site.parent
@@ -110,8 +97,7 @@ class RobotEdit:
 
         Parameters
         ----------
-        joint : int
-            Number on the arm, from 1.
+        joint : int, number on the arm, from 1
         motion : (4, 4) array
             In the joint's own frame, whose z axis is the joint's.
         """
@@ -133,12 +119,9 @@ class RobotEdit:
 
         Parameters
         ----------
-        joint : int
-            Number on the arm, from 1.
-        end : str
-            "upper" or "lower".
-        limit : float
-            Joint value, rad or m.
+        joint : int, number on the arm, from 1
+        end : str, "upper" or "lower"
+        limit : float, joint value, rad or m
         """
         found = self._joint(joint)
         lower, upper = self.robot.arm.limits[joint - 1]
@@ -154,7 +137,6 @@ class RobotEdit:
         Parameters
         ----------
         path : str or Path
-            Of the new file.
 
         Raises
         ------

@@ -31,8 +31,7 @@ class JointDrives:
     ----------
     armature : array
         Inertia of the rotor, reflected to the joint.
-    damping, friction : array
-        Viscous damping and dry friction.
+    damping, friction : array, viscous damping and dry friction
     stiffness, rest : array
         Spring at the joint, and where it is at rest.
     kp, kv : array
@@ -64,14 +63,10 @@ class Robot:
     ----------
     arm : Arm
         Kinematics, limits, masses, rest position and gravity.
-    joints : tuple of str
-        Names of its joints, from the base.
-    tool : str
-        Body or site whose frame is the tip.
-    drives : JointDrives
-        Of its joints.
-    step : float
-        Time step that the file asks for, s.
+    joints : tuple of str, names of its joints, from the base
+    tool : str, body or site whose frame is the tip
+    drives : JointDrives, of its joints
+    step : float, time step that the file asks for, s
     remarks : tuple of str
         What the file says that is not simulated here.
     """
@@ -108,7 +103,6 @@ def is_robot_file(path: str | Path) -> bool:
     Parameters
     ----------
     path : str or Path
-        Of the file.
     """
     return Path(path).suffix.lower() in SUFFIXES
 
@@ -116,12 +110,11 @@ def is_robot_file(path: str | Path) -> bool:
 def read_robot(
     path: str | Path, joints: Sequence[str] | None = None, tool: str | None = None, base: str | None = None
 ) -> Robot:
-    """Return one serial arm of a robot file.
+    """Return one serial arm of a robot file; the same object while the file stays the same.
 
     Parameters
     ----------
     path : str or Path
-        MJCF or URDF.
     joints : sequence of str, optional
         Names of joints on the arm; the arm then ends at the last of them. Needed where the file branches, unless
         `tool` says the same.
@@ -129,11 +122,6 @@ def read_robot(
         Body or site whose frame is the tip; the body behind the last joint when None.
     base : str, optional
         Body whose frame is the arm's base; the world when None.
-
-    Returns
-    -------
-    Robot
-        The same object while the file stays the same.
 
     Raises
     ------
@@ -155,7 +143,12 @@ def read_robot(
 def _read(
     path: str, stamp: tuple[int, int], joints: tuple[str, ...] | None, tool: str | None, base: str | None
 ) -> Robot:
-    model = _compiled(parse(path), path)
+    spec = parse(path)
+    strip(spec)
+    try:
+        model = spec.compile()
+    except ValueError as error:
+        raise _refused(path, error) from error
     found = arm_path(model, Path(path).name, joints, tool, base)
     drives, remarks = _drives(model, found)
     arm = Arm(
@@ -169,13 +162,7 @@ def _read(
 
 
 def mujoco_library() -> Any:
-    """Return the module.
-
-    Raises
-    ------
-    MissingExtraError
-        It is not installed.
-    """
+    """Return the module."""
     try:
         import mujoco
     except ImportError as error:
@@ -189,12 +176,6 @@ def parse(path: str | Path) -> Any:
     Parameters
     ----------
     path : str or Path
-        MJCF or URDF.
-
-    Raises
-    ------
-    DataError
-        The file is no XML, neither MJCF nor URDF, or MuJoCo refuses it.
     """
     library = mujoco_library()
     try:
@@ -204,9 +185,8 @@ def parse(path: str | Path) -> Any:
     root = FIRST_ELEMENT.search(COMMENT.sub("", text))
     if root is None or root[1] not in ("mujoco", "robot"):
         came = "no XML" if root is None else f"<{root[1]}>"
-        raise DataError(
-            f"{path} begins with {came}, expected <mujoco> (MJCF) or <robot> (URDF).", hint="Expand xacro files first."
-        )
+        hint = "Expand xacro files first."
+        raise DataError(f"{path} begins with {came}, expected <mujoco> (MJCF) or <robot> (URDF).", hint=hint)
     try:
         spec = library.MjSpec.from_file(str(path))
     except ValueError as error:
@@ -222,8 +202,7 @@ def strip(spec: Any) -> None:
 
     Parameters
     ----------
-    spec : mujoco.MjSpec
-        Changed in place.
+    spec : mujoco.MjSpec, changed in place
     """
     library, always = mujoco_library(), spec.compiler.inertiafromgeom == 1
     weighed = [body for body in spec.bodies if (body.explicitinertial and not always) or body.name == "world"]
@@ -235,15 +214,6 @@ def strip(spec: Any) -> None:
     for geom in spec.geoms:
         geom.material = ""
     _delete(spec, spec.materials, spec.textures, [mesh for mesh in spec.meshes if mesh.name not in shapes])
-
-
-def _compiled(spec: Any, path: str) -> Any:
-    bare = spec.copy()
-    strip(bare)
-    try:
-        return bare.compile()
-    except ValueError as error:
-        raise _refused(path, error) from error
 
 
 def _delete(spec: Any, *groups: Iterable[Any]) -> None:
@@ -272,8 +242,7 @@ def _chain(model: Any, found: ArmPath) -> Chain:
     """Return the chain whose joint frames have the axis as z and sit on the joint's anchor."""
     joints, before = [], pose_of(model, found.base)
     for j in found.joint_ids:
-        anchor = _anchor(model, j)
-        T_world_joint = pose_of(model, model.jnt_bodyid[j]) @ anchor
+        T_world_joint = pose_of(model, model.jnt_bodyid[j]) @ joint_frame(model.jnt_pos[j], model.jnt_axis[j])
         placement = se3.invert(before) @ T_world_joint
         turning = _turns(model, j)
         zero = -float(model.qpos0[model.jnt_qposadr[j]])
@@ -288,18 +257,13 @@ def _turns(model: Any, j: int) -> bool:
     return bool(model.jnt_type[j] == mujoco_library().mjtJoint.mjJNT_HINGE)
 
 
-def _anchor(model: Any, j: int) -> FloatArray:
-    return joint_frame(model.jnt_pos[j], model.jnt_axis[j])
-
-
 def _limits(model: Any, j: int) -> tuple[float, float]:
     if model.jnt_limited[j]:
         lower, upper = model.jnt_range[j]
         return float(lower), float(upper)
     if not _turns(model, j):
-        raise DataError(
-            f"the sliding joint {model.joint(j).name!r} has no range.", hint="Give it a range in the robot file."
-        )
+        hint = "Give it a range in the robot file."
+        raise DataError(f"the sliding joint {model.joint(j).name!r} has no range.", hint=hint)
     middle = float(model.qpos0[model.jnt_qposadr[j]])
     return middle - TURN, middle + TURN
 
@@ -308,15 +272,15 @@ def _home(model: Any, found: ArmPath) -> FloatArray:
     keys = [model.key(k).name for k in range(model.nkey)]
     rest = model.key_qpos[keys.index(HOME)] if HOME in keys else model.qpos0
     limits = np.array([_limits(model, j) for j in found.joint_ids])
-    q: FloatArray = np.clip(rest[model.jnt_qposadr[list(found.joint_ids)]], *limits.T)
-    return q
+    return np.asarray(np.clip(rest[model.jnt_qposadr[list(found.joint_ids)]], *limits.T))
 
 
 def _links(model: Any, found: ArmPath) -> tuple[Link, ...]:
     """Masses in the joints' frames; what hangs beside the arm rides on the link that carries it, its joints at rest."""
     links = []
     for number, j in enumerate(found.joint_ids, start=1):
-        T_link_world = se3.invert(pose_of(model, model.jnt_bodyid[j]) @ _anchor(model, j))
+        anchor = joint_frame(model.jnt_pos[j], model.jnt_axis[j])
+        T_link_world = se3.invert(pose_of(model, model.jnt_bodyid[j]) @ anchor)
         bodies = [b for b in range(model.nbody) if found.link_of[b] == number]
         frames = [
             T_link_world @ pose_of(model, b) @ se3.from_parts(model.body_ipos[b], model.body_iquat[b]) for b in bodies
@@ -327,9 +291,8 @@ def _links(model: Any, found: ArmPath) -> tuple[Link, ...]:
         inertia = np.zeros((3, 3))
         for b, m, T in zip(bodies, masses, frames, strict=True):
             r = T[:3, 3] - com
-            inertia += T[:3, :3] @ np.diag(model.body_inertia[b]) @ T[:3, :3].T + m * (
-                r @ r * np.eye(3) - np.outer(r, r)
-            )
+            inertia += T[:3, :3] @ np.diag(model.body_inertia[b]) @ T[:3, :3].T
+            inertia += m * (r @ r * np.eye(3) - np.outer(r, r))
         links.append(Link(mass, com, inertia))
     return tuple(links)
 
@@ -349,16 +312,12 @@ def _drives(model: Any, found: ArmPath) -> tuple[JointDrives, list[str]]:
         kv=nothing.copy(),
         limit=limit,
     )
-    remarks = []
+    remarks, kinds = [], mujoco_library().mjtTrn
     for a in range(model.nu):
-        if _drives_joint(model, a) and model.actuator_trnid[a, 0] in ids:
+        on_joint = int(model.actuator_trntype[a]) in (kinds.mjTRN_JOINT, kinds.mjTRN_JOINTINPARENT)
+        if on_joint and model.actuator_trnid[a, 0] in ids:
             remarks += _add_actuator(model, a, drives, ids.index(model.actuator_trnid[a, 0]))
     return drives, remarks
-
-
-def _drives_joint(model: Any, a: int) -> bool:
-    transmissions = mujoco_library().mjtTrn
-    return int(model.actuator_trntype[a]) in (transmissions.mjTRN_JOINT, transmissions.mjTRN_JOINTINPARENT)
 
 
 def _add_actuator(model: Any, a: int, drives: JointDrives, column: int) -> list[str]:

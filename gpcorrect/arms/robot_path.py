@@ -20,33 +20,16 @@ SITE = 6  # MuJoCo's number of the object type
 
 @dataclass(frozen=True, eq=False)
 class ArmPath:
-    """The joints between a base and a tool.
+    """The joints between a base and a tool."""
 
-    Parameters
-    ----------
-    base : int
-        Body.
-    joint_ids : tuple of int
-        Joints from the base on, MuJoCo's numbers.
-    names : tuple of str
-        Their names.
-    tool : str
-        Body or site of the tip.
-    T_world_tool : (4, 4) array
-        Its pose with all joints at their reference.
-    link_of : tuple of int
-        For every body the number of the arm's link that it rides on, from 1; 0 for what does not move with the arm.
-    remarks : tuple of str
-        What the file says of this arm that is not simulated.
-    """
-
-    base: int
-    joint_ids: tuple[int, ...]
-    names: tuple[str, ...]
-    tool: str
-    T_world_tool: FloatArray
+    base: int  # body
+    joint_ids: tuple[int, ...]  # joints from the base on, MuJoCo's numbers
+    names: tuple[str, ...]  # their names
+    tool: str  # body or site of the tip
+    T_world_tool: FloatArray  # (4, 4) its pose with all joints at their reference
+    # for every body the number of the arm's link that it rides on, from 1; 0 for what does not move with the arm
     link_of: tuple[int, ...]
-    remarks: tuple[str, ...]
+    remarks: tuple[str, ...]  # what the file says of this arm that is not simulated
 
 
 def arm_path(
@@ -57,24 +40,25 @@ def arm_path(
     Parameters
     ----------
     model : mujoco.MjModel
-        Compiled.
-    file : str
-        What an error's message begins with.
+    file : str, what an error's message begins with
     joints : sequence of str, optional
-        Names of joints on the arm.
-    tool, base : str, optional
-        Where it ends (body or site) and begins (body).
-
-    Raises
-    ------
-    DataError
-        A name is unknown, the file branches, or what lies between base and tool is no serial arm.
+    tool, base : str, optional, where it ends (body or site) and begins (body)
     """
     start = WORLD if base is None else _body(model, file, base, "base")
-    names = _named_joints(model, file, joints)
+    known = [_name(model, j) for j in range(model.njnt)]
+    names = list(joints or ())
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        hint = f"Its joints: {', '.join(known) or 'none'}."
+        raise DataError(f"{file} has no joint {', '.join(map(repr, unknown))}.", hint=hint)
     body, T_tool, tool = _end(model, file, start, names, tool)
-    bodies = _bodies_between(model, file, start, body)
-    ids = tuple(j for b in bodies for j in _joints_of(model, b))
+    line = [*_ancestors(model, body)[::-1], body]
+    if start not in line:
+        raise DataError(
+            f"{file}: the base {model.body(start).name!r} does not carry the tool {model.body(body).name!r}.",
+            hint="Name a base nearer to the world, or leave it out.",
+        )
+    ids = tuple(j for b in line[line.index(start) + 1 :] for j in _joints_of(model, b))
     _check_joints(model, file, ids)
     absent = [name for name in names if name not in {_name(model, j) for j in ids}]
     if absent:
@@ -83,10 +67,13 @@ def arm_path(
             f"{', '.join(_name(model, j) for j in ids)}.",
             hint="Name joints of one arm, and a tool behind all of them.",
         )
-    link_of = _links(model, ids)
+    last = {int(model.jnt_bodyid[j]): number for number, j in enumerate(ids, start=1)}
+    link_of = [0] * model.nbody
+    for b in range(1, model.nbody):  # a body comes behind its parent
+        link_of[b] = last.get(b, link_of[model.body_parentid[b]])
     _check_loops(model, file, ids, link_of)
     all_names = tuple(_name(model, j) for j in ids)
-    return ArmPath(start, ids, all_names, tool, T_tool, link_of, tuple(_remarks(model, ids, link_of)))
+    return ArmPath(start, ids, all_names, tool, T_tool, tuple(link_of), _remarks(model, ids, link_of))
 
 
 def pose_of(model: Any, body: int) -> FloatArray:
@@ -95,7 +82,6 @@ def pose_of(model: Any, body: int) -> FloatArray:
     Parameters
     ----------
     model : mujoco.MjModel
-        Compiled.
     body : int
     """
     T = np.eye(4)
@@ -110,24 +96,13 @@ def joint_frame(anchor: FloatArray, axis: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    anchor, axis : (3,) arrays
-        Point on the axis and its direction, in the body's frame.
+    anchor, axis : (3,) arrays, point on the axis and its direction, in the body's frame
     """
     x, y, z = axis / np.linalg.norm(axis)
     sine = np.hypot(x, y)
     half_turn = np.array([np.pi * (z < 0.0), 0.0, 0.0])  # about x, where the axis is -z
     turn = np.array([-y, x, 0.0]) / sine * np.arctan2(sine, z) if sine > 0.0 else half_turn
     return se3.pose(se3.matrix_from_rotvec(turn), np.array(anchor))
-
-
-def _named_joints(model: Any, file: str, joints: Sequence[str] | None) -> list[str]:
-    known = [_name(model, j) for j in range(model.njnt)]
-    unknown = [name for name in joints or () if name not in known]
-    if unknown:
-        raise DataError(
-            f"{file} has no joint {', '.join(map(repr, unknown))}.", hint=f"Its joints: {', '.join(known) or 'none'}."
-        )
-    return list(joints or ())
 
 
 def _end(model: Any, file: str, start: int, names: list[str], tool: str | None) -> tuple[int, FloatArray, str]:
@@ -157,22 +132,9 @@ def _only_end(model: Any, file: str, start: int) -> int:
             [_name(model, j) for a in (*_ancestors(model, b)[::-1], b) for j in _hinges(model, a)] for b in ends
         ]
         lines = "; ".join(f"({i}) {', '.join(branch)}" for i, branch in enumerate(branches, start=1))
-        raise DataError(
-            f"{file} has {len(ends)} branches, expected one serial arm: {lines}.",
-            hint="Choose one in a model file: robot, and joints = [names] or tool = a body or site.",
-        )
+        hint = "Choose one in a model file: robot, and joints = [names] or tool = a body or site."
+        raise DataError(f"{file} has {len(ends)} branches, expected one serial arm: {lines}.", hint=hint)
     return ends[0]
-
-
-def _bodies_between(model: Any, file: str, start: int, end: int) -> list[int]:
-    """Bodies behind `start` up to `end`."""
-    line = [*_ancestors(model, end)[::-1], end]
-    if start not in line:
-        raise DataError(
-            f"{file}: the base {model.body(start).name!r} does not carry the tool {model.body(end).name!r}.",
-            hint="Name a base nearer to the world, or leave it out.",
-        )
-    return line[line.index(start) + 1 :]
 
 
 def _check_joints(model: Any, file: str, ids: Sequence[int]) -> None:
@@ -183,9 +145,8 @@ def _check_joints(model: Any, file: str, ids: Sequence[int]) -> None:
             hint="Name a base behind it (base = a body), or fix it in the file.",
         )
     if not ids:
-        raise DataError(
-            f"{file}: no joint lies between base and tool.", hint="Name a base before it and a tool behind."
-        )
+        hint = "Name a base before it and a tool behind."
+        raise DataError(f"{file}: no joint lies between base and tool.", hint=hint)
 
 
 def _check_loops(model: Any, file: str, ids: Sequence[int], link_of: Sequence[int]) -> None:
@@ -207,32 +168,21 @@ def _check_loops(model: Any, file: str, ids: Sequence[int], link_of: Sequence[in
             )
 
 
-def _remarks(model: Any, ids: Sequence[int], link_of: Sequence[int]) -> list[str]:
+def _remarks(model: Any, ids: Sequence[int], link_of: Sequence[int]) -> tuple[str, ...]:
     lifted = [model.body(b).name for b in range(model.nbody) if link_of[b] and model.body_gravcomp[b]]
     found = [f"gravity compensation of {', '.join(lifted)} is not simulated"] if lifted else []
     dofs = model.jnt_dofadr[list(ids)]
     if model.jnt_stiffnesspoly[list(ids)].any() or model.dof_dampingpoly[dofs].any():
         found.append("of springs and damping only the linear part is simulated")
-    return found
-
-
-def _links(model: Any, ids: Sequence[int]) -> tuple[int, ...]:
-    """Arm's link that each body rides on."""
-    last = {int(model.jnt_bodyid[j]): number for number, j in enumerate(ids, start=1)}
-    links = [0] * model.nbody
-    for b in range(1, model.nbody):  # a body comes behind its parent
-        links[b] = last.get(b, links[model.body_parentid[b]])
-    return tuple(links)
+    return tuple(found)
 
 
 def _body(model: Any, file: str, name: str, role: str) -> int:
     known = [model.body(b).name for b in range(model.nbody)]
     if name not in known:
         sites = [model.site(s).name for s in range(model.nsite)] if role == "tool" else []
-        raise DataError(
-            f"{file} has no {role} {name!r}.",
-            hint=f"Its bodies{' and sites' if sites else ''}: {', '.join(known + sites)}.",
-        )
+        hint = f"Its bodies{' and sites' if sites else ''}: {', '.join(known + sites)}."
+        raise DataError(f"{file} has no {role} {name!r}.", hint=hint)
     return known.index(name)
 
 

@@ -19,7 +19,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
-from typing import IO, Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
@@ -43,6 +43,7 @@ MEMORY = 1 << 30
 """bytes for a small file; the libraries themselves take 0.2 GB."""
 EXPANSION = 100
 """bytes of memory for each byte of the file beyond that; chosen by hand: packed 10:1, then 10 times as numbers."""
+# For files that may have been damaged on their way.
 COPY = "Copy it again from where it was recorded."
 FRUGAL = {"ARROW_DEFAULT_MEMORY_POOL": "system", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 """So that libraries set no memory aside: Arrow's own pool begins with 1 GB, a thread of linear algebra with 32 MB."""
@@ -54,18 +55,8 @@ def parse(title: str, read: Callable[[Path, ReadSettings], T], path: Path, setti
     Parameters
     ----------
     title : str
-        Name of the format.
-    read : callable
-        From path and settings to what is wanted of the recording.
-    path, settings
-        See :func:`gpcorrect.logs.read_log`.
-
-    Raises
-    ------
-    GpCorrectError
-        What `read` itself says, or that the file may be damaged.
-    OSError
-        The file cannot be read.
+    read : callable, from path and settings to what is wanted of the recording
+    path, settings : see :func:`gpcorrect.logs.read_log`
     """
     try:
         return read(path, settings)
@@ -103,17 +94,10 @@ def parse_apart(
 
     Parameters
     ----------
-    kind : type
-        What `read` returns: a dataclass that :func:`gpcorrect.codec.pack` takes apart.
-    title, read, path, settings
-        As for :func:`parse`; `read` can be pickled.
+    kind : type, what `read` returns: a dataclass that :func:`gpcorrect.codec.pack` takes apart
+    title, read, path, settings : as for :func:`parse`; `read` can be pickled
     libraries : sequence of str
         Modules that the reader needs, loaded once; one that is not installed is left out.
-
-    Raises
-    ------
-    GpCorrectError
-        Likewise; or the process crashed, or did not come to an end.
     """
     parts = path.rglob("*") if path.is_dir() else [path]
     size = sum(part.stat().st_size for part in parts)
@@ -125,7 +109,9 @@ def parse_apart(
             raise LogError(f"the {title} file is damaged: reading it did not end within {seconds} s.", hint=COPY)
         answer.seek(0)
         try:
-            header, arrays = _received(answer)
+            with np.load(answer, allow_pickle=False) as stored:
+                header = json.loads(stored["header"].tobytes())
+                arrays = {name: stored[f"array{k}"] for k, name in enumerate(header["arrays"])}
         except Exception as error:  # what a process that crashed left behind
             raise LogError(
                 f"the {title} file is damaged: it crashed its reader (status {status}).", hint=COPY
@@ -188,12 +174,6 @@ class _Forker(threading.local):
 _FORKER = _Forker()
 
 
-def _received(answer: IO[bytes]) -> tuple[dict[str, Any], dict[str, Any]]:
-    with np.load(answer, allow_pickle=False) as stored:
-        header = json.loads(stored["header"].tobytes())
-        return header, {name: stored[f"array{k}"] for k, name in enumerate(header["arrays"])}
-
-
 def main() -> None:
     """Fork for each recording that standard input names, and write to standard output how that ended."""
     statuses = os.dup(1)
@@ -223,7 +203,11 @@ def _in_child(task: tuple[Any, ...], answer: str, seconds: int, memory: int) -> 
     try:
         os.closerange(3, os.sysconf("SC_OPEN_MAX"))
         os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-        _limit(seconds, memory)
+        with suppress(ImportError, ValueError, OSError):  # where the system has no such limits, or lower ones
+            import resource
+
+            resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
+            resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
         _read_into(answer, *task)
         status = 0
     finally:
@@ -250,14 +234,6 @@ def _read_into(answer: str, title: str, read: Callable[..., Any], path: Path, se
 
 def _refusal(error: GpCorrectError) -> dict[str, Any]:
     return {"error": type(error).__name__, "state": vars(error)}
-
-
-def _limit(seconds: int, memory: int) -> None:
-    with suppress(ImportError, ValueError, OSError):  # where the system has no such limits, or lower ones
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
-        resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ DEC, BIG_ENDIAN = bytes([85]), bytes([86])  # processor codes: of swapped words 
 
 
 def read(path: Path, settings: ReadSettings) -> Take:
-    """Read markers; one is hidden where its residual is negative. See :data:`gpcorrect.logs.apart.Reader`."""
+    """Read markers; one is hidden where its residual is negative."""
     try:
         import ezc3d
     except ImportError as error:

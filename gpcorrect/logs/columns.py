@@ -176,44 +176,26 @@ class ColumnMap(_Section):
         return tuple(named)
 
 
-def check_memory(needed: int, most: int) -> None:
-    """Refuse a file whose table, unpacked, would not fit in memory.
-
-    Parameters
-    ----------
-    needed, most : int
-        Bytes that it takes, and that it may.
-
-    Raises
-    ------
-    LogError
-        It takes more.
-    """
-    if needed > most:
-        hint = "Split it, or raise the limit with max_bytes."
-        raise LogError(f"expected a table of at most {most / 1e9:.3g} GB, this one unpacks to more.", hint=hint)
-
-
 @dataclass(frozen=True)
 class ReadSettings:
-    """How a recording is to be read.
+    """How a recording is to be read."""
 
-    Parameters
-    ----------
-    columns : ColumnMap
-        The mapping; empty when none was given.
-    mapped : bool
-        Whether a mapping was given.
-    disorder : {"refuse", "drop", "keep"}
-        What to do about time that does not increase.
-    max_bytes : int
-        Largest table to read into memory.
-    """
+    columns: ColumnMap = field(default_factory=ColumnMap)  # the mapping; empty when none was given
+    mapped: bool = False  # whether a mapping was given
+    disorder: Disorder = "refuse"  # what to do about time that does not increase
+    max_bytes: int = DEFAULT_MAX_BYTES  # largest table to read into memory
 
-    columns: ColumnMap = field(default_factory=ColumnMap)
-    mapped: bool = False
-    disorder: Disorder = "refuse"
-    max_bytes: int = DEFAULT_MAX_BYTES
+    def check_memory(self, needed: int) -> None:
+        """Refuse a table that, unpacked, would not fit in memory.
+
+        Parameters
+        ----------
+        needed : int, bytes that it takes
+        """
+        if needed > self.max_bytes:
+            most = f"{self.max_bytes / 1e9:.3g} GB"
+            hint = "Split it, or raise the limit with max_bytes."
+            raise LogError(f"expected a table of at most {most}, this one unpacks to more.", hint=hint)
 
 
 def load_columns(path: str | Path) -> ColumnMap:
@@ -221,13 +203,7 @@ def load_columns(path: str | Path) -> ColumnMap:
 
     Parameters
     ----------
-    path : str or Path
-        TOML, with the keys of :class:`ColumnMap`.
-
-    Raises
-    ------
-    LogError
-        The file is missing, is not TOML, has a key that means nothing, or a value of the wrong kind.
+    path : str or Path, TOML, with the keys of :class:`ColumnMap`
     """
     try:
         with Path(path).open("rb") as file:
@@ -250,16 +226,9 @@ def _explain(error: ValidationError, content: dict[str, Any], path: str) -> LogE
     if first["type"] != "extra_forbidden":
         came = "" if isinstance(first["input"], dict) else f" (got {first['input']!r})"
         return LogError(f"key {key or 'of the file'}: {first['msg']}{came}.", path=path)
-    known = _known_keys(where[:-1])
+    sections: dict[str, type[BaseModel]] = {"csv": CsvOptions, "bag": BagOptions, "mocap": MocapOptions}
+    signal = PoseColumns if where[0].endswith("_cp") else ArrayColumns
+    known = list((ColumnMap if len(where) == 1 else sections.get(where[0], signal)).model_fields)
     near = get_close_matches(where[-1], known, n=1)
     hint = f"Did you mean {near[0]}?" if near else f"Known keys here: {', '.join(known)}."
     return LogError(f"unknown key {key}.", hint=hint, path=path)
-
-
-def _known_keys(section: tuple[str, ...]) -> list[str]:
-    """Keys of the mapping file, or of one of its sections."""
-    sections: dict[str, type[BaseModel]] = {"csv": CsvOptions, "bag": BagOptions, "mocap": MocapOptions}
-    if not section:
-        return list(ColumnMap.model_fields)
-    kind = PoseColumns if section[0].endswith("_cp") else ArrayColumns
-    return list(sections.get(section[0], kind).model_fields)

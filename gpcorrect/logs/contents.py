@@ -6,7 +6,7 @@ The file of a table is made of the names of its columns; what they do not say is
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,51 +18,29 @@ from gpcorrect.logs.columns import BagOptions, ColumnMap, ReadSettings
 from gpcorrect.logs.mocap.take import Take
 from gpcorrect.logs.mocap.tool import bodies_of
 from gpcorrect.logs.reader import Format, naming, parsed
-from gpcorrect.logs.table import joint_names, orientation_names, position_names
+from gpcorrect.logs.table import signal_columns
 from gpcorrect.logs.topics import JOINT_TYPES, POSE_TYPES, choose_topics
 from gpcorrect.plain import quoted
-from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
+from gpcorrect.types import CalibrationLog, FloatArray
 
 
 @dataclass(frozen=True)
 class Part:
-    """One thing in a recording.
+    """One thing in a recording."""
 
-    Parameters
-    ----------
-    name : str
-        Of a topic, pair of frames, body, marker or column.
-    kind : str
-        Type of message, "body", "marker" or "column".
-    samples : int
-        Messages, or samples with a value.
-    detail : str
-        A rate, or the range of the numbers.
-    """
-
-    name: str
-    kind: str
-    samples: int
-    detail: str = ""
+    name: str  # of a topic, pair of frames, body, marker or column
+    kind: str  # type of message, "body", "marker" or "column"
+    samples: int  # messages, or samples with a value
+    detail: str = ""  # a rate, or the range of the numbers
 
 
 @dataclass(frozen=True)
 class Contents:
-    """What is in a recording.
+    """What is in a recording."""
 
-    Parameters
-    ----------
-    title : str
-        Its format.
-    parts : tuple of Part
-        In the order of the file.
-    mapping : str
-        A mapping file that says what is likely; lines that are left to the user begin with `#`.
-    """
-
-    title: str
-    parts: tuple[Part, ...]
-    mapping: str
+    title: str  # its format
+    parts: tuple[Part, ...]  # in the order of the file
+    mapping: str  # a mapping file that says what is likely; lines that are left to the user begin with `#`
 
 
 def contents_of(path: str | Path) -> Contents:
@@ -70,8 +48,7 @@ def contents_of(path: str | Path) -> Contents:
 
     Parameters
     ----------
-    path : str or Path
-        A recording of a known format.
+    path : str or Path, a recording of a known format
 
     Raises
     ------
@@ -87,66 +64,56 @@ def contents_of(path: str | Path) -> Contents:
 
 def _listed(found: Format, path: Path, settings: ReadSettings) -> Contents:
     if found.read is rosbag.read:
-        return _of_bag(found.title, path)
-    recorded = found.read(path, settings)
-    return _of_take(found.title, recorded) if isinstance(recorded, Take) else _of_log(found.title, recorded)
+        parts, mapping = _of_bag(path)
+    else:
+        recorded = found.read(path, settings)
+        parts, mapping = _of_take(recorded) if isinstance(recorded, Take) else _of_log(recorded)
+    return Contents(found.title, tuple(parts), mapping)
 
 
-def _of_bag(title: str, path: Path) -> Contents:
+def _of_bag(path: Path) -> tuple[list[Part], str]:
     listed, tree = rosbag.topics_of(path)
     parts = [Part(t.name, t.msgtype, t.count, f"{t.rate:.4g} Hz" if t.rate else "") for t in listed]
     parts += [Part(name, "transform", count) for name, count in tree.items()]
     types = {t.name: t.msgtype for t in listed}
     try:
-        chosen = dict(choose_topics(types, BagOptions()).topics)
+        chosen, _ = choose_topics(types, BagOptions())
     except LogError:  # several robots or trackers: the user is to choose
         chosen = {}
     if "raven_state" in chosen:
-        return Contents(title, tuple(parts), '[bag]\narm = "left"  # or "right"\n')
+        return parts, '[bag]\narm = "left"  # or "right"\n'
     lines = ["[bag.topics]", *(f"{kind} = {quoted(topic)}" for kind, topic in chosen.items())]
     for part in parts:
         moving = part.kind in POSE_TYPES or part.kind == "transform"
         if part.name not in chosen.values() and (moving or part.kind in JOINT_TYPES):
             kind = "tracker_cp" if moving else "measured_js"
             lines.append(f"# {kind} = {quoted(part.name)}")
-    return Contents(title, tuple(parts), "\n".join(lines) + "\n")
+    return parts, "\n".join(lines) + "\n"
 
 
-def _of_take(title: str, take: Take) -> Contents:
-    seen = {name: int(np.isfinite(body.pose.position).all(axis=1).sum()) for name, body in take.bodies.items()}
-    parts = [Part(name, "body", count) for name, count in seen.items()]
-    counts = {name: int(np.isfinite(p).all(axis=1).sum()) for name, p in take.markers.items()}
-    parts += [Part(name, "marker", count) for name, count in counts.items()]
-    labelled = [name for name, count in counts.items() if count and name not in take.others]
+def _of_take(take: Take) -> tuple[list[Part], str]:
+    def _seen(points: FloatArray) -> int:
+        return int(np.isfinite(points).all(axis=1).sum())
+
+    markers = [Part(name, "marker", _seen(points)) for name, points in take.markers.items()]
+    parts = [*(Part(name, "body", _seen(body.pose.position)) for name, body in take.bodies.items()), *markers]
+    labelled = [part.name for part in markers if part.samples and part.name not in take.others]
     groups = [name for name, markers in bodies_of(labelled).items() if name and len(markers) >= 3]
     bodies = list(take.bodies) or (groups if len(groups) > 1 else [])
     lines = [f"{'# ' if k else ''}body = {quoted(name)}" for k, name in enumerate(bodies)]
     if not bodies:
         lines = [f"markers = [{', '.join(quoted(name) for name in labelled)}]"]
-    return Contents(title, tuple(parts), "\n".join(["[mocap]", *lines]) + "\n")
+    return parts, "\n".join(["[mocap]", *lines]) + "\n"
 
 
-def _of_log(title: str, log: CalibrationLog) -> Contents:
+def _of_log(log: CalibrationLog) -> tuple[list[Part], str]:
     """Columns of a table: those of signals with native names, and all others."""
-    columns: dict[str, FloatArray] = {}
-    for name in log.signals:
-        value = getattr(log, name)
-        if isinstance(value, PoseSignal):
-            columns |= dict(zip(position_names(name), value.position.T, strict=True))
-            turned = () if value.quaternion is None else value.quaternion.T
-            columns |= dict(zip(orientation_names(name), turned, strict=False))
-        elif value.ndim == 1:
-            columns[name] = value
-        else:
-            columns |= dict(zip(joint_names(name, value.shape[1]), value.T, strict=True))
-    columns |= log.extra
-    return Contents(title, tuple(_column(*item) for item in columns.items()), _propose_columns(dict(log.extra)))
-
-
-def _column(name: str, values: FloatArray) -> Part:
-    known = values[np.isfinite(values)]
-    span = f"{known.min():.6g}..{known.max():.6g}" if known.size else ""
-    return Part(name, "column", int(known.size), span)
+    parts = []
+    for name, values in {**signal_columns(log), **log.extra}.items():
+        known = values[np.isfinite(values)]
+        span = f"{known.min():.6g}..{known.max():.6g}" if known.size else ""
+        parts.append(Part(name, "column", int(known.size), span))
+    return parts, _propose_columns(log.extra)
 
 
 CLOCK = re.compile(r"time|stamp|^t$|^sec|nsec|nanosec", re.IGNORECASE)
@@ -165,7 +132,9 @@ def _propose_columns(columns: Mapping[str, FloatArray]) -> str:
     left = dict(columns)
     lines = _clock(left)
     taken: set[str] = set()
-    for names in _triples(list(left)):
+    triples = [triple for name in left for triple in _alike(name, "xyz", list(left))]
+    triples.sort(key=lambda t: re.search(r"q|rot|quat|vel|ang|^r|_r|w", t[0], re.IGNORECASE) is not None)
+    for names in triples:  # quaternions and velocities last
         if set(names) <= set(left):
             lines += _pose(names, left, taken)
     for series in _numbered(list(left)):
@@ -194,25 +163,20 @@ def _clock(left: dict[str, FloatArray]) -> list[str]:
     return [f"time = {quoted(named[0])}", *([f"time_scale = {scale:g}"] if scale != 1.0 else [])]
 
 
-def _triples(names: Sequence[str]) -> list[tuple[str, str, str]]:
-    """Columns that differ by x, y and z in one place, quaternions among them."""
-    found: list[tuple[str, str, str]] = []
-    for name in names:
-        for match in re.finditer(r"[xX]", name):
-            begin, end = name[: match.start()], name[match.end() :]
-            others = "yz" if match[0] == "x" else "YZ"
-            triple = (name, *(f"{begin}{axis}{end}" for axis in others))
-            if all(n in names for n in triple) and triple not in found:
-                found.append((triple[0], triple[1], triple[2]))
-    return sorted(found, key=lambda t: re.search(r"q|rot|quat|vel|ang|^r|_r|w", t[0], re.IGNORECASE) is not None)
+def _alike(name: str, axes: str, names: Sequence[str]) -> Iterator[list[str]]:
+    """Yield the columns that differ from one by their axis in one place, such as x, y and z."""
+    for match in re.finditer(axes[0], name, re.IGNORECASE):
+        letters = axes if match[0].islower() else axes.upper()
+        found = [f"{name[: match.start()]}{axis}{name[match.end() :]}" for axis in letters]
+        if all(other in names for other in found):
+            yield found
 
 
-def _pose(names: tuple[str, str, str], left: dict[str, FloatArray], taken: set[str]) -> list[str]:
+def _pose(names: Sequence[str], left: dict[str, FloatArray], taken: set[str]) -> list[str]:
     """Lines on a pose; a quaternion goes with the position before it in the table."""
     order = list(left)
     after = order[order.index(names[2]) + 1 :]
-    w = next((n for n in after if re.search(r"w", n, re.IGNORECASE) and len(_quaternion(n, order)) == 4), None)
-    turned = _quaternion(w, order) if w else []
+    turned: list[str] = next((found for n in after for found in _alike(n, "wxyz", order)), [])
     role = _role(names[0])
     signal = f"{role or 'tracker'}_cp".replace("external", "tracker")
     body = [f"position = [{', '.join(map(quoted, names))}]"]
@@ -226,16 +190,6 @@ def _pose(names: tuple[str, str, str], left: dict[str, FloatArray], taken: set[s
     if not doubtful:
         taken.add(signal)
     return _section(signal, body, doubtful or (role is None and len(taken) > 1))
-
-
-def _quaternion(w: str, names: Sequence[str]) -> list[str]:
-    """Columns w, x, y, z that differ in one place."""
-    for match in re.finditer(r"[wW]", w):
-        axes = "wxyz" if match[0] == "w" else "WXYZ"
-        found = [f"{w[: match.start()]}{axis}{w[match.end() :]}" for axis in axes]
-        if all(name in names for name in found):
-            return found
-    return []
 
 
 def _numbered(names: Sequence[str]) -> list[list[str]]:

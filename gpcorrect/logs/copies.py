@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, PoseSignal
+from gpcorrect.types import BoolArray, CalibrationLog, PoseSignal
 
 Marks = NDArray[np.uint64]
 
@@ -31,8 +31,7 @@ def marks_of(log: CalibrationLog) -> Marks:
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
+    log : CalibrationLog, n samples
     """
     found = [stretches(log, name)[1] for name in OUTSIDE if getattr(log, name) is not None]
     return np.unique(np.concatenate([*found, np.empty(0, dtype=np.uint64)]))
@@ -43,8 +42,7 @@ def remembered(marks: Marks) -> str:
 
     Parameters
     ----------
-    marks : (k,) array
-        In rising order.
+    marks : (k,) array, in rising order
     """
     return marks[:REMEMBERED].astype(">u8").tobytes().hex()
 
@@ -54,13 +52,7 @@ def recalled(digits: str) -> Marks:
 
     Parameters
     ----------
-    digits : str
-        16 a mark.
-
-    Raises
-    ------
-    ValueError
-        They are not.
+    digits : str, 16 a mark
     """
     return np.frombuffer(bytes.fromhex(digits), dtype=">u8").astype(np.uint64)
 
@@ -70,10 +62,8 @@ def stretches(log: CalibrationLog, name: str) -> tuple[NDArray[np.intp], Marks]:
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
+    log : CalibrationLog, n samples
     name : str
-        Of the signal.
     """
     signal = getattr(log, name)
     table = signal.position if isinstance(signal, PoseSignal) else signal
@@ -81,7 +71,11 @@ def stretches(log: CalibrationLog, name: str) -> tuple[NDArray[np.intp], Marks]:
     if len(log) < STRETCH:
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.uint64)
     known: BoolArray = np.all(np.abs(table) < LARGEST, axis=1)
-    rows = _mixed_rows(np.where(known[:, None], table, 0.0))
+    # A number of 64 bits for each row, the same for the same rounded numbers.
+    whole_numbers = np.round(np.where(known[:, None], table, 0.0) * 10.0**DIGITS).astype(np.int64).astype(np.uint64)
+    rows = np.zeros(len(table), dtype=np.uint64)
+    for column in whole_numbers.T:
+        rows = _mixed(rows + column)
     last = len(log) - STRETCH + 1
     marks, whole = np.zeros(last, dtype=np.uint64), log.trajectory[:last] == log.trajectory[STRETCH - 1 :]
     for k in range(STRETCH):
@@ -94,19 +88,9 @@ def stretches(log: CalibrationLog, name: str) -> tuple[NDArray[np.intp], Marks]:
     return starts, marks[starts]
 
 
-def _mixed_rows(table: FloatArray) -> Marks:
-    """Return a number of 64 bits for each row of a table `(n, k)`, the same for the same rounded numbers."""
-    whole = np.round(table * 10.0**DIGITS).astype(np.int64).astype(np.uint64)
-    rows = np.zeros(len(table), dtype=np.uint64)
-    for column in whole.T:
-        rows = _mixed(rows + column)
-    return rows
-
-
 def _mixed(numbers: Marks) -> Marks:
     """One step of SplitMix64, in which every bit changes about half of all others."""
     z = numbers + np.uint64(STEP)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(FIRST)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(SECOND)
-    mixed: Marks = z ^ (z >> np.uint64(31))
-    return mixed
+    return np.asarray(z ^ (z >> np.uint64(31)))

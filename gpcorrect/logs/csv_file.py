@@ -6,7 +6,7 @@ import csv
 import mmap
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -31,48 +31,45 @@ BYTE_ORDER_MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf
 
 
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
-    """Read a text table. See :data:`gpcorrect.logs.apart.Reader`."""
+    """Read a text table."""
     dialect = _sniff(path, settings.columns.csv)
     if not settings.columns.used:
-        known = recognised(dialect.names, _first_rows(path, dialect), settings.columns)
+        known = recognised(dialect.names, _first_rows(dialect), settings.columns)
         if known is not None:
             mapping, remark = known
-            log = log_from_table(_table(path, dialect, mapping), mapping, settings.disorder)
+            log = log_from_table(_table(dialect, mapping), mapping, settings.disorder)
             return replace(log, remarks=(remark, *log.remarks))
-    headless = dialect.names == tuple(str(k) for k in range(len(dialect.names)))
-    if headless and not settings.mapped:
-        raise LogError(
-            f"the first line holds {len(dialect.names)} numbers and no column names.",
-            hint="Give a mapping file with column numbers from 0, such as tracker_cp.position = [1, 2, 3].",
-        )
-    return log_from_table(_table(path, dialect, settings.columns), settings.columns, settings.disorder)
+    if not settings.mapped and dialect.names == tuple(str(k) for k in range(len(dialect.names))):
+        hint = "Give a mapping file with column numbers from 0, such as tracker_cp.position = [1, 2, 3]."
+        raise LogError(f"the first line holds {len(dialect.names)} numbers and no column names.", hint=hint)
+    return log_from_table(_table(dialect, settings.columns), settings.columns, settings.disorder)
 
 
-def _first_rows(path: Path, dialect: Dialect) -> FloatArray:
+def _first_rows(dialect: Dialect) -> FloatArray:
     """Numbers `(n, columns)` of the first samples that are complete; NaN for text."""
-    with dialect.records(path) as records:
+    with dialect.records() as records:
         rows = [cells for _, cells in islice(records, LOOK_AHEAD) if len(cells) == len(dialect.names)]
     numbers = [[float(c) if _is_number(c, ".") else np.nan for c in (c.replace(",", ".") for c in row)] for row in rows]
     return np.array(numbers, dtype=np.float64).reshape(len(rows), len(dialect.names))
 
 
-def _table(path: Path, dialect: Dialect, mapping: ColumnMap) -> Table:
+def _table(dialect: Dialect, mapping: ColumnMap) -> Table:
     """All columns of numbers; columns of text are left out, unless the mapping needs them."""
     try:
-        return _parse(path, dialect, ())
+        return _parse(dialect, ())
     except pa.ArrowInvalid as error:
-        text = _text_columns(path, dialect, mapping)
+        text = _text_columns(dialect, mapping)
         if not text:
             raise LogError(f"the table cannot be read: {error}.") from error
-    return _parse(path, dialect, text)
+    return _parse(dialect, text)
 
 
-def _parse(path: Path, dialect: Dialect, without: tuple[str, ...]) -> Table:
+def _parse(dialect: Dialect, without: tuple[str, ...]) -> Table:
     wanted = [name for name in dialect.names if name not in without]
     encoding = "utf8" if dialect.encoding.startswith("utf-8") else dialect.encoding
-    source, skip = path, dialect.header_lines
+    source, skip = dialect.path, dialect.header_lines
     if dialect.cleaned:
-        with dialect.lines(path) as lines:
+        with dialect.lines() as lines:
             source, skip, encoding = pa.BufferReader("\n".join(text for _, text in lines).encode()), 0, "utf8"
     arrow = arrow_csv.read_csv(
         source,
@@ -86,32 +83,29 @@ def _parse(path: Path, dialect: Dialect, without: tuple[str, ...]) -> Table:
         ),
     )
     columns = {name: arrow.column(name).to_numpy() for name in wanted}
-    return Table(columns, lambda row: f"line {dialect.line_of(path, row)}", without)
+
+    def _line(row: int) -> str:
+        """Name the line that holds a sample, counted from one: an editor opens it there."""
+        with dialect.records() as records:
+            return f"line {next(islice((n for n, _ in records), row, None), None)}"
+
+    return Table(columns, _line, without)
 
 
-def _text_columns(path: Path, dialect: Dialect, mapping: ColumnMap) -> tuple[str, ...]:
-    """Columns with a cell that is no number.
-
-    Raises
-    ------
-    LogError
-        A line has too few or too many cells, or a column that is needed holds text.
-    """
+def _text_columns(dialect: Dialect, mapping: ColumnMap) -> tuple[str, ...]:
+    """Columns with a cell that is no number."""
     used = complete(mapping, dialect.names)[0].used
     needed = {dialect.names[c] if isinstance(c, int) and c < len(dialect.names) else c for c in used}
     text: dict[str, None] = {}
-    with dialect.records(path) as records:
+    with dialect.records() as records:
         for line, cells in records:
             if len(cells) != len(dialect.names):
                 commas = "Are there decimal commas? Say csv.delimiter and csv.decimal in a mapping file."
                 hint = "The file may have been cut off." if len(cells) < len(dialect.names) else commas
                 raise LogError(f"line {line} has {len(cells)} cells, expected {len(dialect.names)}.", hint=hint)
-            wrong = [
-                (name, cell)
-                for name, cell in zip(dialect.names, cells, strict=True)
-                if name not in text and cell not in MISSING and not _is_number(cell, dialect.decimal)
-            ]
-            for name, cell in wrong:
+            for name, cell in zip(dialect.names, cells, strict=True):
+                if name in text or cell in MISSING or _is_number(cell, dialect.decimal):
+                    continue
                 if name in needed:
                     comma = DECIMAL_COMMA.fullmatch(cell) is not None
                     hint = "Say csv.decimal = ',' in a mapping file." if comma else "Leave a missing cell empty."
@@ -122,26 +116,16 @@ def _text_columns(path: Path, dialect: Dialect, mapping: ColumnMap) -> tuple[str
 
 @dataclass(frozen=True)
 class Dialect:
-    """A text table's form.
+    """A text table's form."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        A name for every column.
-    header_lines : int
-        Lines of the file before the first sample.
-    delimiter, decimal, encoding : str
-        As in the file; the delimiter " " stands for any number of blanks.
-    comments : bool
-        Whether lines of the file begin with `#`.
-    """
-
-    names: tuple[str, ...]
-    header_lines: int
+    names: tuple[str, ...]  # a name for every column
+    header_lines: int  # lines of the file before the first sample
+    # as in the file; the delimiter " " stands for any number of blanks
     delimiter: str
     decimal: str
     encoding: str
-    comments: bool = False
+    path: Path
+    comments: bool  # whether lines of the file begin with `#`
 
     @property
     def cleaned(self) -> bool:
@@ -149,48 +133,26 @@ class Dialect:
         return self.comments or self.delimiter == " "
 
     @contextmanager
-    def lines(self, path: Path) -> Iterator[Iterator[tuple[int, str]]]:
-        """Give an iterator over (line number, text) below the header, without comments, one blank for many.
-
-        Parameters
-        ----------
-        path : Path
-        """
-        with path.open(encoding=self.encoding, errors="replace") as file:
+    def lines(self) -> Iterator[Iterator[tuple[int, str]]]:
+        """Give an iterator over (line number, text) below the header, without comments, one blank for many."""
+        with self.path.open(encoding=self.encoding, errors="replace") as file:
             below = ((n, line.strip("\r\n")) for n, line in enumerate(file, start=1) if n > self.header_lines)
             samples = ((n, line) for n, line in below if not line.lstrip().startswith(COMMENT))
             yield ((n, " ".join(line.split()) if self.delimiter == " " else line) for n, line in samples)
 
     @contextmanager
-    def records(self, path: Path) -> Iterator[Iterator[tuple[int, list[str]]]]:
-        """Give an iterator over (line number, cells) of the samples, without empty lines.
-
-        Parameters
-        ----------
-        path : Path
-        """
+    def records(self) -> Iterator[Iterator[tuple[int, list[str]]]]:
+        """Give an iterator over (line number, cells) of the samples, without empty lines."""
         if self.cleaned:
-            with self.lines(path) as lines:
+            with self.lines() as lines:
                 cut = ((n, next(csv.reader([text], delimiter=self.delimiter), [])) for n, text in lines)
                 yield ((n, cells) for n, cells in cut if cells)
             return
-        with path.open(encoding=self.encoding, errors="replace", newline="") as file:
+        with self.path.open(encoding=self.encoding, errors="replace", newline="") as file:
             for _ in islice(file, self.header_lines):
                 pass
             reader = csv.reader(file, delimiter=self.delimiter)
             yield ((self.header_lines + reader.line_num, cells) for cells in reader if cells)
-
-    def line_of(self, path: Path, row: int) -> int | None:
-        """Line of the file that holds a row, counted from one: an editor opens it there.
-
-        Parameters
-        ----------
-        path : Path
-        row : int
-            Sample, counted from zero.
-        """
-        with self.records(path) as records:
-            return next(islice((line for line, _ in records), row, None), None)
 
 
 def _is_number(cell: str, decimal: str) -> bool:
@@ -203,13 +165,7 @@ def _is_number(cell: str, decimal: str) -> bool:
 
 
 def _sniff(path: Path, options: CsvOptions) -> Dialect:
-    """Find out how a table is written, where the options do not say.
-
-    Raises
-    ------
-    LogError
-        The file is no text table, has no sample, or two columns of one name.
-    """
+    """Find out how a table is written, where the options do not say."""
     encoding = encoding_of(path)
     with path.open(encoding=encoding, errors="replace", newline="") as file:
         numbered = ((n, line.strip("\r\n")) for n, line in enumerate(file, start=1) if n > options.skip)
@@ -217,7 +173,9 @@ def _sniff(path: Path, options: CsvOptions) -> Dialect:
     if not lines:
         raise LogError("expected a table, found no line of text.")
     number, first = lines[0]
-    delimiter = options.delimiter or next((d for d in "\t;," if d in first), None) or _blanks(lines)
+    words = {len(text.split()) for _, text in lines}
+    blanks = " " if len(words) == 1 and words.pop() > 1 else ","  # lines of as many words each, two or more
+    delimiter = options.delimiter or next((d for d in "\t;," if d in first), None) or blanks
     rows = [_cut(text, delimiter) for _, text in lines]
     commas = delimiter != "," and any(DECIMAL_COMMA.fullmatch(cell) for row in rows for cell in row)
     decimal = options.decimal or ("," if commas else ".")
@@ -235,9 +193,9 @@ def _sniff(path: Path, options: CsvOptions) -> Dialect:
         raise LogError(f"the table has more than one column named {', '.join(twice)}.", hint="Rename them.")
     if len(names) != len(found):
         raise LogError(f"csv.names gives {len(names)} names, the table has {len(found)} columns.")
-    return Dialect(
-        names, number if headed else number - 1, delimiter, decimal, encoding, bool(comment) or _has_comments(path)
-    )
+    with path.open("rb") as raw, mmap.mmap(raw.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        comments = bool(comment) or content.find(b"\n#") >= 0
+    return Dialect(names, number if headed else number - 1, delimiter, decimal, encoding, path, comments)
 
 
 def _beginning(lines: Iterator[tuple[int, str]]) -> tuple[str, list[tuple[int, str]]]:
@@ -253,17 +211,6 @@ def _beginning(lines: Iterator[tuple[int, str]]) -> tuple[str, list[tuple[int, s
     return comment, found
 
 
-def _has_comments(path: Path) -> bool:
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        return content.find(b"\n#") >= 0
-
-
-def _blanks(lines: Sequence[tuple[int, str]]) -> str:
-    """Return " " for lines of as many words each, two or more; else the comma."""
-    words = {len(text.split()) for _, text in lines}
-    return " " if len(words) == 1 and words.pop() > 1 else ","
-
-
 def _cut(text: str, delimiter: str) -> list[str]:
     return next(csv.reader([" ".join(text.split()) if delimiter == " " else text], delimiter=delimiter), [])
 
@@ -273,13 +220,7 @@ def encoding_of(path: Path) -> str:
 
     Parameters
     ----------
-    path : Path
-        Any file.
-
-    Raises
-    ------
-    LogError
-        The file is binary.
+    path : Path, any file
     """
     with path.open("rb") as file:
         head = file.read(4096)

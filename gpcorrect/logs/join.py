@@ -31,8 +31,7 @@ def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "
 
     Parameters
     ----------
-    logs : sequence of CalibrationLog
-        At least one.
+    logs : sequence of CalibrationLog, at least one
     sessions : {"renumber", "keep"}
         Number sessions anew, each log its own; or keep the numbers, when they mean the same in every log.
 
@@ -94,13 +93,9 @@ def _refuse_twice(logs: Sequence[CalibrationLog]) -> None:
 
 def _renumbered(numbers: Sequence[IntArray]) -> IntArray:
     """Numbers from zero, by first appearance, that no two logs share."""
-    parts, used = [], 0
-    for part in numbers:
-        ids, first, place = np.unique(part, return_index=True, return_inverse=True)
-        rank = np.argsort(np.argsort(first))
-        parts.append(rank[place] + used)
-        used += len(ids)
-    return np.concatenate(parts)
+    keys = np.concatenate([np.column_stack([np.full(len(part), k), part]) for k, part in enumerate(numbers)])
+    _, first, place = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[place.reshape(-1)]
 
 
 def _joined(logs: Sequence[CalibrationLog], name: str) -> Any:
@@ -117,22 +112,15 @@ def _joined(logs: Sequence[CalibrationLog], name: str) -> Any:
 
 
 def _joined_meta(logs: Sequence[CalibrationLog]) -> LogMeta:
-    """Join what the logs say: the same once, different notes one after the other.
-
-    Raises
-    ------
-    LogError
-        Two logs name different machines.
-    """
+    """Join what the logs say: the same once, different notes one after the other."""
     merged: dict[str, Any] = {}
-    for name in (f.name for f in fields(LogMeta)):
+    for name in (f.name for f in fields(LogMeta) if f.name != "tracker_base"):
         values = list(dict.fromkeys(v for log in logs if (v := getattr(log.meta, name))))
         if name in SAME_MACHINE and len(values) > 1:
             raise LogError(f"logs of different machines cannot be joined: {name} is {' and '.join(values)}.")
-        merged[name] = values[0] if len(values) == 1 else (None if name == "tracker_base" else "; ".join(values))
+        merged[name] = "; ".join(values)
     frames = {log.meta.tracker_base for log in logs}
-    merged["tracker_base"] = frames.pop() if len(frames) == 1 else None
-    return LogMeta(**merged)
+    return LogMeta(**merged, tracker_base=frames.pop() if len(frames) == 1 else None)
 
 
 def _remarks(logs: Sequence[CalibrationLog], common: tuple[str, ...]) -> list[str]:
@@ -150,21 +138,17 @@ def _remarks(logs: Sequence[CalibrationLog], common: tuple[str, ...]) -> list[st
 def with_tracker(robot: CalibrationLog, take: CalibrationLog, ahead: float | None = None) -> CalibrationLog:
     """Put the tracker of another recording on the robot's clock and rows.
 
+    Samples near which the take saw nothing in time are NaN.
+
     Parameters
     ----------
     robot : CalibrationLog
         Without a tracker; its clock runs through all trajectories.
-    take : CalibrationLog
-        With `tracker_cp`.
+    take : CalibrationLog, with `tracker_cp`
     ahead : float, optional
         Seconds by which the take's stamps run ahead of the robot's. Found from the motion when not given, wherever the
         two clocks begin; a lag of the robot behind its command is part of what is found where the robot reports no
         pose.
-
-    Returns
-    -------
-    CalibrationLog
-        The robot's, with `tracker_cp`: NaN where the take saw nothing near in time.
 
     Raises
     ------
@@ -201,6 +185,7 @@ def with_tracker(robot: CalibrationLog, take: CalibrationLog, ahead: float | Non
     )
 
 
+# For recordings whose motion does not say how their clocks lie.
 _HINT = "Give the seconds by which the tracker's clock runs ahead: --time-offset SECONDS."
 
 

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from gpcorrect.errors import LogError, MissingExtraError
-from gpcorrect.logs.columns import ReadSettings, check_memory
+from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.logs.orientation import CONVERTERS
 from gpcorrect.logs.table import Table, log_from_table, orientation_names, position_names
 from gpcorrect.types import CalibrationLog, FloatArray
@@ -26,8 +26,7 @@ MARKS = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
 NUMERIC = "iufb"  # kinds of NumPy types
 HEADER_BYTES, TAG_BYTES, COMPRESSED = 128, 8, 15  # of a version 5 file: its head, a variable's, and what marks zlib
 STEP_BYTES = 1 << 20  # unpacked at a time
-NUMBER = 8  # bytes
-POSE = (4, 4)  # a homogeneous transform
+# For files in which no variable has a row a sample.
 NO_ROWS = 'Save one variable a signal, or columns named as in the native log: save("log.mat", "-struct", "log").'
 
 Found = tuple[dict[str, np.ndarray[Any, Any]], list[str]]
@@ -35,10 +34,10 @@ Found = tuple[dict[str, np.ndarray[Any, Any]], list[str]]
 
 
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
-    """Read the variables of a MATLAB file as columns. See :data:`gpcorrect.logs.apart.Reader`."""
+    """Read the variables of a MATLAB file as columns."""
     with path.open("rb") as file:
         old = file.read(len(MARKS[0])) == MARKS[0]
-    arrays, left_out = (_version_5 if old else _version_73)(path, settings.max_bytes)
+    arrays, left_out = (_version_5 if old else _version_73)(path, settings)
     heads = {name.partition(".")[0] for name in arrays}
     if len(heads) == 1 and all("." in name for name in arrays):  # one structure holds everything
         arrays = {name.partition(".")[2]: values for name, values in arrays.items()}
@@ -46,19 +45,14 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     return log_from_table(Table(columns, "sample {}".format, (*left_out, *odd)), settings.columns, settings.disorder)
 
 
-def _version_5(path: Path, max_bytes: int) -> Found:
+def _version_5(path: Path, settings: ReadSettings) -> Found:
     from scipy.io import loadmat
 
-    check_memory(_unpacked(path, max_bytes), max_bytes)
+    settings.check_memory(_unpacked(path, settings.max_bytes))
     content = loadmat(path, squeeze_me=False, struct_as_record=True, verify_compressed_data_integrity=True)
-    arrays: dict[str, np.ndarray[Any, Any]] = {}
-    left_out: list[str] = []
-    for name, value in _fields({k: v for k, v in content.items() if not k.startswith("__")}):
-        if isinstance(value, np.ndarray) and value.dtype.kind in NUMERIC:
-            arrays[name] = value
-        else:
-            left_out.append(name)
-    return arrays, left_out
+    found = dict(_fields({k: v for k, v in content.items() if not k.startswith("__")}))
+    arrays = {name: v for name, v in found.items() if isinstance(v, np.ndarray) and v.dtype.kind in NUMERIC}
+    return arrays, [name for name in found if name not in arrays]
 
 
 def _unpacked(path: Path, most: int) -> int:
@@ -88,13 +82,12 @@ def _fields(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
             yield f"{prefix}{name}", value
 
 
-def _version_73(path: Path, max_bytes: int) -> Found:
+def _version_73(path: Path, settings: ReadSettings) -> Found:
     try:
         import h5py
     except ImportError as error:
-        raise MissingExtraError(
-            "h5py", extra="matlab", purpose="Reading HDF5 and MATLAB files of version 7.3"
-        ) from error
+        purpose = "Reading HDF5 and MATLAB files of version 7.3"
+        raise MissingExtraError("h5py", extra="matlab", purpose=purpose) from error
     arrays: dict[str, np.ndarray[Any, Any]] = {}
     left_out: list[str] = []
     total = 0
@@ -105,17 +98,17 @@ def _version_73(path: Path, max_bytes: int) -> Found:
         kind = item.attrs.get("MATLAB_class", b"double")
         dotted = name.replace("/", ".")
         nonlocal total
-        total += int(item.size or 0) * NUMBER
-        check_memory(total, max_bytes)
+        total += int(item.size or 0) * 8  # bytes of a number
+        settings.check_memory(total)
         if item.dtype.kind in NUMERIC and kind != b"char" and "MATLAB_empty" not in item.attrs:
             values = np.asarray(item[()])
             arrays[dotted] = values.T if "MATLAB_class" in item.attrs else values  # MATLAB's last direction comes first
         elif item.dtype.names:  # a table of named columns
-            fields = {
-                f"{dotted}.{n}": np.asarray(item[n]) for n in item.dtype.names if item.dtype[n].base.kind in NUMERIC
-            }
-            arrays.update(fields)
-            left_out.extend(f"{dotted}.{n}" for n in item.dtype.names if f"{dotted}.{n}" not in fields)
+            for field in item.dtype.names:
+                if item.dtype[field].base.kind in NUMERIC:
+                    arrays[f"{dotted}.{field}"] = np.asarray(item[field])
+                else:
+                    left_out.append(f"{dotted}.{field}")
         else:
             left_out.append(dotted)
 
@@ -133,41 +126,24 @@ def _columns(arrays: Mapping[str, np.ndarray[Any, Any]]) -> tuple[dict[str, Floa
     columns: dict[str, FloatArray] = {}
     left_out: list[str] = []
     for name, values in arrays.items():
-        rows = _rows(np.asarray(values, dtype=np.float64), count)
-        if rows is None:
+        # Samples lie along the last direction of three, or the first that is `count` long.
+        directions = [d for d in range(values.ndim) if values.shape[d] == count]
+        if not directions:
             left_out.append(name)
         else:
-            columns |= _named(name, rows)
+            along = 2 if values.ndim == 3 and 2 in directions else directions[0]
+            columns |= _named(name, np.moveaxis(np.asarray(values, dtype=np.float64), along, 0))
     return columns, left_out
-
-
-def _rows(values: FloatArray, count: int) -> FloatArray | None:
-    """Put samples `(n, ...)` first: the last direction of three, or the first that is `count` long; None without."""
-    if values.ndim == 3 and values.shape[2] == count:
-        return np.moveaxis(values, 2, 0)
-    direction = next((d for d in range(values.ndim) if values.shape[d] == count), None)
-    return None if direction is None else np.moveaxis(values, direction, 0)
 
 
 def _named(name: str, rows: FloatArray) -> dict[str, FloatArray]:
     """Columns of one variable: native ones for a pose, else numbered from one."""
-    if name in CalibrationLog.POSES:
-        pose = _pose_columns(name, rows)
-        if pose:
-            return pose
+    if name in CalibrationLog.POSES and rows.shape[1:] in ((3,), (7,), (4, 4)):
+        if rows.ndim == 3:  # homogeneous transforms
+            turned = CONVERTERS["matrix"](rows[:, :3, :3].reshape(len(rows), 9))
+            rows = np.hstack([rows[:, :3, 3], turned])
+        return dict(zip((*position_names(name), *orientation_names(name)), rows.T, strict=False))
     flat = rows.reshape(len(rows), -1)
     if flat.shape[1] == 1 and name not in CalibrationLog.JOINTS:
         return {name: flat[:, 0]}
     return {f"{name}_{k + 1}": flat[:, k] for k in range(flat.shape[1])}
-
-
-def _pose_columns(name: str, rows: FloatArray) -> dict[str, FloatArray]:
-    places: tuple[str, ...] = position_names(name)
-    if rows.shape[1:] == POSE:
-        turned = CONVERTERS["matrix"](rows[:, :3, :3].reshape(len(rows), 9))
-        rows, places = np.hstack([rows[:, :3, 3], turned]), (*places, *orientation_names(name))
-    elif rows.shape[1:] == (7,):
-        places = (*places, *orientation_names(name))
-    elif rows.shape[1:] != (3,):
-        return {}
-    return dict(zip(places, rows.T, strict=True))

@@ -1,4 +1,4 @@
-"""ROS messages to streams: poses and joint states, header stamps and times of reception."""
+"""ROS messages to streams: poses and joint states, header stamps and receive times."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy as np
 from gpcorrect.errors import LogError
 from gpcorrect.logs.orientation import unit_quaternions
 from gpcorrect.logs.streams import Stream
-from gpcorrect.types import FloatArray, IntArray, LogMeta, PoseSignal
+from gpcorrect.types import FloatArray, IntArray, PoseSignal
 
-NO_ROTATION = (math.nan,) * 4
+NO_ROTATION = (math.nan,) * 4  # of a point
 
 # Signals in a JointState, in the order of its fields.
 JOINT_SIGNALS = {
@@ -26,17 +26,10 @@ JOINT_SIGNALS = {
 
 @dataclass
 class Recorded:
-    """The messages of one topic while a recording is read; times in ns since 1970.
-
-    Parameters
-    ----------
-    topic : str
-    extract : callable
-        Takes what is needed out of a message; the message itself is not stored.
-    """
+    """The messages of one topic while a recording is read; times in ns since 1970."""
 
     topic: str
-    extract: Callable[[Any], Any]
+    extract: Callable[[Any], Any]  # takes what is needed out of a message; the message itself is not stored
     stamp: list[int] = field(default_factory=list)
     receive: list[int] = field(default_factory=list)
     rows: list[Any] = field(default_factory=list)
@@ -46,10 +39,8 @@ class Recorded:
 
         Parameters
         ----------
-        message : object
-            As the bag's reader decoded it.
-        receive : int
-            When it was received, ns since 1970.
+        message : object, as the bag's reader decoded it
+        receive : int, when it was received, ns since 1970
         """
         header = getattr(message, "hdr", None) or getattr(message, "header", None)
         self.stamp.append(0 if header is None else header.stamp.sec * 10**9 + header.stamp.nanosec)
@@ -81,17 +72,16 @@ def array_row(place: int | None) -> Callable[[Any], tuple[float, ...]]:
 
     Parameters
     ----------
-    place : int or None
-        Which one, counted from 0; None for the only one.
+    place : int or None, which one, counted from 0; None for the only one
     """
 
-    def row(message: Any) -> tuple[float, ...]:
+    def _row(message: Any) -> tuple[float, ...]:
         count, k = len(message.poses), place or 0
         if place is None and count > 1:
             raise LogError(f"an array holds {count} poses.", hint="Choose one by its place, counted from 0: /poses[1].")
         return pose_row(message.poses[k]) if k < count else (math.nan,) * 3 + NO_ROTATION
 
-    return row
+    return _row
 
 
 def joint_row(message: Any) -> tuple[tuple[str, ...], FloatArray, FloatArray, FloatArray]:
@@ -99,8 +89,7 @@ def joint_row(message: Any) -> tuple[tuple[str, ...], FloatArray, FloatArray, Fl
 
     Parameters
     ----------
-    message : object
-        JointState.
+    message : object, JointState
     """
     return tuple(message.name), message.position, message.velocity, message.effort
 
@@ -116,16 +105,13 @@ class Times:
 
     @classmethod
     def of(cls, recorded: Recorded, origin: int, clock: Literal["header", "receive"]) -> Times:
-        """Header stamps, or times of reception where the source left its stamps zero.
+        """Header stamps, or receive times where the source left its stamps zero.
 
         Parameters
         ----------
-        recorded : Recorded
-            Messages of a topic.
-        origin : int
-            Time that becomes zero, ns since 1970; the same for all topics of a recording.
-        clock : {"header", "receive"}
-            Which times to take.
+        recorded : Recorded, messages of a topic
+        origin : int, time that becomes zero, ns since 1970; the same for all topics of a recording
+        clock : {"header", "receive"}, which times to take
         """
         stamp, receive = np.array(recorded.stamp, np.int64), np.array(recorded.receive, np.int64)
         rows, remarks = np.arange(len(stamp)), []
@@ -133,38 +119,27 @@ class Times:
             stamp = receive
         elif not stamp.any():
             stamp = receive
-            remarks = [f"{recorded.topic} has no header stamps; the times of reception were taken."]
+            remarks = [f"{recorded.topic} has no header stamps; the receive times were taken."]
         elif not stamp.all():
             rows = np.flatnonzero(stamp)
             remarks = [f"{len(stamp) - len(rows)} messages of {recorded.topic} without a stamp were left out."]
         return cls((stamp[rows] - origin) / 1e9, (receive[rows] - origin) / 1e9, rows, tuple(remarks))
 
 
-@dataclass(frozen=True, eq=False)
-class Decoded:
-    """What messages became: streams, remarks on them, and what they say of the machine."""
-
-    streams: tuple[Stream, ...]
-    remarks: tuple[str, ...] = ()
-    meta: LogMeta = field(default_factory=LogMeta)
-
-
-def pose_streams(name: str, recorded: Recorded, times: Times) -> Decoded:
-    """Stream of poses; a quaternion that is none becomes missing, and is counted.
+def pose_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Stream], list[str]]:
+    """Stream of poses; a quaternion that is none becomes missing, and a remark says how many.
 
     Parameters
     ----------
     name : str
-        The log's signal.
-    recorded, times
-        Messages of a topic and when they were taken.
+    recorded, times : messages of a topic, and when they were taken
     """
     table = np.array(recorded.rows, dtype=np.float64)[times.rows]
     quaternion = unit_quaternions(table[:, 3:])
     bad = int((np.isfinite(table[:, 3:]).all(axis=1) & np.isnan(quaternion).any(axis=1)).sum())
-    remarks = (f"{bad} samples of {name} have no valid rotation; it counts as missing.",) if bad else ()
+    remarks = [f"{bad} samples of {name} have no valid rotation; it counts as missing."] if bad else []
     pose = PoseSignal(table[:, :3], None if np.isnan(table[:, 3:]).all() else quaternion)
-    return Decoded((Stream(name, times.stamp, pose, times.receive, recorded.topic),), remarks)
+    return [Stream(name, times.stamp, pose, times.receive, recorded.topic)], remarks
 
 
 def in_one_order(recorded: Mapping[str, Recorded]) -> tuple[dict[str, Recorded], tuple[str, ...]]:
@@ -173,12 +148,6 @@ def in_one_order(recorded: Mapping[str, Recorded]) -> tuple[dict[str, Recorded],
     Parameters
     ----------
     recorded : mapping of str to Recorded
-        Messages by kind.
-
-    Raises
-    ------
-    LogError
-        Two topics name a joint at different places, and not the same joints.
     """
     ordered, remarks, order, first = dict(recorded), [], None, ""
     for kind in JOINT_SIGNALS:
@@ -205,20 +174,13 @@ def _moved(row: tuple[Any, ...], names: tuple[str, ...], order: tuple[str, ...])
     return (order, *(part[places] if len(part) == len(names) else part for part in row[1:]))
 
 
-def joint_streams(name: str, recorded: Recorded, times: Times) -> Decoded:
-    """Streams of joint positions, and of measured velocities and efforts where they were published.
+def joint_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Stream], list[str]]:
+    """Streams of joint positions, and of measured velocities and efforts where they were published; and remarks.
 
     Parameters
     ----------
-    name : str
-        CRTK name of the topic, such as "measured_js".
-    recorded, times
-        Messages of a topic and when they were taken.
-
-    Raises
-    ------
-    LogError
-        The joints are not the same in all messages.
+    name : str, CRTK name of the topic, such as "measured_js"
+    recorded, times : messages of a topic, and when they were taken
     """
     if len({row[0] for row in recorded.rows}) > 1:
         raise LogError(f"the joints of {recorded.topic} change from message to message.")
@@ -231,4 +193,4 @@ def joint_streams(name: str, recorded: Recorded, times: Times) -> Decoded:
         elif widths - {0}:
             values = np.array([recorded.rows[i][k] for i in times.rows], dtype=np.float64)
             streams.append(Stream(signal, times.stamp, values, times.receive, recorded.topic))
-    return Decoded(tuple(streams), tuple(remarks))
+    return streams, remarks

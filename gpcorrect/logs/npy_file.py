@@ -14,10 +14,7 @@ from gpcorrect.types import CalibrationLog, FloatArray
 
 
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
-    """Read an array, a row a sample; a field of k numbers counts as the columns `field_1` to `field_k`.
-
-    See :data:`gpcorrect.logs.apart.Reader`.
-    """
+    """Read an array, a row a sample; a field of k numbers counts as the columns `field_1` to `field_k`."""
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except ValueError as error:

@@ -22,8 +22,7 @@ def rising(time: FloatArray, group: IntArray | None = None) -> BoolArray:
 
     Parameters
     ----------
-    time : (n,) array
-        Seconds.
+    time : (n,) array, seconds
     group : (n,) int array, optional
         Groups (trajectories) that are looked at each for itself; all one group when not given.
     """
@@ -64,17 +63,10 @@ def check_order(
 
     Parameters
     ----------
-    time, group : (n,) arrays
-        See :func:`rising`.
+    time, group : (n,) arrays, see :func:`rising`
     disorder : {"refuse", "drop", "keep"}
         Raise; leave the disordered samples out; or keep everything, for looking at a recording.
-    locate : callable
-        Names a row for messages, such as "line 12".
-
-    Raises
-    ------
-    LogError
-        Time is missing or does not increase inside a group, and the rule is "refuse".
+    locate : callable, names a row for messages, such as "line 12"
     """
     ordered = rising(time, group)
     wrong = np.flatnonzero(~ordered)
@@ -90,5 +82,5 @@ def check_order(
         )
         raise LogError(f"{found}.", hint=hint)
     if disorder == "keep":
-        return np.ones_like(ordered), [f"{found}; kept."]
+        return np.ones_like(ordered), [f"{found}; left in."]
     return ordered, [f"{found}; left out."]

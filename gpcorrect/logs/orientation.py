@@ -17,8 +17,7 @@ def unit_quaternions(quaternion: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    quaternion : (n, 4) array
-        In any order of their components.
+    quaternion : (n, 4) array, in any order of their components
     """
     with np.errstate(over="ignore"):  # an infinite norm is off by more than the tolerance
         norm = np.linalg.norm(quaternion, axis=1)
@@ -35,24 +34,11 @@ def quaternion_from_euler(angles: FloatArray, order: str) -> FloatArray:
 
     Parameters
     ----------
-    angles : (n, 3) array
-        About x, y and z, in this order whatever the order of the turns, rad.
-    order : str
-        Order of the turns: "ZYX" is R = Rz Ry Rx.
+    angles : (n, 3) array, about x, y and z, in this order whatever the order of the turns, rad
+    order : str, order of the turns: "ZYX" is R = Rz Ry Rx
     """
     turns = ["XYZ".index(axis) for axis in order]
-    return _where_finite(lambda values: se3.matrix_from_euler(values[:, turns], order), angles)
-
-
-def _where_finite(matrices: Callable[[FloatArray], FloatArray], values: FloatArray) -> FloatArray:
-    """Quaternions of the rows `(n, k)` that are complete; the others, and matrices with NaN, become NaN."""
-    complete = np.flatnonzero(np.isfinite(values).all(axis=1))
-    result = np.full((len(values), 4), np.nan)
-    if complete.size:
-        R = matrices(values[complete])
-        proper = np.isfinite(R).all(axis=(1, 2))
-        result[complete[proper]] = se3.quaternion_from_matrix(R[proper])
-    return result
+    return se3.quaternion_from_matrix(se3.matrix_from_euler(angles[:, turns], order))
 
 
 def _nearest_rotations(flat: FloatArray) -> FloatArray:
@@ -70,9 +56,9 @@ def _nearest_rotations(flat: FloatArray) -> FloatArray:
 CONVERTERS: Mapping[str, Callable[[FloatArray], FloatArray]] = {
     "quat_wxyz": unit_quaternions,
     "quat_xyzw": lambda values: unit_quaternions(values[:, [3, 0, 1, 2]]),
-    "rotvec": lambda values: _where_finite(se3.matrix_from_rotvec, values),
+    "rotvec": lambda values: se3.quaternion_from_matrix(se3.matrix_from_rotvec(values)),
     "rpy": lambda values: quaternion_from_euler(values, "ZYX"),  # about the fixed x, y and z axes, in this order
     "rpy_deg": lambda values: quaternion_from_euler(np.deg2rad(values), "ZYX"),
-    "matrix": lambda values: _where_finite(_nearest_rotations, values),
+    "matrix": lambda values: se3.quaternion_from_matrix(_nearest_rotations(values)),
 }
 """Orientation columns of a mapping file to quaternions wxyz `(n, 4)`, by the key's name."""

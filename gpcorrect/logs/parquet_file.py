@@ -10,18 +10,17 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from gpcorrect.errors import LogError
-from gpcorrect.logs.columns import ReadSettings, check_memory
+from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.logs.table import Table, log_from_table
 from gpcorrect.types import CalibrationLog, FloatArray
 
-NUMBER = 8  # bytes
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
-    """Read a Parquet table; a time stamp becomes seconds since 1970. See :data:`gpcorrect.logs.apart.Reader`."""
+    """Read a Parquet table; a time stamp becomes seconds since 1970."""
     with parquet.ParquetFile(path) as file:
-        check_memory(file.metadata.num_rows * max(file.metadata.num_columns, 1) * NUMBER, settings.max_bytes)
+        settings.check_memory(file.metadata.num_rows * max(file.metadata.num_columns, 1) * 8)  # bytes of a number
         arrow = file.read()
     numbers = {name: _numbers(arrow.column(k)) for k, name in enumerate(arrow.column_names)}
     if len(numbers) < len(arrow.column_names):

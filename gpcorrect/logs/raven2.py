@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from gpcorrect.errors import LogError
-from gpcorrect.logs.messages import Decoded, Recorded, Times
+from gpcorrect.logs.messages import Recorded, Times
 from gpcorrect.logs.orientation import CONVERTERS
 from gpcorrect.logs.streams import Stream
 from gpcorrect.types import FloatArray, LogMeta, PoseSignal
@@ -73,13 +73,7 @@ def raven_row(message: Any) -> FloatArray:
 
     Parameters
     ----------
-    message : object
-        raven_state, as the bag's reader decoded it.
-
-    Raises
-    ------
-    LogError
-        The message lacks one of them: another message of the same name.
+    message : object, raven_state, as the bag's reader decoded it
     """
     missing = [name for name in FIELDS if not hasattr(message, name)]
     if missing:
@@ -87,30 +81,26 @@ def raven_row(message: Any) -> FloatArray:
     return np.concatenate([np.atleast_1d(getattr(message, name)) for name in FIELDS]).astype(np.float64)
 
 
-def raven_streams(recorded: Recorded, times: Times, arm: Arm | None) -> Decoded:
-    """Streams of one arm: commanded and reported pose and joints, joint velocities, desired motor torques.
+def raven_streams(recorded: Recorded, times: Times, arm: Arm | None) -> tuple[list[Stream], list[str], LogMeta]:
+    """Streams of one arm: commanded and reported pose and joints, joint velocities, desired motor torques; and remarks.
 
     The sixth joint is the wrist's yaw, half the difference of the two jaws, as in the software's kinematics.
 
     Parameters
     ----------
-    recorded, times
-        Messages of a topic and when they were taken.
-    arm : {"left", "right"}, optional
-        The only one there when not given.
-
-    Raises
-    ------
-    LogError
-        Both arms are there and none was chosen, or the chosen one is not there.
+    recorded, times : messages of a topic, and when they were taken
+    arm : {"left", "right"}, optional, the only one there when not given
     """
     ends = np.cumsum(list(FIELDS.values()))
     state = dict(zip(FIELDS, np.split(np.stack(recorded.rows)[times.rows], ends[:-1], axis=1), strict=True))
     side, remarks = _choose_arm(state, arm)
     mechanism, found = _mechanism(state["type"], side)
     measured, setpoint, copies = _poses(state, mechanism)
-    scale, units = _joint_scale(state["jpos"], side)
-    remarks = [f"read the {side} arm.", *remarks, *found, *copies, *units]
+    remarks = [f"read the {side} arm.", *remarks, *found, *copies]
+    scale = np.full(6, np.pi / 180)
+    if np.median(np.abs(_side(state["jpos"], side)[:, INSERTION])) > LONGEST_INSERTION:
+        scale[INSERTION] = 1e-3
+        remarks.append("the insertion was taken to be in millimetres.")
     remarks.append("measured_jf holds the motor torques that the controller asked for (N m), not measured ones.")
     signals: dict[str, PoseSignal | FloatArray] = {
         "measured_cp": measured,
@@ -121,11 +111,8 @@ def raven_streams(recorded: Recorded, times: Times, arm: Arm | None) -> Decoded:
         "measured_jf": _six(state["tau"], side, 1.0),
     }
     seen = {name: v for name, v in signals.items() if not isinstance(v, PoseSignal) or v.finite.any()}
-    return Decoded(
-        tuple(Stream(name, times.stamp, v, times.receive, recorded.topic) for name, v in seen.items()),
-        tuple(remarks),
-        LogMeta(robot="RAVEN-II", arm=f"raven2_{side}", joint_types="RRPRRR"),
-    )
+    streams = [Stream(name, times.stamp, v, times.receive, recorded.topic) for name, v in seen.items()]
+    return streams, remarks, LogMeta(robot="RAVEN-II", arm=f"raven2_{side}", joint_types="RRPRRR")
 
 
 def _side(values: FloatArray, arm: Arm) -> FloatArray:
@@ -175,12 +162,3 @@ def _poses(state: Mapping[str, FloatArray], place: int) -> tuple[PoseSignal, Pos
     )
     remark = f"{copied.sum()} of {len(copied)} desired poses are copies of the measured one (pedal up); missing."
     return measured, command, [remark] if copied.any() else []
-
-
-def _joint_scale(positions: FloatArray, arm: Arm) -> tuple[FloatArray, list[str]]:
-    """Factors `(6,)` to rad and m. The insertion is in m times 180/pi, or in mm if too long for that."""
-    scale = np.full(6, np.pi / 180)
-    if np.median(np.abs(_side(positions, arm)[:, INSERTION])) <= LONGEST_INSERTION:
-        return scale, []
-    scale[INSERTION] = 1e-3
-    return scale, ["the insertion was taken to be in millimetres."]

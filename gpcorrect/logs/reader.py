@@ -25,10 +25,8 @@ from gpcorrect.types import CalibrationLog, LogMeta, PoseSignal
 
 T = TypeVar("T")
 Reader = Callable[[Path, ReadSettings], CalibrationLog | Take]
-"""What reads a format, from path and settings: into a log, or what cameras saw, where the tool is still to be chosen.
-
-It raises a LogError where the file is damaged, cut off, too large or of another layout, and a MissingExtraError where
-the library that reads it is not installed."""
+"""What reads a format into a log, or what cameras saw, where the tool is still to be chosen. A file that is damaged,
+cut off, too large or of another layout raises a LogError, a library that is not installed a MissingExtraError."""
 FARTHEST = 1e6  # m or rad: beyond it, in whatever unit, no arm has been
 SAME_DECIMALS = 8  # of a mean: far below what noise makes of two recordings, far above rounding; chosen by hand
 HEAD = 1 << 16  # bytes that tell a format: the header of a motion capture export names hundreds of markers
@@ -50,17 +48,6 @@ class Format:
     whole: bool = True
     line: re.Pattern[bytes] | None = None
     libraries: tuple[str, ...] = ()
-
-    def begins(self, head: bytes) -> bool:
-        """Whether a file is of this format; a text may begin with empty lines and a byte order mark.
-
-        Parameters
-        ----------
-        head : bytes
-            Its first bytes.
-        """
-        seen = head.removeprefix(b"\xef\xbb\xbf").lstrip(b'\r\n ,;\t"') if self.text else head
-        return any(seen.startswith(mark) for mark in self.marks) or bool(self.line and self.line.search(head))
 
 
 ENDS = (b"\r", b"\n", b",", b";", b"\t", b'"')  # of a title that stands alone in its line, or in its first cell
@@ -100,6 +87,8 @@ def read_log(
 ) -> CalibrationLog:
     """Read a recording of any format that is known, into SI units, radians and quaternions wxyz.
 
+    The log has the sidecar's meta data, the SHA-256 of the file, and remarks on what reading decided.
+
     Parameters
     ----------
     path : str or Path
@@ -113,16 +102,10 @@ def read_log(
         Topic of the outside tracker's pose; "" for none.
     arm : {"left", "right"}, optional
         Which arm of a recording of RAVEN-II state messages.
-    max_bytes : int
-        Largest table to read into memory.
+    max_bytes : int, largest table to read into memory
     disorder : {"refuse", "drop", "keep"}
         What to do about time that does not increase inside a trajectory: raise, leave the samples out, or
         keep them, which is for looking at a recording only.
-
-    Returns
-    -------
-    CalibrationLog
-        With the sidecar's meta data, the SHA-256 of the file, and remarks on what reading decided.
 
     Raises
     ------
@@ -143,10 +126,8 @@ def read_log(
         meta = LogMeta() if columns and sidecar_path(source) == Path(columns) else read_sidecar(source)
         stated = {name: value for name, value in asdict(meta).items() if value}  # the sidecar comes first
         digest = recording_digest(source)
-        meta = replace(log.meta, **stated)
-        return replace(
-            log, name=str(source), meta=meta, digest=digest, recordings=(digest,), contents=(_contents(log),)
-        )
+        found: dict[str, Any] = {"digest": digest, "recordings": (digest,), "contents": (_contents(log),)}
+        return replace(log, name=str(source), meta=replace(log.meta, **stated), **found)
 
 
 def parsed(kind: type[T], read: Callable[[Format, Path, ReadSettings], T], path: Path, settings: ReadSettings) -> T:
@@ -154,21 +135,18 @@ def parsed(kind: type[T], read: Callable[[Format, Path, ReadSettings], T], path:
 
     Parameters
     ----------
-    kind : type
-        What `read` returns: a dataclass.
+    kind : type, what `read` returns: a dataclass
     read : callable
         From format, path and settings to what is wanted of the recording; a function of a module.
-    path, settings
-        See :func:`read_log`.
-
-    Raises
-    ------
-    LogError, MissingExtraError, OSError
-        As for :func:`read_log`.
+    path, settings : see :func:`read_log`
     """
     found = format_of(path)
-    if found.whole:
-        _check_size(path, settings.max_bytes)
+    size = path.stat().st_size
+    if found.whole and size > settings.max_bytes:
+        hint = "Convert it to Parquet, split it, or raise the limit with max_bytes."
+        raise LogError(f"expected at most {settings.max_bytes / 1e9:.3g} GB, got {size / 1e9:.3g} GB.", hint=hint)
+    if found.whole and size == 0:
+        raise LogError("the file is empty.")
     reader = partial(read, found)
     if found.libraries:
         return parse_apart(kind, found.title, reader, path, settings, found.libraries)
@@ -195,8 +173,8 @@ def _possible(log: CalibrationLog) -> CalibrationLog:
             remarks.append(
                 f"{rows} samples of {name} are infinite or beyond {FARTHEST:g} m or rad; they count as missing."
             )
-            kept = np.where(wrong, np.nan, table)
-            changed[name] = PoseSignal(kept, value.quaternion) if pose else kept
+            rest = np.where(wrong, np.nan, table)
+            changed[name] = PoseSignal(rest, value.quaternion) if pose else rest
     return replace(log, **changed, remarks=(*log.remarks, *remarks)) if changed else log
 
 
@@ -205,13 +183,7 @@ def format_of(path: Path) -> Format:
 
     Parameters
     ----------
-    path : Path
-        A file, or the folder of a ROS 2 recording.
-
-    Raises
-    ------
-    LogError
-        The file is of no known format.
+    path : Path, a file, or the folder of a ROS 2 recording
     """
     if path.is_dir():
         if (path / "metadata.yaml").is_file():
@@ -219,20 +191,18 @@ def format_of(path: Path) -> Format:
         raise LogError("expected a file or the folder of a ROS 2 recording, found no metadata.yaml in it.")
     with path.open("rb") as file:
         head = file.read(HEAD)
+    text = head.removeprefix(b"\xef\xbb\xbf").lstrip(b'\r\n ,;\t"')  # may begin with empty lines and a byte order mark
     for known in FORMATS:
-        if known.begins(head):
+        if (text if known.text else head).startswith(known.marks) or (known.line and known.line.search(head)):
             return known
     named = next((f for f in FORMATS if path.suffix.lower() in f.suffixes), None)
-    if named is None:
-        raise LogError(f"the name ends in {path.suffix or 'nothing'} and the content is unknown.", hint=_known())
-    if named.marks and head:
-        raise LogError(f"the name says {named.title}, but the file does not begin like one.", hint=_known())
-    return named
-
-
-def _known() -> str:
+    if named is not None and not (named.marks and head):
+        return named
     formats = ", ".join(f"{f.title} ({', '.join(f.suffixes)})" if f.suffixes else f.title for f in FORMATS)
-    return f"Known formats: {formats}, and the folder of a ROS 2 recording."
+    what = f"the name ends in {path.suffix or 'nothing'} and the content is unknown."
+    if named is not None:
+        what = f"the name says {named.title}, but the file does not begin like one."
+    raise LogError(what, hint=f"Known formats: {formats}, and the folder of a ROS 2 recording.")
 
 
 @contextmanager
@@ -251,16 +221,6 @@ def naming(path: Path) -> Iterator[None]:
         raise LogError(error.message, hint=error.hint, path=str(path)) from error
     except OSError as error:
         raise LogError(f"cannot be read: {error.strerror or error}.", path=str(path)) from error
-
-
-def _check_size(path: Path, max_bytes: int) -> None:
-    """Refuse a file that would not fit in memory, or is empty."""
-    size = path.stat().st_size
-    if size > max_bytes:
-        hint = "Convert it to Parquet, split it, or raise the limit with max_bytes."
-        raise LogError(f"expected at most {max_bytes / 1e9:.3g} GB, got {size / 1e9:.3g} GB.", hint=hint)
-    if size == 0:
-        raise LogError("the file is empty.")
 
 
 def _contents(log: CalibrationLog) -> str:
@@ -285,7 +245,6 @@ def recording_digest(path: Path) -> str:
     Parameters
     ----------
     path : Path
-        A recording.
     """
     if not path.is_dir():
         with path.open("rb") as file:

@@ -21,7 +21,7 @@ from gpcorrect.logs.messages import (
     pose_streams,
 )
 from gpcorrect.logs.raven2 import RAVEN_STATE_DEFINITION, RAVEN_STATE_TYPE, raven_row, raven_streams
-from gpcorrect.logs.streams import combine
+from gpcorrect.logs.streams import Stream, combine
 from gpcorrect.logs.tf import TF_TYPES, Tree, frames_of
 from gpcorrect.logs.topics import choose_topics, element_of
 from gpcorrect.types import CalibrationLog, LogMeta
@@ -30,31 +30,28 @@ if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
 
 LARGEST_PAGE = 65536  # bytes; SQLite writes it as 1
+# How the messages about damaged recordings begin.
 DAMAGED = "the recording cannot be read, it may be cut off or still being written"
 
 
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
-    """Read a recording of ROS topics onto one clock; header stamps count from the start of the recording.
-
-    See :data:`gpcorrect.logs.apart.Reader`.
-    """
+    """Read a recording of ROS topics onto one clock; header stamps count from the start of the recording."""
     options = settings.columns.bag
     with _opened(path) as bag:
-        choice = choose_topics({c.topic: c.msgtype for c in bag.connections if c.msgcount}, options)
-        recorded = _record(bag, choice.topics)
+        topics, remarks = choose_topics({c.topic: c.msgtype for c in bag.connections if c.msgcount}, options)
+        recorded = _record(bag, topics)
         origin = bag.start_time
     recorded, moved = in_one_order(recorded)
-    remarks, parts = [*choice.remarks, *moved], []
+    remarks, streams, meta = [*remarks, *moved], list[Stream](), LogMeta()
     for kind, messages in recorded.items():
         times = Times.of(messages, origin, options.clock)
         if kind == "raven_state":
-            parts.append(raven_streams(messages, times, options.arm))
+            found, said, meta = raven_streams(messages, times, options.arm)
         else:
-            parts.append((joint_streams if kind.endswith("_js") else pose_streams)(kind, messages, times))
-        remarks += [*times.remarks, *parts[-1].remarks]
-    streams = [stream for part in parts for stream in part.streams]
+            found, said = (joint_streams if kind.endswith("_js") else pose_streams)(kind, messages, times)
+        streams += found
+        remarks += [*times.remarks, *said]
     log = combine(streams, options.base, options.max_gap, shifts=options.shifts, disorder=settings.disorder)
-    meta = next((part.meta for part in parts if part.meta != LogMeta()), LogMeta())
     return replace(log, meta=meta, remarks=(*remarks, *log.remarks))
 
 
@@ -74,14 +71,6 @@ def topics_of(path: Path) -> tuple[list[Topic], dict[str, int]]:
     Parameters
     ----------
     path : Path
-        A ROS recording.
-
-    Raises
-    ------
-    LogError
-        The recording is damaged.
-    MissingExtraError
-        The library rosbags is not installed.
     """
     with _opened(path) as bag:
         seconds = (bag.end_time - bag.start_time) / 1e9
@@ -115,7 +104,13 @@ def _record(bag: AnyReader, topics: Mapping[str, str]) -> dict[str, Recorded]:
                 one.add(message, receive)
         else:
             tree.add(message, receive, static=connection.topic.endswith("tf_static"))
-    for kind, source in (topics or {"tracker_cp": _only_pair(tree) if wanted else ""}).items():
+    if not topics:
+        moving = tree.moving()
+        if len(moving) != 1:
+            hint = 'Choose one, or any pair of frames: [bag] tracker_topic = "/tf:base->tool".'
+            raise LogError(f"expected one moving transform, found {', '.join(moving) or 'none'}.", hint=hint)
+        topics = {"tracker_cp": moving[0]}
+    for kind, source in topics.items():
         pair = frames_of(source)
         if pair:
             kinds[kind] = tree.pose(*pair)
@@ -130,24 +125,9 @@ def _extract(kind: str, msgtype: str, place: int | None) -> Callable[[Any], Any]
     return array_row(place) if msgtype.endswith("/PoseArray") else pose_row
 
 
-def _only_pair(tree: Tree) -> str:
-    """Pair of frames of the only transform that moves."""
-    moving = tree.moving()
-    if len(moving) != 1:
-        hint = 'Choose one, or any pair of frames: [bag] tracker_topic = "/tf:base->tool".'
-        raise LogError(f"expected one moving transform, found {', '.join(moving) or 'none'}.", hint=hint)
-    return moving[0]
-
-
 @contextmanager
 def _opened(path: Path) -> Iterator[AnyReader]:
-    """Open a recording; definitions come with it, or else from ROS 2 and this package.
-
-    Raises
-    ------
-    LogError
-        The recording is damaged.
-    """
+    """Open a recording; definitions come with it, or else from ROS 2 and this package."""
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore

@@ -12,14 +12,12 @@ from gpcorrect.errors import LogError
 from gpcorrect.plain import toml_text
 from gpcorrect.types import LogMeta
 
-Vector = tuple[float, float, float]
-
 
 class _TrackerBase(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
-    translation: Vector
-    rotvec: Vector
+    translation: tuple[float, float, float]
+    rotvec: tuple[float, float, float]
 
 
 class _Sidecar(BaseModel):
@@ -41,7 +39,6 @@ def sidecar_path(path: Path) -> Path:
     Parameters
     ----------
     path : Path
-        The log.
     """
     return path.with_suffix(".toml")
 
@@ -52,7 +49,6 @@ def read_sidecar(path: Path) -> LogMeta:
     Parameters
     ----------
     path : Path
-        The log.
 
     Raises
     ------
@@ -82,7 +78,6 @@ def format_sidecar(meta: LogMeta) -> str:
     Parameters
     ----------
     meta : LogMeta
-        What to write.
     """
     stated = {name: text for name, text in asdict(meta).items() if text}
     frame = stated.pop("tracker_base", None)

@@ -12,8 +12,7 @@ from gpcorrect import se3
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs.order import Disorder, rising
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, frozen_array
-
-GAP_STEPS = 5.0  # the same rule as gpcorrect.velocity: five median steps without a sample are a gap
+from gpcorrect.velocity import GAP_STEPS
 
 BASE_ORDER = ("tracker_cp", "setpoint_cp", "setpoint_jp")
 
@@ -28,8 +27,7 @@ class Stream:
         The :class:`~gpcorrect.types.CalibrationLog` field that the stream becomes, such as "tracker_cp".
     stamp : (n,) array
         When each sample was taken, by the source's own clock, s.
-    values : PoseSignal or (n, k) array or (n,) array
-        The samples.
+    values : PoseSignal or (n, k) array or (n,) array, the samples
     receive : (n,) array or None
         When the recorder received each sample, by the recorder's clock, s; on the same origin as `stamp`.
     source : str
@@ -64,8 +62,7 @@ class Stream:
 
         Parameters
         ----------
-        seconds : float
-            Of either sign.
+        seconds : float, of either sign
         """
         return replace(self, stamp=self.stamp + seconds)
 
@@ -75,8 +72,7 @@ def default_max_gap(stamp: FloatArray) -> float:
 
     Parameters
     ----------
-    stamp : (n,) array
-        In any order, s.
+    stamp : (n,) array, in any order, s
     """
     steps = np.diff(np.unique(stamp))
     return GAP_STEPS * float(np.median(steps)) if steps.size else np.inf
@@ -91,17 +87,11 @@ def interpolate(stream: Stream, at: FloatArray, max_gap: float | None = None) ->
     Parameters
     ----------
     stream : Stream
-        What to sample.
     at : (m,) array
         Times on the stream's clock, s, in any order.
     max_gap : float, optional
         Longest time between two samples to interpolate across, s; :func:`default_max_gap` of the stream
         when not given.
-
-    Returns
-    -------
-    PoseSignal or array
-        As `stream.values`, with m rows; NaN outside the recording and inside gaps.
     """
     at = np.asarray(at, dtype=np.float64)
     gap = default_max_gap(stream.stamp) if max_gap is None else max_gap
@@ -112,21 +102,13 @@ def interpolate(stream: Stream, at: FloatArray, max_gap: float | None = None) ->
     return PoseSignal(_columns(stream.stamp, stream.values.position, at, gap), rotation)
 
 
-@dataclass(frozen=True, eq=False)
-class _Bracket:
-    """Where times fall among sorted samples: at one (`hit`), or between two near enough (`inside`)."""
-
-    before: IntArray
-    hit: BoolArray
-    inside: BoolArray
-
-
-def _bracket(stamp: FloatArray, at: FloatArray, gap: float) -> _Bracket:
-    before = np.clip(np.searchsorted(stamp, at, side="right") - 1, 0, max(len(stamp) - 1, 0))
+def _bracket(stamp: FloatArray, at: FloatArray, gap: float) -> tuple[BoolArray, IntArray, BoolArray]:
+    """Which times fall on a sorted sample, on which ones, and which times fall between two that are near enough."""
+    before = np.clip(np.searchsorted(stamp, at, side="right") - 1, 0, len(stamp) - 1)
     after = np.minimum(before + 1, len(stamp) - 1)
     hit = stamp[before] == at
     within = (stamp[before] < at) & (at < stamp[after]) & (stamp[after] - stamp[before] <= gap)
-    return _Bracket(before, hit, within)
+    return hit, before[hit], within
 
 
 def _present(stamp: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -139,18 +121,14 @@ def _present(stamp: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatAr
 def _columns(stamp: FloatArray, values: FloatArray, at: FloatArray, gap: float) -> FloatArray:
     """Linear interpolation, each column through its own samples."""
     table = values.reshape(len(stamp), -1)
-    columns = [_linear(*_present(stamp, table[:, k]), at, gap) for k in range(table.shape[1])]
-    stacked = np.stack(columns, axis=1) if columns else np.empty((len(at), 0))
-    return stacked.reshape(len(at), *values.shape[1:])
-
-
-def _linear(stamp: FloatArray, values: FloatArray, at: FloatArray, gap: float) -> FloatArray:
-    result = np.full(len(at), np.nan)
-    if len(stamp):
-        bracket = _bracket(stamp, at, gap)
-        result[bracket.inside] = np.interp(at[bracket.inside], stamp, values)
-        result[bracket.hit] = values[bracket.before[bracket.hit]]
-    return result
+    result = np.full((len(at), table.shape[1]), np.nan)
+    for k, column in enumerate(table.T):
+        known, present = _present(stamp, column)
+        if len(known):
+            hit, rows, inside = _bracket(known, at, gap)
+            result[inside, k] = np.interp(at[inside], known, present)
+            result[hit, k] = present[rows]
+    return result.reshape(len(at), *values.shape[1:])
 
 
 def _rotations(stamp: FloatArray, quaternion: FloatArray, at: FloatArray, gap: float) -> FloatArray:
@@ -158,12 +136,11 @@ def _rotations(stamp: FloatArray, quaternion: FloatArray, at: FloatArray, gap: f
     stamp, quaternion = _present(stamp, quaternion)
     result = np.full((len(at), 4), np.nan)
     if len(stamp):
-        bracket = _bracket(stamp, at, gap)
-        if bracket.inside.any():
-            matrices = se3.matrix_from_quaternion(quaternion)
-            between = se3.interpolate_rotations(stamp, matrices, at[bracket.inside])
-            result[bracket.inside] = se3.quaternion_from_matrix(between)
-        result[bracket.hit] = quaternion[bracket.before[bracket.hit]]
+        hit, rows, inside = _bracket(stamp, at, gap)
+        if inside.any():
+            between = se3.interpolate_rotations(stamp, se3.matrix_from_quaternion(quaternion), at[inside])
+            result[inside] = se3.quaternion_from_matrix(between)
+        result[hit] = quaternion[rows]
     return result
 
 
@@ -177,27 +154,21 @@ def combine(
 ) -> CalibrationLog:
     """One log on the clock of the base stream; every other stream is interpolated onto it.
 
-    Rows for which no other stream has a value are dropped; a signal that alone is missing there is NaN.
+    Rows for which no other stream has a value are dropped; a signal that alone is missing there is NaN. The log is one
+    trajectory of one session.
 
     Parameters
     ----------
-    streams : sequence of Stream
-        At most one for a signal.
+    streams : sequence of Stream, at most one for a signal
     base : str, optional
         Name of the stream whose samples become the rows; tracker_cp, else setpoint_cp, else setpoint_jp, else
         the fastest one.
-    max_gap : float, optional
-        See :func:`interpolate`.
+    max_gap : float, optional, see :func:`interpolate`
     shifts : mapping of name to float, optional
         Seconds to add to the stamps of a stream, where its clock differs.
     disorder : {"refuse", "drop", "keep"}
         What to do about stamps that run backwards; "keep" is for looking at a recording, not for learning
         from it. A repeated stamp of the base says nothing new and is dropped, unless "keep".
-
-    Returns
-    -------
-    CalibrationLog
-        One trajectory, one session; what was dropped is in its remarks.
 
     Raises
     ------
@@ -246,10 +217,9 @@ def _check_order(streams: Iterable[Stream], disorder: Disorder) -> list[str]:
             continue
         found = f"{back.size} stamps of {s.source or s.name} run backwards, the first at sample {back[0] + 2}"
         if disorder == "refuse":
-            raise LogError(
-                f"{found}.", hint="Read with disorder='drop', or set bag.clock = 'receive' in a mapping file."
-            )
-        remarks.append(f"{found} ({'left out' if disorder == 'drop' else 'kept'}).")
+            hint = "Read with disorder='drop', or set bag.clock = 'receive' in a mapping file."
+            raise LogError(f"{found}.", hint=hint)
+        remarks.append(f"{found} ({'left out' if disorder == 'drop' else 'left in'}).")
     return remarks
 
 
@@ -263,8 +233,6 @@ def _with_partner(
     keep = np.asarray(np.any([np.isfinite(table).any(axis=1) for table in tables], axis=0))
     if not keep.any():
         spans = "; ".join(f"{s.name} {s.stamp.min():.6g} to {s.stamp.max():.6g} s" for s in (lead, *partners.values()))
-        raise LogError(
-            f"the signals share no time: {spans}.",
-            hint="Their clocks differ: set bag.clock = 'receive' in a mapping file, or give bag.shifts.",
-        )
+        hint = "Their clocks differ: set bag.clock = 'receive' in a mapping file, or give bag.shifts."
+        raise LogError(f"the signals share no time: {spans}.", hint=hint)
     return keep

@@ -18,6 +18,7 @@ from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal
 
 INDEX = ("time", "trajectory", "session")
 CLOCK = r"time|stamp|clock|^t$|^sec|second"  # a column of such a name may be the time of a table that names none
+# A remark on tables of single poses.
 STATIC = "there is no time: static poses without a clock, each row a motion of its own."
 NAMED = 3  # missing columns of a joint signal that a remark names
 LARGEST_WHOLE = 2.0**53  # beyond it not every whole number is a float
@@ -25,21 +26,11 @@ LARGEST_WHOLE = 2.0**53  # beyond it not every whole number is a float
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Named columns of numbers, however they were stored.
+    """Named columns of numbers, however they were stored."""
 
-    Parameters
-    ----------
-    columns : mapping of name to (n,) array
-        In the order of the file.
-    locate : callable
-        Names a row for messages, such as "line 12".
-    left_out : tuple of str
-        Columns of the file that hold no numbers.
-    """
-
-    columns: Mapping[str, FloatArray]
-    locate: Callable[[int], str]
-    left_out: tuple[str, ...] = ()
+    columns: Mapping[str, FloatArray]  # (n,) each, in the order of the file
+    locate: Callable[[int], str]  # names a row for messages, such as "line 12"
+    left_out: tuple[str, ...] = ()  # columns of the file that hold no numbers
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -49,13 +40,7 @@ class Table:
 
         Parameters
         ----------
-        column : str or int
-            By name or number.
-
-        Raises
-        ------
-        LogError
-            There is no such column.
+        column : str or int, by name or number
         """
         names = list(self.columns)
         if isinstance(column, int) and column < len(names):
@@ -74,8 +59,7 @@ class Table:
 
         Parameters
         ----------
-        columns : tuple of str or int
-            By name or number.
+        columns : tuple of str or int, by name or number
         """
         return np.stack([self.columns[self.name(c)] for c in columns], axis=1)
 
@@ -86,29 +70,26 @@ def log_from_table(table: Table, mapping: ColumnMap, disorder: Disorder) -> Cali
     Parameters
     ----------
     table : Table
-        Columns as they were stored.
     mapping : ColumnMap
-        Which columns are which signals.
-    disorder : {"refuse", "drop", "keep"}
-        What to do about time that does not increase.
-
-    Raises
-    ------
-    LogError
-        A named column is missing, there is no time or no sample, trajectory numbers are no integers, or time
-        is out of order.
+    disorder : {"refuse", "drop", "keep"}, what to do about time that does not increase
     """
     found, remarks = complete(mapping, table.columns)
     if not len(table):
         raise LogError("the table has column names but no samples.")
-    static = found.time is None and found.rate is None and _static(table, found)
+    clockless = not any(re.search(CLOCK, n, re.IGNORECASE) for n in (*table.columns, *table.left_out))
+    motions = any(getattr(found, name) is not None for name in (*CalibrationLog.POSES, *CalibrationLog.JOINTS))
+    static = found.time is None and found.rate is None and clockless and motions
+    count = np.arange(len(table))
     if static:
         found = found.model_copy(update={"trajectory": None})
         remarks.append(STATIC)
-        time, trajectory = np.arange(len(table), dtype=np.float64), np.arange(len(table))
+        time = count.astype(np.float64)
+    elif found.rate is not None:
+        time = count / found.rate + found.time_offset
     else:
-        time = _time(table, found)
-        trajectory = _integers(table, "trajectory", found.trajectory)
+        scaled = table.stack(found.times or ("time",)) * np.asarray(found.time_scale)
+        time = scaled.sum(axis=1) + found.time_offset
+    trajectory = count if static else _integers(table, "trajectory", found.trajectory)
     session = _integers(table, "session", found.session)
     keep, order_remarks = check_order(time, trajectory, disorder, table.locate)
     signals: dict[str, Any] = {}
@@ -121,30 +102,22 @@ def log_from_table(table: Table, mapping: ColumnMap, disorder: Disorder) -> Cali
     return log if keep.all() else log.select(keep)
 
 
-def _time(table: Table, found: ColumnMap) -> FloatArray:
-    """Seconds: the sum of the columns of time, each scaled; or the samples counted at a rate."""
-    if found.rate is not None:
-        return np.arange(len(table)) / found.rate + found.time_offset
-    columns = table.stack(found.times or ("time",)) * np.asarray(found.time_scale)
-    return np.asarray(columns.sum(axis=1) + found.time_offset)
-
-
-def _static(table: Table, found: ColumnMap) -> bool:
-    """Whether a table without time is one of static poses: it has signals, and no column that may be the time."""
-    clocks = [n for n in (*table.columns, *table.left_out) if re.search(CLOCK, n, re.IGNORECASE)]
-    signals = (*CalibrationLog.POSES, *CalibrationLog.JOINTS)
-    return not clocks and any(getattr(found, name) is not None for name in signals)
-
-
 def _signal(table: Table, name: str, columns: PoseColumns | ArrayColumns | None) -> tuple[Any, list[str]]:
     """Values of a signal, None when it is absent, and remarks on them."""
     if columns is None:
         return None, []
-    if isinstance(columns, PoseColumns):
-        pose, bad = _read_pose(table, columns)
-        return pose, [f"{bad} samples of {name} have no valid rotation; it counts as missing."] if bad else []
-    values = table.stack(columns.columns) * np.asarray(columns.scale) + np.asarray(columns.offset)
-    return values[:, 0] if name in CalibrationLog.SCALARS else values, []
+    if isinstance(columns, ArrayColumns):
+        values = table.stack(columns.columns) * np.asarray(columns.scale) + np.asarray(columns.offset)
+        return values[:, 0] if name in CalibrationLog.SCALARS else values, []
+    position = table.stack(columns.position) * columns.position_scale
+    if columns.orientation is None:
+        return PoseSignal(position), []
+    form, names = columns.orientation
+    values = table.stack(names)
+    quaternion = CONVERTERS[form](values)
+    bad = int((np.isfinite(values).all(axis=1) & np.isnan(quaternion).any(axis=1)).sum())  # given, but no rotation
+    remarks = [f"{bad} samples of {name} have no valid rotation; it counts as missing."] if bad else []
+    return PoseSignal(position, quaternion), remarks
 
 
 def _integers(table: Table, name: str, column: Column | None) -> IntArray:
@@ -159,18 +132,6 @@ def _integers(table: Table, name: str, column: Column | None) -> IntArray:
         came = "nothing" if np.isnan(values[row]) else f"{values[row]:g}"
         raise LogError(f"{name} must be a whole number for every sample, got {came} at {table.locate(row)}.")
     return values.astype(np.int64)
-
-
-def _read_pose(table: Table, columns: PoseColumns) -> tuple[PoseSignal, int]:
-    """Read a pose signal; count the orientations that were given but are no rotation."""
-    position = table.stack(columns.position) * columns.position_scale
-    if columns.orientation is None:
-        return PoseSignal(position), 0
-    form, names = columns.orientation
-    values = table.stack(names)
-    quaternion = CONVERTERS[form](values)
-    given = np.isfinite(values).all(axis=1)
-    return PoseSignal(position, quaternion), int((given & np.isnan(quaternion).any(axis=1)).sum())
 
 
 def _extra(table: Table, found: ColumnMap) -> tuple[dict[str, FloatArray], list[str]]:
@@ -190,8 +151,7 @@ def position_names(signal: str) -> tuple[str, str, str]:
 
     Parameters
     ----------
-    signal : str
-        Such as "tracker_cp".
+    signal : str, such as "tracker_cp"
     """
     return f"{signal}_x", f"{signal}_y", f"{signal}_z"
 
@@ -201,23 +161,36 @@ def orientation_names(signal: str) -> tuple[str, str, str, str]:
 
     Parameters
     ----------
-    signal : str
-        Such as "tracker_cp".
+    signal : str, such as "tracker_cp"
     """
     return f"{signal}_qw", f"{signal}_qx", f"{signal}_qy", f"{signal}_qz"
 
 
-def joint_names(signal: str, dof: int) -> tuple[str, ...]:
-    """Columns of a joint signal, counted from one.
+def _joint_names(signal: str, dof: int) -> tuple[str, ...]:
+    """Columns of a joint signal, counted from one."""
+    return tuple(f"{signal}_{k}" for k in range(1, dof + 1))
+
+
+def signal_columns(log: CalibrationLog) -> dict[str, FloatArray]:
+    """Columns of a log's signals under their native names.
 
     Parameters
     ----------
-    signal : str
-        Such as "measured_jp".
-    dof : int
-        Number of joints.
+    log : CalibrationLog
     """
-    return tuple(f"{signal}_{k}" for k in range(1, dof + 1))
+    columns: dict[str, FloatArray] = {}
+    for name in log.signals:
+        values = getattr(log, name)
+        if isinstance(values, PoseSignal):
+            columns |= zip(position_names(name), values.position.T, strict=True)
+            columns |= (
+                {} if values.quaternion is None else zip(orientation_names(name), values.quaternion.T, strict=True)
+            )
+        elif values.ndim == 1:
+            columns[name] = values
+        else:
+            columns |= zip(_joint_names(name, values.shape[1]), values.T, strict=True)
+    return columns
 
 
 def _signal_of(column: str) -> str | None:
@@ -233,21 +206,12 @@ def _signal_of(column: str) -> str | None:
 
 
 def complete(mapping: ColumnMap, names: Collection[str]) -> tuple[ColumnMap, list[str]]:
-    """Fill a mapping with the signals that a table holds under their native names.
+    """Fill a mapping with the signals that a table holds under their native names; remark on each that lacks columns.
 
     Parameters
     ----------
-    mapping : ColumnMap
-        By the user; it comes first.
+    mapping : ColumnMap, by the user; it comes first
     names : collection of str
-        Columns of the table.
-
-    Returns
-    -------
-    ColumnMap
-        With every signal that can be read.
-    list of str
-        A remark on each signal that lacks columns.
     """
     found: dict[str, Any] = {}
     remarks: list[str] = []
@@ -281,7 +245,7 @@ def _joints(signal: str, names: Collection[str], remarks: list[str]) -> ArrayCol
     numbers = sorted(int(n.rpartition("_")[2]) for n in names if n != signal and _signal_of(n) == signal)
     if not numbers:
         return None
-    columns = joint_names(signal, min(numbers[-1], len(numbers) + NAMED))  # a name may end in whatever number
+    columns = _joint_names(signal, min(numbers[-1], len(numbers) + NAMED))  # a name may end in whatever number
     missing = [n for n in columns if n not in names]
     if missing:
         remarks.append(f"{signal} is left out: it lacks {', '.join(missing)}.")

@@ -27,8 +27,7 @@ def frames_of(name: str) -> tuple[str, str] | None:
 
     Parameters
     ----------
-    name : str
-        As the user wrote it.
+    name : str, as the user wrote it
     """
     match = re.fullmatch(r"/?tf:/?(.+?)\s*->\s*/?(.+)", name.strip())
     return (match[1], match[2]) if match else None
@@ -36,30 +35,19 @@ def frames_of(name: str) -> tuple[str, str] | None:
 
 @dataclass
 class Tree:
-    """Transforms by child frame, as they are read.
+    """Transforms by child frame, as they are read."""
 
-    Parameters
-    ----------
-    edges : dict of str to (parent, Recorded)
-        A child has one parent.
-    still : set of str
-        Children whose transform was published as static.
-    """
-
-    edges: dict[str, tuple[str, Recorded]] = field(default_factory=dict)
-    still: set[str] = field(default_factory=set)
+    edges: dict[str, tuple[str, Recorded]] = field(default_factory=dict)  # parent and poses of each child
+    still: set[str] = field(default_factory=set)  # children whose transform was published as static
 
     def add(self, message: Any, receive: int, *, static: bool) -> None:
         """Add the transforms of a message.
 
         Parameters
         ----------
-        message : object
-            TFMessage.
-        receive : int
-            ns since 1970.
-        static : bool
-            Whether it came from /tf_static.
+        message : object, TFMessage
+        receive : int, ns since 1970
+        static : bool, whether it came from /tf_static
         """
         for transform in message.transforms:
             child = transform.child_frame_id.strip("/")
@@ -84,12 +72,6 @@ class Tree:
         Parameters
         ----------
         parent, child : str
-            Frames.
-
-        Raises
-        ------
-        LogError
-            There is no such frame, nothing connects the two, or nothing between them moves.
         """
         up, down = self._to_root(parent), self._to_root(child)
         common = next((frame for frame in up if frame in down), None)
@@ -99,9 +81,8 @@ class Tree:
         up, down = up[: up.index(common)], down[: down.index(common)]
         moving = [frame for frame in (*down, *up) if frame not in self.still]
         if not moving:
-            raise LogError(
-                f"nothing moves between {parent} and {child}.", hint=f"What moves: {', '.join(self.moving())}."
-            )
+            hint = f"What moves: {', '.join(self.moving())}."
+            raise LogError(f"nothing moves between {parent} and {child}.", hint=hint)
         lead = self.edges[max(moving, key=lambda frame: len(self.edges[frame][1].rows))][1]
         found = Recorded(_source_name(parent, child), pose_row, list(lead.stamp), list(lead.receive), list(lead.rows))
         if (up, down) != ([], [child]) or lead is not self.edges[child][1]:
@@ -117,13 +98,12 @@ class Tree:
 
     def _composed(self, up: list[str], down: list[str], stamp: Any) -> list[tuple[float, ...]]:
         """Poses at these stamps, NaN where one of the transforms has a gap."""
-        T = np.broadcast_to(np.eye(4), (len(stamp), 4, 4))
+        below = above = np.broadcast_to(np.eye(4), (len(stamp), 4, 4))
         for frame in reversed(down):
-            T = T @ self._at(frame, stamp)
-        above = np.broadcast_to(np.eye(4), (len(stamp), 4, 4))
+            below = below @ self._at(frame, stamp)
         for frame in reversed(up):
             above = above @ self._at(frame, stamp)
-        T = se3.invert(above) @ T
+        T = se3.invert(above) @ below
         rows = np.full((len(stamp), 7), np.nan)
         seen = np.isfinite(T).all(axis=(1, 2))
         rows[seen] = np.hstack(se3.to_parts(T[seen]))
@@ -133,14 +113,9 @@ class Tree:
         """Poses `(n, 4, 4)` of a frame in its parent; NaN in gaps."""
         recorded = self.edges[frame][1]
         rows = np.array(recorded.rows, dtype=np.float64)
-        T = np.full((len(stamp), 4, 4), np.nan)
         if frame in self.still:
-            T[:] = se3.from_parts(rows[-1, :3], rows[-1, 3:])
-            return T
+            return np.broadcast_to(se3.from_parts(rows[-1, :3], rows[-1, 3:]), (len(stamp), 4, 4))
         origin = int(stamp[0])
         stream = Stream("tf", (np.array(recorded.stamp) - origin) / 1e9, PoseSignal(rows[:, :3], rows[:, 3:]))
         pose = cast(PoseSignal, interpolate(stream, (stamp - origin) / 1e9))
-        quaternion = np.asarray(pose.quaternion)
-        seen = np.isfinite(pose.position).all(axis=1) & np.isfinite(quaternion).all(axis=1)
-        T[seen] = se3.from_parts(pose.position[seen], quaternion[seen])
-        return T
+        return se3.from_parts(pose.position, np.asarray(pose.quaternion))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 from gpcorrect.errors import LogError
 from gpcorrect.logs.columns import BagOptions
@@ -20,50 +19,13 @@ OTHER = (
 )
 POSE_TYPES = frozenset(PLAIN + OTHER)
 JOINT_TYPES = frozenset({"sensor_msgs/msg/JointState"})
-ROBOT_TOPICS = {
-    "setpoint_cp": POSE_TYPES,
-    "measured_cp": POSE_TYPES,
-    "setpoint_js": JOINT_TYPES,
-    "measured_js": JOINT_TYPES,
-    "external_js": JOINT_TYPES,
-}
-COMMANDED = {"setpoint_cp", "setpoint_js", "measured_js"}  # by which a robot is told from a tracker
-TRACKER_WORDS = (
-    "track",
-    "marker",
-    "mocap",
-    "motion_capture",
-    "vrpn",
-    "optitrack",
-    "vicon",
-    "qualisys",
-    "phasespace",
-    "polaris",
-    "ndi",
-    "atracsys",
-    "fusion",
-    "aruco",
-    "apriltag",
-    "camera",
-    "fiducial",
+ROBOT_TOPICS = dict.fromkeys(("setpoint_cp", "measured_cp"), POSE_TYPES)
+ROBOT_TOPICS |= dict.fromkeys(("setpoint_js", "measured_js", "external_js"), JOINT_TYPES)
+COMMANDED = {"setpoint_cp", "setpoint_js", "measured_js"}  # by which a robot is known from a tracker
+TRACKER_WORDS = re.compile(
+    "track|marker|mocap|motion_capture|vrpn|optitrack|vicon|qualisys|phasespace|polaris|ndi|atracsys|fusion|aruco|"
+    "apriltag|camera|fiducial"
 )
-
-
-@dataclass(frozen=True)
-class Choice:
-    """What to read: a topic for each kind of message, and what had to be decided.
-
-    Parameters
-    ----------
-    topics : mapping of str to str
-        Signals of poses, CRTK names of joint states, or "raven_state"; to topics, poses of an array (`/poses[1]`) or
-        pairs of frames (`/tf:base->tool`).
-    remarks : tuple of str
-        What had to be decided.
-    """
-
-    topics: Mapping[str, str]
-    remarks: tuple[str, ...] = ()
 
 
 def _slashed(name: str) -> str:
@@ -76,27 +38,22 @@ def element_of(source: str) -> tuple[str, int | None]:
 
     Parameters
     ----------
-    source : str
-        As in :class:`Choice`.
+    source : str, as :func:`choose_topics` returns it
     """
     match = re.fullmatch(r"(.*)\[(\d+)\]", source)
     return (match[1], int(match[2])) if match else (source, None)
 
 
-def choose_topics(types: Mapping[str, str], options: BagOptions) -> Choice:
-    """Choose one robot and at most one tracker.
+def choose_topics(types: Mapping[str, str], options: BagOptions) -> tuple[dict[str, str], list[str]]:
+    """Choose one robot and at most one tracker; remark on what had to be decided.
+
+    The keys are signals of poses, CRTK names of joint states, or "raven_state"; the sources topics, poses of an array
+    (`/poses[1]`) or pairs of frames (`/tf:base->tool`).
 
     Parameters
     ----------
-    types : mapping of str to str
-        Types of message by topic.
+    types : mapping of str to str, types of message by topic
     options : BagOptions
-        What the user chose.
-
-    Raises
-    ------
-    LogError
-        There is no such topic, or more than one robot or tracker.
     """
     tracker, remarks = _tracker(types, options)
     topics: dict[str, str] = {
@@ -116,7 +73,7 @@ def choose_topics(types: Mapping[str, str], options: BagOptions) -> Choice:
         listed = ", ".join(f"{t} ({k})" for t, k in sorted(types.items())) or "none"
         hint = f"Say which they are in a mapping file, under [bag.topics]. Topics: {listed}."
         raise LogError("the recording holds no CRTK, RAVEN-II or tracker topic.", hint=hint)
-    return Choice(topics, tuple(remarks))
+    return topics, remarks
 
 
 def _stated(types: Mapping[str, str], kind: str, name: str) -> str:
@@ -129,9 +86,8 @@ def _stated(types: Mapping[str, str], kind: str, name: str) -> str:
     found = next((t for t in fitting if _slashed(t) == _slashed(topic)), None)
     if found is None:
         what = "joint state" if wanted is JOINT_TYPES else "pose"
-        raise LogError(
-            f"there is no {what} topic {name}.", hint=f"{what.capitalize()} topics here: {', '.join(fitting)}."
-        )
+        hint = f"{what.capitalize()} topics here: {', '.join(fitting)}."
+        raise LogError(f"there is no {what} topic {name}.", hint=hint)
     return found if place is None else f"{found}[{place}]"
 
 
@@ -179,7 +135,7 @@ def _tracker(types: Mapping[str, str], options: BagOptions) -> tuple[str, list[s
     ]
     for named in (True, False):
         for kinds in (PLAIN, OTHER):
-            found = [t for t in free if types[t] in kinds and (_has_tracker_word(t) or not named)]
+            found = [t for t in free if types[t] in kinds and (TRACKER_WORDS.search(t.lower()) or not named)]
             if found:
                 topic = _only(found, "topic that may be the tracker")
                 return topic, [f"{topic} was taken for the tracker."]
@@ -199,19 +155,13 @@ def _within(name: str, spaces: set[str]) -> bool:
 
 
 def _may_track(topic: str, types: Mapping[str, str]) -> bool:
-    name = _slashed(topic)
-    return not name.endswith("_cp") or name.endswith("/tracker_cp") or _is_tracking(name, {_slashed(t) for t in types})
-
-
-def _has_tracker_word(topic: str) -> bool:
-    return any(word in topic.lower() for word in TRACKER_WORDS)
-
-
-def _is_tracking(topic: str, topics: set[str]) -> bool:
-    """Whether a CRTK pose is a tracker's: its namespace only measures, and sounds like one."""
-    space, _, name = topic.rpartition("/")
+    """Whether a pose may be a tracker's: of CRTK poses one whose namespace only measures, and sounds like a tracker."""
+    space, _, name = _slashed(topic).rpartition("/")
+    if not name.endswith("_cp") or name == "tracker_cp":
+        return True
     others = {f"{space}/{other}" for other in ROBOT_TOPICS if other != "measured_cp"}
-    return name == "measured_cp" and _has_tracker_word(space) and not others & topics
+    sounds = TRACKER_WORDS.search(space.lower()) is not None
+    return name == "measured_cp" and sounds and not others & {_slashed(t) for t in types}
 
 
 def _only(topics: Sequence[str], what: str) -> str:

@@ -8,8 +8,7 @@ position, rotation, velocities, gripper, at 30 Hz (Gao et al. 2014, JHU-ISI gest
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -20,25 +19,8 @@ from gpcorrect.types import FloatArray
 UNIT = 1e-2  # how far a quaternion's norm or a rotation may be off, to be known as one
 JIGSAWS_RATE = 30.0  # Hz
 JIGSAWS_ARMS = {"left": 38, "right": 57}  # first column of the slave manipulators
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A kind of table.
-
-    Parameters
-    ----------
-    title : str
-        For remarks.
-    fits : callable
-        Whether the names of the columns and the first rows `(n, columns)` are of this kind.
-    mapping : callable
-        What the columns are, out of their names and what the user stated.
-    """
-
-    title: str
-    fits: Callable[[Sequence[str], FloatArray], bool]
-    mapping: Callable[[Sequence[str], ColumnMap], ColumnMap]
+TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
+EUROC = ("p_RS_R_x", "p_RS_R_y", "p_RS_R_z", "q_RS_w", "q_RS_x", "q_RS_y", "q_RS_z")
 
 
 def recognised(names: Sequence[str], rows: FloatArray, stated: ColumnMap) -> tuple[ColumnMap, str] | None:
@@ -47,78 +29,48 @@ def recognised(names: Sequence[str], rows: FloatArray, stated: ColumnMap) -> tup
     Parameters
     ----------
     names : sequence of str
-        Columns.
-    rows : (n, columns) array
-        The first samples; NaN for what is no number.
-    stated : ColumnMap
-        The user's mapping, without signals.
-
-    Raises
-    ------
-    LogError
-        The kind needs a choice that was not made.
+    rows : (n, columns) array, the first samples; NaN for what is no number
+    stated : ColumnMap, the user's mapping, without signals
     """
-    kind = next((kind for kind in KINDS if len(rows) and kind.fits(names, rows)), None)
-    if kind is None:
-        return None
-    found = kind.mapping(names, stated)
-    given = {name: value for name in stated.model_fields_set if (value := getattr(stated, name)) is not None}
-    return found.model_copy(update=given), f"read as {kind.title}."
+    for title, columns in KINDS.items() if len(rows) else ():
+        found = columns(names, rows, stated)
+        if found is not None:
+            given = {name: value for name in stated.model_fields_set if (value := getattr(stated, name)) is not None}
+            return found.model_copy(update=given), f"read as {title}."
+    return None
 
 
-def _tum(names: Sequence[str], rows: FloatArray) -> bool:
+def _tum(names: Sequence[str], rows: FloatArray, stated: ColumnMap) -> ColumnMap | None:
     if len(names) != 8 or not (tuple(names[1:]) == TUM[1:] or _numbered(names)):
-        return False
-    return _unit(rows[:, 4:]) and bool((np.diff(rows[:, 0]) > 0).all())
-
-
-def _euroc(names: Sequence[str], rows: FloatArray) -> bool:
-    return len(names) > 3 and names[0].startswith("timestamp") and all(_named(names, n) for n in EUROC[:3])
-
-
-def _kitti(names: Sequence[str], rows: FloatArray) -> bool:
-    return len(names) == 12 and _numbered(names) and _rotations(rows[:, [0, 1, 2, 4, 5, 6, 8, 9, 10]])
-
-
-def _jigsaws(names: Sequence[str], rows: FloatArray) -> bool:
-    return len(names) == 76 and _numbered(names) and all(_rotations(rows[:, k + 3 : k + 12]) for k in (0, 19, 38, 57))
-
-
-def _numbered(names: Sequence[str]) -> bool:
-    return tuple(names) == tuple(str(k) for k in range(len(names)))
-
-
-def _unit(rows: FloatArray) -> bool:
-    return bool((np.abs(np.linalg.norm(rows, axis=1) - 1) < UNIT).all())
-
-
-def _rotations(rows: FloatArray) -> bool:
-    R = rows.reshape(-1, 3, 3)
-    return bool((np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)) < UNIT).all())
-
-
-def _named(names: Sequence[str], start: str) -> str:
-    return next((name for name in names if name.partition(" ")[0] == start), "")
-
-
-def _tum_mapping(names: Sequence[str], stated: ColumnMap) -> ColumnMap:
+        return None
+    unit = (np.abs(np.linalg.norm(rows[:, 4:], axis=1) - 1) < UNIT).all()
+    if not unit or not (np.diff(rows[:, 0]) > 0).all():
+        return None
     return ColumnMap(time=0, tracker_cp=PoseColumns(position=(1, 2, 3), quat_xyzw=(4, 5, 6, 7)))
 
 
-def _euroc_mapping(names: Sequence[str], stated: ColumnMap) -> ColumnMap:
-    x, y, z, *turned = (_named(names, name) for name in EUROC)
-    w, a, b, c = turned
-    pose = PoseColumns(position=(x, y, z), quat_wxyz=(w, a, b, c) if all(turned) else None)
+def _euroc(names: Sequence[str], rows: FloatArray, stated: ColumnMap) -> ColumnMap | None:
+    x, y, z, *turned = (next((name for name in names if name.partition(" ")[0] == start), "") for start in EUROC)
+    if len(names) < 4 or not names[0].startswith("timestamp") or not (x and y and z):
+        return None
+    qw, qx, qy, qz = turned
+    pose = PoseColumns(position=(x, y, z), quat_wxyz=(qw, qx, qy, qz) if all(turned) else None)
     return ColumnMap(time=names[0], time_scale=1e-9, tracker_cp=pose)
 
 
-def _kitti_mapping(names: Sequence[str], stated: ColumnMap) -> ColumnMap:
+def _kitti(names: Sequence[str], rows: FloatArray, stated: ColumnMap) -> ColumnMap | None:
+    if len(names) != 12 or not _numbered(names) or not _rotations(rows[:, [0, 1, 2, 4, 5, 6, 8, 9, 10]]):
+        return None
     if stated.rate is None:
         raise LogError("KITTI poses have no time.", hint="Say their rate in a mapping file, such as rate = 10.0.")
     return ColumnMap(tracker_cp=PoseColumns(position=(3, 7, 11), matrix=(0, 1, 2, 4, 5, 6, 8, 9, 10)))
 
 
-def _jigsaws_mapping(names: Sequence[str], stated: ColumnMap) -> ColumnMap:
+def _jigsaws(names: Sequence[str], rows: FloatArray, stated: ColumnMap) -> ColumnMap | None:
+    if len(names) != 76 or not _numbered(names):
+        return None
+    if not all(_rotations(rows[:, k + 3 : k + 12]) for k in (0, 19, 38, 57)):
+        return None
     if stated.bag.arm is None:
         raise LogError("JIGSAWS kinematics hold two arms.", hint="Choose one with arm left or right.")
     k = JIGSAWS_ARMS[stated.bag.arm]
@@ -127,12 +79,19 @@ def _jigsaws_mapping(names: Sequence[str], stated: ColumnMap) -> ColumnMap:
     return ColumnMap(rate=JIGSAWS_RATE, measured_cp=pose)
 
 
-TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
-EUROC = ("p_RS_R_x", "p_RS_R_y", "p_RS_R_z", "q_RS_w", "q_RS_x", "q_RS_y", "q_RS_z")
-KINDS = (
-    Kind("a TUM trajectory (time, position, quaternion xyzw)", _tum, _tum_mapping),
-    Kind("EuRoC ground truth (ns, position, quaternion wxyz)", _euroc, _euroc_mapping),
-    Kind("KITTI poses (3 x 4 matrices, row by row)", _kitti, _kitti_mapping),
-    Kind("JIGSAWS kinematics (rotations row by row)", _jigsaws, _jigsaws_mapping),
-)
-"""A new kind of table is two functions and a line here."""
+def _numbered(names: Sequence[str]) -> bool:
+    return tuple(names) == tuple(str(k) for k in range(len(names)))
+
+
+def _rotations(rows: FloatArray) -> bool:
+    R = rows.reshape(-1, 3, 3)
+    return bool((np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)) < UNIT).all())
+
+
+KINDS: Mapping[str, Callable[[Sequence[str], FloatArray, ColumnMap], ColumnMap | None]] = {
+    "a TUM trajectory (time, position, quaternion xyzw)": _tum,
+    "EuRoC ground truth (ns, position, quaternion wxyz)": _euroc,
+    "KITTI poses (3 x 4 matrices, row by row)": _kitti,
+    "JIGSAWS kinematics (rotations row by row)": _jigsaws,
+}
+"""What the columns of each kind of table are, by names, first rows and what the user stated; None for other tables."""

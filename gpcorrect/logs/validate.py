@@ -33,8 +33,7 @@ class ValidationReport:
 
     Parameters
     ----------
-    facts : mapping
-        Sizes, rates, signals: JSON-able.
+    facts : mapping, sizes, rates, signals: JSON-able
     findings : tuple of Finding
         Errors, then warnings, then information.
     offsets : tuple of TimeOffset
@@ -106,12 +105,9 @@ def refuse_misread(
 
     Parameters
     ----------
-    log : CalibrationLog
-        To learn from or measure on.
-    learned : collection of str
-        Signals that matter, beside time.
-    as_is : bool
-        Refuse nothing; return all errors.
+    log : CalibrationLog, to learn from or measure on
+    learned : collection of str, signals that matter, beside time
+    as_is : bool, refuse nothing; return all errors
 
     Raises
     ------

@@ -13,8 +13,8 @@ from pyarrow import csv, parquet
 from gpcorrect.atomic import atomic_path, require_folder, write_file
 from gpcorrect.errors import GpCorrectError, LogError
 from gpcorrect.logs.sidecar import format_sidecar, sidecar_path
-from gpcorrect.logs.table import INDEX, joint_names, orientation_names, position_names
-from gpcorrect.types import CalibrationLog, FloatArray, LogMeta
+from gpcorrect.logs.table import INDEX, signal_columns
+from gpcorrect.types import CalibrationLog, LogMeta
 
 
 def require_writable(path: str | Path) -> None:
@@ -23,7 +23,6 @@ def require_writable(path: str | Path) -> None:
     Parameters
     ----------
     path : str or Path
-        The log to come.
 
     Raises
     ------
@@ -57,20 +56,14 @@ def write_log(log: CalibrationLog, path: str | Path) -> None:
     Parameters
     ----------
     log : CalibrationLog
-        The log; its extra columns are written too.
-    path : str or Path
-        Ends in .csv or .parquet.
-
-    Raises
-    ------
-    LogError
-        The name has another ending.
-    GpCorrectError
-        The folder does not exist or cannot be written.
+    path : str or Path, ends in .csv or .parquet
     """
     target = Path(path)
     require_writable(target)
-    arrays = {name: np.ascontiguousarray(values) for name, values in _columns(log).items()}
+    columns: dict[str, NDArray[Any]] = {name: getattr(log, name) for name in (("session",) if log.static else INDEX)}
+    columns |= signal_columns(log)
+    columns |= {name: values for name, values in log.extra.items() if name not in (*columns, *INDEX)}
+    arrays = {name: np.ascontiguousarray(values) for name, values in columns.items()}
     table = pa.table({name: pa.array(values, from_pandas=True) for name, values in arrays.items()})
     with atomic_path(target) as temporary:
         if target.suffix == ".csv":
@@ -80,23 +73,3 @@ def write_log(log: CalibrationLog, path: str | Path) -> None:
     beside = sidecar_path(target)
     if log.meta != LogMeta() or beside.exists():
         write_file(beside, format_sidecar(log.meta))
-
-
-def _columns(log: CalibrationLog) -> dict[str, NDArray[Any]]:
-    """Every column of the native table, in its order; an extra column never takes the name of a signal's."""
-    index = ("session",) if log.static else INDEX
-    columns: dict[str, NDArray[Any]] = {name: getattr(log, name) for name in index}
-    for name in log.POSES:
-        pose = getattr(log, name)
-        if pose is not None:
-            columns |= _named(position_names(name), pose.position)
-            columns |= {} if pose.quaternion is None else _named(orientation_names(name), pose.quaternion)
-    for name in log.JOINTS:
-        values = getattr(log, name)
-        columns |= {} if values is None else _named(joint_names(name, values.shape[1]), values)
-    columns |= {name: getattr(log, name) for name in log.SCALARS if getattr(log, name) is not None}
-    return columns | {name: values for name, values in log.extra.items() if name not in (*columns, *INDEX)}
-
-
-def _named(names: tuple[str, ...], values: FloatArray) -> dict[str, FloatArray]:
-    return dict(zip(names, values.T, strict=True))

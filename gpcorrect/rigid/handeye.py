@@ -25,10 +25,11 @@ MEAN_ROUNDS = 20  # of weighing rotations: converged to rounding well before
 def fit_marker(observed: PoseSignal, command: PoseSignal) -> RigidModel:
     """Solve `T_base_tracker X_i T_marker_tip = U_i` for the registration of the tracker and the tip's pose.
 
-    Both rotations start from the alternation of :func:`two_sided_rotations`, translation and lever arm from
-    linear least squares; all twelve unknowns are then refined together by Gauss-Newton under a Cauchy loss,
-    positions and rotations each on their own robust scale. Where the commands have no orientations, the lever
-    arm follows from the positions alone and the orientation of the tip in the marker stays the identity.
+    The problem is the AX = YB of Zhuang, Roth and Sudhakar (IEEE T-RA 10(4), 1994). Both rotations start from the
+    alternation of :func:`two_sided_rotations`, translation and lever arm from linear least squares; all twelve
+    unknowns are then refined together by Gauss-Newton under a Cauchy loss, positions and rotations each on their own
+    robust scale. Where the commands have no orientations, the lever arm follows from the positions alone and the
+    orientation of the tip in the marker stays the identity.
 
     Parameters
     ----------
@@ -43,17 +44,23 @@ def fit_marker(observed: PoseSignal, command: PoseSignal) -> RigidModel:
         No observed orientations, signals of unequal length, missing samples.
     DegenerateError
         Fewer than three samples, or too little rotation: which part is not observable, with numbers.
-
-    References
-    ----------
-    The problem is that of Zhuang, Roth and Sudhakar, "Simultaneous robot/world and tool/flange calibration
-    by solving homogeneous transformation equations of the form AX=YB", IEEE T-RA 10(4), 1994.
     """
     require_observable(observed, command)
     rows = evenly_spaced(len(observed))
     observed, command = observed[rows], command[rows]
-    samples, centre_p, centre_u = _centred(observed, command)
-    starts = _position_starts(observed, command, samples) if samples.R_cmd is None else [_pose_start(samples)]
+    assert observed.quaternion is not None
+    centre_p, centre_u = observed.position.mean(axis=0), command.position.mean(axis=0)
+    samples = Samples(
+        se3.matrix_from_quaternion(observed.quaternion),
+        p=observed.position - centre_p,
+        u=command.position - centre_u,
+        R_cmd=None if command.quaternion is None else se3.matrix_from_quaternion(command.quaternion),
+    )
+    if samples.R_cmd is not None:
+        starts = [_with_lever_arm(samples, *_start_rotations(samples.R_obs, samples.R_cmd))]
+    else:  # without a lever arm, and from a linear solution
+        rotations = (fit_robustly(observed, command).R_position, _rotation_from_positions(samples))
+        starts = [_with_lever_arm(samples, R, np.eye(3)) for R in rotations]
     state = min((refine(samples, start) for start in starts), key=lambda end: end[1])[0]
     t = state.t + centre_u - state.R @ centre_p
     return RigidModel("marker", R_position=state.R, t=t, offset=state.offset, R_left=state.R, R_right=state.R_right)
@@ -64,15 +71,8 @@ def require_observable(observed: PoseSignal, command: PoseSignal) -> Observabili
 
     Parameters
     ----------
-    observed : PoseSignal
-        Poses of the marker in the tracker frame.
-    command : PoseSignal
-        Poses of the tip in the base frame.
-
-    Raises
-    ------
-    DataError, DegenerateError
-        See :func:`fit_marker`.
+    observed : PoseSignal, poses of the marker in the tracker frame
+    command : PoseSignal, poses of the tip in the base frame
     """
     check_pair(observed, command)
     observability = rotation_observability(observed, command)
@@ -88,10 +88,9 @@ def require_observable(observed: PoseSignal, command: PoseSignal) -> Observabili
 def fit_separate(observed: PoseSignal, command: PoseSignal) -> RigidModel:
     """Points registered by points, orientations by `R_left R_obs R_right = R_cmd`, both robustly.
 
-    Trackers that solve wrist and tip from different fiducials report such poses: no one rigid body explains
-    both. Rotation about two axes determines R_left and R_right; rotation about one leaves a turn about it
-    open, and the smallest R_right is taken; without rotation only the product is known, and R_right is the
-    identity.
+    Trackers that solve wrist and tip from different fiducials report such poses: no one rigid body explains both.
+    Rotation about two axes determines R_left and R_right; rotation about one leaves a turn about it open, and the
+    smallest R_right is taken; without rotation only the product is known, and R_right is the identity.
 
     Parameters
     ----------
@@ -111,41 +110,6 @@ def fit_separate(observed: PoseSignal, command: PoseSignal) -> RigidModel:
     return RigidModel("separate", R_position=points.R_position, t=points.t, R_left=R_left, R_right=R_right)
 
 
-def _fit_two_sided(R_obs: FloatArray, R_cmd: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Robust rotations (R_left, R_right) of `R_left R_obs R_right = R_cmd` from `(n, 3, 3)` stacks."""
-    samples = Samples(R_obs, R_cmd=R_cmd)
-    R_left, R_right = _start_rotations(R_obs, R_cmd)
-    state, _ = refine(samples, MarkerState(R_left, np.zeros(3), R_right, np.zeros(3)))
-    return state.R, state.R_right
-
-
-def _centred(observed: PoseSignal, command: PoseSignal) -> tuple[Samples, FloatArray, FloatArray]:
-    if observed.quaternion is None:
-        raise DataError("marker registration needs observed orientations.")
-    centre_p, centre_u = observed.position.mean(axis=0), command.position.mean(axis=0)
-    samples = Samples(
-        se3.matrix_from_quaternion(observed.quaternion),
-        p=observed.position - centre_p,
-        u=command.position - centre_u,
-        R_cmd=None if command.quaternion is None else se3.matrix_from_quaternion(command.quaternion),
-    )
-    return samples, centre_p, centre_u
-
-
-def _pose_start(samples: Samples) -> MarkerState:
-    if samples.R_cmd is None:
-        raise DataError("a start from rotations needs commanded orientations.")
-    R_left, R_right = _start_rotations(samples.R_obs, samples.R_cmd)
-    return _with_lever_arm(samples, R_left, R_right)
-
-
-def _position_starts(observed: PoseSignal, command: PoseSignal, samples: Samples) -> list[MarkerState]:
-    """Return two starts that need no commanded rotation: without a lever arm, and from a linear solution."""
-    points = fit_robustly(observed, command).R_position
-    rotations = [points, _rotation_from_positions(samples)]
-    return [_with_lever_arm(samples, R, np.eye(3)) for R in rotations]
-
-
 def _start_rotations(R_obs: FloatArray, R_cmd: FloatArray) -> tuple[FloatArray, FloatArray]:
     weights = np.ones(len(R_obs))
     for _ in range(START_ROUNDS):
@@ -157,28 +121,23 @@ def _start_rotations(R_obs: FloatArray, R_cmd: FloatArray) -> tuple[FloatArray, 
 
 def _with_lever_arm(samples: Samples, R: FloatArray, R_right: FloatArray) -> MarkerState:
     """Solve `R_obs offset + R^T t = R^T u - p`, linear in translation and lever arm for known rotations."""
-    p, u = _positions(samples)
+    assert samples.p is not None
+    assert samples.u is not None
     A = np.concatenate([samples.R_obs, np.broadcast_to(np.eye(3), samples.R_obs.shape)], axis=-1)
-    solution = _reweighted(A, u @ R - p)
+    solution = _reweighted(A, samples.u @ R - samples.p)
     return MarkerState(R, R @ solution[3:], R_right, solution[:3])
 
 
 def _rotation_from_positions(samples: Samples) -> FloatArray:
     """Solve `R^T u - R_obs offset - R^T t = p`, linear in the entries of R^T, the offset and R^T t."""
-    p, u = _positions(samples)
-    n = len(p)
-    A = np.zeros((n, 3, 15))
+    assert samples.p is not None
+    assert samples.u is not None
+    A = np.zeros((len(samples.p), 3, 15))
     for row in range(3):
-        A[:, row, 3 * row : 3 * row + 3] = u
+        A[:, row, 3 * row : 3 * row + 3] = samples.u
     A[..., 9:12] = -samples.R_obs
     A[..., 12:] = -np.eye(3)
-    return se3.nearest_rotation(_reweighted(A, p)[:9].reshape(3, 3)).T
-
-
-def _positions(samples: Samples) -> tuple[FloatArray, FloatArray]:
-    if samples.p is None or samples.u is None:
-        raise DataError("a lever arm needs observed and commanded positions.")
-    return samples.p, samples.u
+    return se3.nearest_rotation(_reweighted(A, samples.p)[:9].reshape(3, 3)).T
 
 
 def _reweighted(A: FloatArray, b: FloatArray) -> FloatArray:
@@ -205,18 +164,15 @@ def _fit_orientations(observed: PoseSignal, command: PoseSignal) -> tuple[FloatA
     R_cmd = se3.matrix_from_quaternion(command.quaternion[rows])
     if observability.n_axes == 0:
         return _robust_left(R_obs, R_cmd, np.eye(3)), np.eye(3)
-    R_left, R_right = _fit_two_sided(R_obs, R_cmd)
-    if observability.n_axes == 1:
-        R_right = _smallest_turn(R_right, observability.axes[0])
+    R_left, R_right = _start_rotations(R_obs, R_cmd)
+    start = MarkerState(R_left, np.zeros(3), R_right, np.zeros(3))
+    R_left, _, R_right, _ = refine(Samples(R_obs, R_cmd=R_cmd), start)[0]
+    if observability.n_axes == 1:  # of the rotations `exp(phi axis) R_right` that of smallest angle, of largest trace
+        axis = observability.axes[0]
+        sine, cosine = np.trace(se3.hat(axis) @ R_right), np.trace(R_right) - axis @ R_right @ axis
+        R_right = se3.matrix_from_rotvec(np.arctan2(sine, cosine) * axis) @ R_right
         R_left = _robust_left(R_obs, R_cmd, R_right)
     return R_left, R_right
-
-
-def _smallest_turn(R: FloatArray, axis: FloatArray) -> FloatArray:
-    """Rotation of smallest angle among `exp(phi axis) R`: phi maximises its trace."""
-    sine = np.trace(se3.hat(axis) @ R)
-    cosine = np.trace(R) - axis @ R @ axis
-    return se3.matrix_from_rotvec(np.arctan2(sine, cosine) * axis) @ R
 
 
 def _robust_left(R_obs: FloatArray, R_cmd: FloatArray, R_right: FloatArray) -> FloatArray:
@@ -237,16 +193,13 @@ CUBE = np.array([m for m in SIGNED if np.linalg.det(m) > 0.0])
 def two_sided_rotations(R_obs: FloatArray, R_cmd: FloatArray, w: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rotations (R_left, R_right) of least `sum w ||R_left R_obs R_right - R_cmd||_F^2`.
 
-    For a given R_right the best R_left is one SVD, and the other way round; both need the data only as the
-    sum of the products of their entries. The two alternate from the 24 rotations of a cube; the best end
-    wins.
+    For a given R_right the best R_left is one SVD, and the other way round; both need the data only as the sum of the
+    products of their entries. The two alternate from the 24 rotations of a cube; the best end wins.
 
     Parameters
     ----------
-    R_obs, R_cmd : (n, 3, 3) arrays
-        Rotations that belong together.
-    w : (n,) array
-        Non-negative weights.
+    R_obs, R_cmd : (n, 3, 3) arrays, rotations that belong together
+    w : (n,) array, non-negative weights
     """
     n = len(w)
     moments = ((R_cmd.reshape(n, 9) * w[:, None]).T @ R_obs.reshape(n, 9)).reshape(3, 3, 3, 3)

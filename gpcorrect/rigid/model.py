@@ -56,7 +56,11 @@ class RigidModel:
             raise DataError(f"a rigid model is one of {', '.join(get_args(RigidKind))}, got {self.kind!r}.")
         for name, shape in SHAPES.items():
             value = frozen_array(getattr(self, name))
-            _check_part(name, value, shape)
+            if value.shape != shape or not np.isfinite(value).all():
+                raise DataError(f"{name} of a rigid model must be finite with shape {shape}, got shape {value.shape}.")
+            skew = np.abs(value @ value.T - np.eye(3)).max() if shape == (3, 3) else 0.0
+            if skew > ROTATION_TOLERANCE or (shape == (3, 3) and np.linalg.det(value) < 0.0):
+                raise DataError(f"{name} of a rigid model must be a rotation matrix, got {value.tolist()}.")
             object.__setattr__(self, name, value)
 
     @property
@@ -69,8 +73,7 @@ class RigidModel:
 
         Parameters
         ----------
-        observed : PoseSignal
-            Poses in the observer's frame.
+        observed : PoseSignal, poses in the observer's frame
 
         Raises
         ------
@@ -88,13 +91,7 @@ class RigidModel:
 
         Parameters
         ----------
-        command : PoseSignal
-            Poses in the command's frame.
-
-        Raises
-        ------
-        DataError
-            As for :meth:`apply`.
+        command : PoseSignal, poses in the command's frame
         """
         position = (command.position - self.t) @ self.R_position
         if command.quaternion is None:
@@ -114,8 +111,7 @@ class RigidModel:
                 "a model with a marker offset needs orientations to map positions, got positions only.",
                 hint='Give orientations, or register with marker="none".',
             )
-        levers: FloatArray = R_obs @ self.offset
-        return levers
+        return np.asarray(R_obs @ self.offset)
 
     def followed_by(self, other: RigidModel) -> RigidModel:
         """Return the model that maps as this one and then `other` do.
@@ -144,27 +140,12 @@ class RigidModel:
 
         Parameters
         ----------
-        data : mapping
-            From :meth:`to_dict`.
-
-        Raises
-        ------
-        DataError
-            A part is missing or is not what :class:`RigidModel` takes.
+        data : mapping, from :meth:`to_dict`
         """
         missing = [name for name in ("kind", *SHAPES) if name not in data]
         if missing:
             raise DataError(f"a stored rigid model lacks {', '.join(missing)}.")
         return cls(kind=data["kind"], **{name: data[name] for name in SHAPES})
-
-
-def _check_part(name: str, value: FloatArray, shape: tuple[int, ...]) -> None:
-    if value.shape != shape or not np.isfinite(value).all():
-        raise DataError(f"{name} of a rigid model must be finite with shape {shape}, got shape {value.shape}.")
-    if shape == (3, 3) and (
-        np.abs(value @ value.T - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(value) < 0.0
-    ):
-        raise DataError(f"{name} of a rigid model must be a rotation matrix, got {value.tolist()}.")
 
 
 def pose_residual(reference: PoseSignal, command: PoseSignal) -> FloatArray:
@@ -176,15 +157,8 @@ def pose_residual(reference: PoseSignal, command: PoseSignal) -> FloatArray:
 
     Parameters
     ----------
-    reference : PoseSignal
-        n poses.
-    command : PoseSignal
-        n poses in the same frame.
-
-    Raises
-    ------
-    DataError
-        The two signals differ in length.
+    reference : PoseSignal, n poses
+    command : PoseSignal, n poses in the same frame
     """
     if len(reference) != len(command):
         raise DataError(
@@ -207,15 +181,9 @@ def apply_residual(reference: PoseSignal, residual: FloatArray) -> PoseSignal:
 
     Parameters
     ----------
-    reference : PoseSignal
-        n poses.
+    reference : PoseSignal, n poses
     residual : (n, 6) array
         m, then rad; NaN where nothing was learned.
-
-    Raises
-    ------
-    DataError
-        The residuals are not `(n, 6)` with a row a pose.
     """
     residual = np.asarray(residual, dtype=np.float64)
     if residual.shape != (len(reference), 6):

@@ -21,7 +21,7 @@ class Observability:
 
     With M the mean of the rotation matrices, the lever arm a moves the tip by `sqrt(a^T (I - M^T M) a)`
     about its mean place (root mean square): the gains are the square roots of the eigenvalues of `I - M^T
-    M`. A gain of zero means that its direction cannot be told from the registration of the frames.
+    M`. A gain of zero means that its direction cannot be distinguished from the registration of the frames.
 
     Parameters
     ----------
@@ -96,8 +96,7 @@ def rotation_observability(observed: PoseSignal, command: PoseSignal) -> Observa
     ----------
     observed : PoseSignal
         Poses of the marker in the tracker frame.
-    command : PoseSignal
-        Poses of the tip in the base frame.
+    command : PoseSignal, poses of the tip in the base frame
     """
     if observed.quaternion is None:
         return None

@@ -34,8 +34,7 @@ class MarkerState(NamedTuple):
 
         Parameters
         ----------
-        step : (12,) array
-            Turn of R (rad), t (m), turn of R_right (rad), offset (m).
+        step : (12,) array, turn of R (rad), t (m), turn of R_right (rad), offset (m)
         """
         return MarkerState(
             se3.matrix_from_rotvec(step[:3]) @ self.R,
@@ -47,22 +46,13 @@ class MarkerState(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """What is to be explained; an absent part (None) puts no demand on the unknowns.
+    """What is to be explained; an absent part (None) puts no demand on the unknowns."""
 
-    Parameters
-    ----------
-    R_obs : (n, 3, 3) array
-        Observed rotations.
-    p, u : (n, 3) arrays or None
-        Observed and commanded positions, each about its own centre, m.
-    R_cmd : (n, 3, 3) array or None
-        Commanded rotations.
-    """
-
-    R_obs: FloatArray
+    R_obs: FloatArray  # (n, 3, 3) observed rotations
+    # (n, 3) observed and commanded positions, each about its own centre, m
     p: FloatArray | None = None
     u: FloatArray | None = None
-    R_cmd: FloatArray | None = None
+    R_cmd: FloatArray | None = None  # (n, 3, 3) commanded rotations
 
 
 def refine(samples: Samples, start: MarkerState) -> tuple[MarkerState, float]:
@@ -73,9 +63,7 @@ def refine(samples: Samples, start: MarkerState) -> tuple[MarkerState, float]:
     Parameters
     ----------
     samples : Samples
-        What is to be explained.
     start : MarkerState
-        Where the descent starts.
     """
     state = start
     for tolerance in (*[COARSE_TOLERANCE] * (SCALE_ROUNDS - 1), STEP_TOLERANCE):
@@ -86,15 +74,12 @@ def refine(samples: Samples, start: MarkerState) -> tuple[MarkerState, float]:
 def residual_norms(samples: Samples, state: MarkerState) -> list[FloatArray]:
     """Lengths `(n,)` of the residuals: positions (m), then rotations (rad), those that are present.
 
-    A rotation's is the chord 2 sin(angle / 2), which is smooth up to half turns and near the angle when
-    small.
+    A rotation's is the chord 2 sin(angle / 2), which is smooth up to half turns and near the angle when small.
 
     Parameters
     ----------
-    samples : Samples
-        n samples.
+    samples : Samples, n samples
     state : MarkerState
-        The unknowns.
     """
     norms = []
     if samples.p is not None and samples.u is not None:
@@ -146,45 +131,31 @@ def _solve_scaled(normal: FloatArray, right: FloatArray) -> FloatArray:
     return step
 
 
-def _linearised(samples: Samples, state: MarkerState) -> list[tuple[FloatArray, FloatArray]]:
-    """Residuals `(n, 3)` and their derivatives `(n, 3, 12)` by the step of :meth:`MarkerState.moved`."""
-    parts = []
-    if samples.p is not None and samples.u is not None:
-        parts.append(_linearised_positions(samples.p, samples.u, samples.R_obs, state))
-    if samples.R_cmd is not None:
-        parts.append(_linearised_rotations(samples.R_cmd, samples.R_obs, state))
-    return parts
-
-
 def _tips(p: FloatArray, R_obs: FloatArray, state: MarkerState) -> FloatArray:
     return (p + R_obs @ state.offset) @ state.R.T + state.t
 
 
-def _linearised_positions(
-    p: FloatArray, u: FloatArray, R_obs: FloatArray, state: MarkerState
-) -> tuple[FloatArray, FloatArray]:
-    tips = _tips(p, R_obs, state)
-    J = np.zeros((len(p), 3, 12))
-    J[..., :3] = np.einsum("kab,nb->nak", GENERATORS, tips - state.t)
-    J[..., 3:6] = np.eye(3)
-    J[..., 9:] = state.R @ R_obs
-    return tips - u, J
+def _linearised(samples: Samples, state: MarkerState) -> list[tuple[FloatArray, FloatArray]]:
+    """Residuals `(n, 3)` and their derivatives `(n, 3, 12)` by the step of :meth:`MarkerState.moved`.
 
-
-def _linearised_rotations(R_cmd: FloatArray, R_obs: FloatArray, state: MarkerState) -> tuple[FloatArray, FloatArray]:
-    """Three numbers a sample that have the chord's gradient and Gauss-Newton matrix.
-
-    With P the prediction, the chord `(P - R_cmd) / sqrt(2)` has nine; by a turn on the left its derivative is
-    `[e_k] P / sqrt(2)`, on the right `P [e_k] / sqrt(2)`. Their products are those of the identity and P, and
-    their products with the chord those of the identity and P with the vector of the skew part of `P R_cmd^T`.
+    Of a rotation these are three numbers that have the chord's gradient and Gauss-Newton matrix. With P the prediction,
+    the chord `(P - R_cmd) / sqrt(2)` has nine; by a turn on the left its derivative is `[e_k] P / sqrt(2)`, by one on
+    the right `P [e_k] / sqrt(2)`. Their products are those of the identity and P, and their products with the chord
+    those of the identity and P with the vector of the skew part of `P R_cmd^T`.
     """
-    predicted = state.R @ R_obs @ state.R_right
-    away = predicted @ np.swapaxes(R_cmd, -1, -2)
-    J = np.zeros((len(R_obs), 3, 12))
-    J[..., :3] = np.eye(3)
-    J[..., 6:9] = predicted
-    skew: FloatArray = np.einsum("kab,nab->nk", GENERATORS, away) / 2.0
-    return skew, J
+    parts, n = [], len(samples.R_obs)
+    if samples.p is not None and samples.u is not None:
+        tips, J = _tips(samples.p, samples.R_obs, state), np.zeros((n, 3, 12))
+        J[..., :3] = np.einsum("kab,nb->nak", GENERATORS, tips - state.t)
+        J[..., 3:6] = np.eye(3)
+        J[..., 9:] = state.R @ samples.R_obs
+        parts.append((tips - samples.u, J))
+    if samples.R_cmd is not None:
+        predicted, J = state.R @ samples.R_obs @ state.R_right, np.zeros((n, 3, 12))
+        J[..., :3] = np.eye(3)
+        J[..., 6:9] = predicted
+        parts.append((np.einsum("kab,nab->nk", GENERATORS, predicted @ np.swapaxes(samples.R_cmd, -1, -2)) / 2.0, J))
+    return parts
 
 
 def _scales(samples: Samples, state: MarkerState) -> list[float]:

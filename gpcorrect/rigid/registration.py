@@ -1,4 +1,4 @@
-"""Registration of whole poses by one SVD, and of bare positions (Mahler et al. 2014, Sec. IV-B).
+"""Registration of whole poses by one SVD, and of bare positions (Mahler et al., CASE 2014, Sec. IV-B).
 
 Each also comes with robust weights: registration must stand before cleaning is finished, so gross errors may not steer
 it.
@@ -55,11 +55,6 @@ def fit_pose(
         Signals of unequal length, missing samples, bad weights.
     DegenerateError
         Fewer than three samples, or points or orientations that do not determine the rotation.
-
-    References
-    ----------
-    Mahler et al., "Learning accurate kinematic control of cable-driven surgical robots using data cleaning
-    and Gaussian process regression", CASE 2014, Sec. IV-B.
     """
     if observed.quaternion is None or command.quaternion is None:
         return fit_position(observed, command, weights=weights)
@@ -76,8 +71,7 @@ def fit_position(observed: PoseSignal, command: PoseSignal, *, weights: FloatArr
     ----------
     observed : PoseSignal
         Poses of the marker in the tracker frame.
-    command : PoseSignal
-        Poses of the tip in the base frame.
+    command : PoseSignal, poses of the tip in the base frame
     weights : (n,) array, optional
         Non-negative weight of each sample; equal when not given.
 
@@ -95,17 +89,8 @@ def check_pair(observed: PoseSignal, command: PoseSignal) -> None:
 
     Parameters
     ----------
-    observed : PoseSignal
-        Poses of the marker in the tracker frame.
-    command : PoseSignal
-        Poses of the tip in the base frame.
-
-    Raises
-    ------
-    DataError
-        Signals of unequal length or with missing samples.
-    DegenerateError
-        Fewer than three samples.
+    observed : PoseSignal, poses of the marker in the tracker frame
+    command : PoseSignal, poses of the tip in the base frame
     """
     if len(observed) != len(command):
         raise DataError(
@@ -118,25 +103,16 @@ def check_pair(observed: PoseSignal, command: PoseSignal) -> None:
             hint="Drop them first: signal[observed.finite & command.finite].",
         )
     if len(observed) < MIN_SAMPLES:
-        raise DegenerateError(
-            f"registration needs at least {MIN_SAMPLES} samples, got {len(observed)}.",
-            hint="Record more of the workspace, or reject less.",
-        )
+        hint = "Record more of the workspace, or reject less."
+        raise DegenerateError(f"registration needs at least {MIN_SAMPLES} samples, got {len(observed)}.", hint=hint)
 
 
 def _normalised(weights: FloatArray | None, n: int) -> FloatArray:
-    """Return weights `(n,)` that sum to one.
-
-    Raises
-    ------
-    DataError
-        A wrong shape, a negative or infinite weight, or nothing but zeros.
-    """
+    """Return weights `(n,)` that sum to one."""
     w: FloatArray = np.ones(n) if weights is None else np.asarray(weights, dtype=np.float64)
     if w.shape != (n,) or not np.isfinite(w).all() or (w < 0.0).any() or not w.any():
         raise DataError(f"weights must be {n} finite numbers, none negative and not all zero, got shape {w.shape}.")
-    normalised: FloatArray = w / w.sum()
-    return normalised
+    return np.asarray(w / w.sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +148,7 @@ def _pose(pairs: _Pairs, w: FloatArray, rotation_weight: float) -> RigidModel:
     commanded, observed = (w[:, None, None] * pairs.R_cmd).transpose(1, 0, 2), pairs.R_obs.transpose(1, 0, 2)
     attitude = commanded.reshape(3, -1) @ observed.reshape(3, -1).T
     R = _rotation(_cross_covariance(pairs, w) + rotation_weight * attitude)
-    return RigidModel("pose", R_position=R, t=_translation(R, pairs, w), R_left=R)
+    return RigidModel("pose", R_position=R, t=w @ pairs.u - R @ (w @ pairs.p), R_left=R)
 
 
 def _position(pairs: _Pairs, w: FloatArray) -> RigidModel:
@@ -180,7 +156,7 @@ def _position(pairs: _Pairs, w: FloatArray) -> RigidModel:
     _check_spread(pairs.p, w, "observed")
     _check_spread(pairs.u, w, "commanded")
     R = _rotation(_cross_covariance(pairs, w))
-    return RigidModel("position", R_position=R, t=_translation(R, pairs, w), R_left=R)
+    return RigidModel("position", R_position=R, t=w @ pairs.u - R @ (w @ pairs.p), R_left=R)
 
 
 def component_scale(norms: FloatArray) -> float:
@@ -188,8 +164,7 @@ def component_scale(norms: FloatArray) -> float:
 
     Parameters
     ----------
-    norms : (n,) array
-        Lengths of 3-vectors, m or rad.
+    norms : (n,) array, lengths of 3-vectors, m or rad
     """
     return max(float(robust_scale(norms, 3)), FLOOR)
 
@@ -199,10 +174,8 @@ def cauchy_weights(norms: FloatArray, scale: float) -> FloatArray:
 
     Parameters
     ----------
-    norms : (n,) array
-        Residual lengths.
-    scale : float
-        Standard deviation of a component, same unit.
+    norms : (n,) array, residual lengths
+    scale : float, standard deviation of a component, same unit
     """
     return 1.0 / (1.0 + (norms / (WIDTH * scale)) ** 2)
 
@@ -212,10 +185,8 @@ def cauchy_loss(norms: FloatArray, scale: float) -> float:
 
     Parameters
     ----------
-    norms : (n,) array
-        Residual lengths.
-    scale : float
-        Standard deviation of a component, same unit.
+    norms : (n,) array, residual lengths
+    scale : float, standard deviation of a component, same unit
     """
     return float(WIDTH**2 * np.log1p((norms / (WIDTH * scale)) ** 2).sum())
 
@@ -226,9 +197,7 @@ def evenly_spaced(n: int, most: int = MAX_SAMPLES) -> IntArray:
     Parameters
     ----------
     n : int
-        Samples there are.
     most : int
-        Rows wanted.
     """
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
 
@@ -238,10 +207,8 @@ def fit_robustly(observed: PoseSignal, command: PoseSignal) -> RigidModel:
 
     Parameters
     ----------
-    observed : PoseSignal
-        Poses of the marker in the tracker frame.
-    command : PoseSignal
-        Poses of the tip in the base frame.
+    observed : PoseSignal, poses of the marker in the tracker frame
+    command : PoseSignal, poses of the tip in the base frame
     """
     return _reweighted(_robust_pairs(observed, command), None)
 
@@ -255,8 +222,7 @@ def fit_balanced(observed: PoseSignal, command: PoseSignal) -> RigidModel:
 
     Parameters
     ----------
-    observed, command : PoseSignal
-        n samples each with orientations, all finite.
+    observed, command : PoseSignal, n samples each with orientations, all finite
     """
     pairs = _robust_pairs(observed, command)
     weight, model = 1.0, _reweighted(pairs, 1.0)
@@ -289,10 +255,6 @@ def _reweighted(pairs: _Pairs, rotation_weight: float | None) -> RigidModel:
 
 def _cross_covariance(pairs: _Pairs, w: FloatArray) -> FloatArray:
     return (pairs.u - w @ pairs.u).T @ ((pairs.p - w @ pairs.p) * w[:, None])
-
-
-def _translation(R: FloatArray, pairs: _Pairs, w: FloatArray) -> FloatArray:
-    return w @ pairs.u - R @ (w @ pairs.p)
 
 
 def _rotation(cross: FloatArray) -> FloatArray:

@@ -28,7 +28,7 @@ MAX_SAMPLES = 1000  # in a fold's fit: enough to rank the kinds
 MAX_JUDGED = 200  # in each unit, for its median
 # Standard error of a median from the median absolute deviation of normal data.
 ONE_MEDIAN = math.sqrt(math.pi / 2) * MAD_TO_STD
-LEAST_ERROR = 1e-6  # m and rad: errors below a micrometre or microradian are not told apart
+LEAST_ERROR = 1e-6  # m and rad: errors below a micrometre or microradian are not distinguished
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,7 @@ class Candidate:
 
     Parameters
     ----------
-    kind : str
-        Kind of the model.
+    kind : str, kind of the model
     position_mm, rotation_deg : float
         Median over the left-out trajectories of the median error in each; NaN where it does not apply.
     score : float
@@ -66,10 +65,8 @@ class Registration:
 
     Parameters
     ----------
-    model : RigidModel
-        Fitted to all samples.
-    reason : str
-        Why this kind, in one sentence.
+    model : RigidModel, fitted to all samples
+    reason : str, why this kind, in one sentence
     candidates : tuple of Candidate
         Every kind that was tried, from the simplest.
     observability : Observability or None
@@ -110,10 +107,8 @@ def register(
 
     Parameters
     ----------
-    observed, command : PoseSignal
-        n samples each, all finite.
+    observed, command : PoseSignal, n samples each, all finite
     trajectory : (n,) int array
-        Trajectory of each sample.
     marker : {"none", "solve", "auto"}
         Whether the marker may be another point of the tool than its tip.
     held_out : bool
@@ -134,42 +129,6 @@ def register(
     if marker == "solve":
         require_observable(observed, command)
     fits = _fits(observed, command, marker)
-    units = _units(observed, trajectory, marker)
-    folds = min(FOLDS, int(units.max()) + 1) if held_out else 1
-    tried = [_errors(kind, fit, observed, command, units, folds) for kind, fit in fits.items()]
-    scores = _scores(tried)
-    chosen, reason = _choose(tried, scores, marker)
-    return Registration(
-        model=fits[chosen](observed, command),
-        reason=reason,
-        candidates=tuple(_candidate(errors, score) for errors, score in zip(tried, scores, strict=True)),
-        observability=rotation_observability(observed, command),
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _UnitErrors:
-    """Held-out errors of one kind of model, one row a unit (a trajectory, or a block of a single one).
-
-    Parameters
-    ----------
-    kind : str
-        Kind of the model.
-    position : (m,) array
-        Median position error in each unit, m; NaN where the kind was refused.
-    rotation : (m,) array
-        Median rotation error in each unit, rad; NaN where there are no orientations.
-    refused : str
-        Why the kind could not be fitted; empty when it could.
-    """
-
-    kind: RigidKind
-    position: FloatArray
-    rotation: FloatArray
-    refused: str = ""
-
-
-def _units(observed: PoseSignal, trajectory: IntArray, marker: MarkerOption) -> IntArray:
     if len(trajectory) != len(observed):
         raise DataError(f"{len(observed)} samples need a trajectory each, got {len(trajectory)}.")
     units = hold_out_units(np.asarray(trajectory))
@@ -178,21 +137,45 @@ def _units(observed: PoseSignal, trajectory: IntArray, marker: MarkerOption) -> 
             f"choosing by left-out samples needs at least {2 * LEAST_BLOCK} samples, got {len(observed)}.",
             hint='Record more, or say which registration to use: marker="none" or "solve".',
         )
-    return units
+    folds = min(FOLDS, int(units.max()) + 1) if held_out else 1
+    tried = [_errors(kind, fit, observed, command, units, folds) for kind, fit in fits.items()]
+    scores = _scores(tried)
+    chosen, reason = _choose(tried, scores, marker)
+    return Registration(
+        model=fits[chosen](observed, command),
+        reason=reason,
+        candidates=tuple(
+            Candidate(
+                errors.kind,
+                position_mm=1e3 * float(np.median(errors.position)),
+                rotation_deg=float(np.degrees(np.median(errors.rotation))),
+                score=float(np.median(score)),
+                refused=errors.refused,
+            )
+            for errors, score in zip(tried, scores, strict=True)
+        ),
+        observability=rotation_observability(observed, command),
+    )
 
 
-def _identity(observed: PoseSignal, command: PoseSignal) -> RigidModel:
-    return RigidModel()
+@dataclass(frozen=True, eq=False)
+class _UnitErrors:
+    """Held-out errors of one kind of model, one row a unit (a trajectory, or a block of a single one)."""
+
+    kind: RigidKind  # kind of the model
+    position: FloatArray  # (m,) median position error in each unit, m; NaN where the kind was refused
+    rotation: FloatArray  # (m,) median rotation error in each unit, rad; NaN where there are no orientations
+    refused: str = ""  # why the kind could not be fitted; empty when it could
 
 
 def _fits(observed: PoseSignal, command: PoseSignal, marker: MarkerOption) -> Mapping[RigidKind, Fit]:
     """Return the kinds to compare, simplest first; the last is what "none" and "solve" ask for."""
     has_orientation = observed.quaternion is not None and command.quaternion is not None
     plain: RigidKind = "pose" if has_orientation else "position"
+    fits: dict[RigidKind, Fit] = {"identity": lambda observed, command: RigidModel(), plain: fit_pose}
     if marker == "none":
-        return {"identity": _identity, plain: fit_pose}
-    robust = fit_balanced if has_orientation else fit_robustly
-    fits: dict[RigidKind, Fit] = {"identity": _identity, plain: robust}
+        return fits
+    fits[plain] = fit_balanced if has_orientation else fit_robustly
     if observed.quaternion is not None:
         fits["marker"] = fit_marker
     if marker == "auto" and has_orientation:
@@ -201,17 +184,13 @@ def _fits(observed: PoseSignal, command: PoseSignal, marker: MarkerOption) -> Ma
 
 
 def _scores(tried: list[_UnitErrors]) -> list[FloatArray]:
-    """Score `(m,)` of each kind in each unit; NaN where the kind was refused."""
-    parts = [[errors.position for errors in tried], [errors.rotation for errors in tried]]
-    ratios = [_ratios(np.array(part)) for part in parts if np.isfinite(part).any()]
+    """Score `(m,)` of each kind in each unit, in units of the least median of any; NaN where the kind was refused."""
+    ratios = []
+    for part in (np.array([errors.position for errors in tried]), np.array([errors.rotation for errors in tried])):
+        if np.isfinite(part).any():
+            fitted = part[np.isfinite(part).all(axis=1)]
+            ratios.append(part / max(float(np.median(fitted, axis=1).min()), LEAST_ERROR))
     return list(np.mean(ratios, axis=0))
-
-
-def _ratios(errors: FloatArray) -> FloatArray:
-    """Errors `(kinds, m)` in units of the least median of any kind."""
-    fitted = errors[np.isfinite(errors).all(axis=1)]
-    least = max(float(np.median(fitted, axis=1).min()), LEAST_ERROR)
-    return errors / least
 
 
 def _choose(tried: list[_UnitErrors], scores: list[FloatArray], marker: MarkerOption) -> tuple[RigidKind, str]:
@@ -237,27 +216,15 @@ def _within_one_error(score: FloatArray, best: FloatArray) -> bool:
 
 
 def _reason(tried: list[_UnitErrors], scores: list[FloatArray], best: int, chosen: int) -> str:
-    names = [errors.kind for errors in tried]
-    rank = {name: f"{np.median(score):.3g}" for name, score in zip(names, scores, strict=True)}
-    if chosen == best:
-        why = f"{names[chosen]} predicts left-out trajectories best (score {rank[names[chosen]]})"
-    else:
+    rank = [f"{np.median(score):.3g}" for score in scores]
+    why = f"{tried[chosen].kind} predicts left-out trajectories best (score {rank[chosen]})"
+    if chosen != best:
         why = (
-            f"{names[chosen]} (score {rank[names[chosen]]}) is the simplest within one standard error of the "
-            f"best, {names[best]} ({rank[names[best]]}), on left-out trajectories"
+            f"{tried[chosen].kind} (score {rank[chosen]}) is the simplest within one standard error of the "
+            f"best, {tried[best].kind} ({rank[best]}), on left-out trajectories"
         )
     refused = [f"; {errors.kind} was refused: {errors.refused}" for errors in tried if errors.refused]
     return why + "".join(refused)
-
-
-def _candidate(errors: _UnitErrors, score: FloatArray) -> Candidate:
-    return Candidate(
-        errors.kind,
-        position_mm=1e3 * float(np.median(errors.position)),
-        rotation_deg=float(np.degrees(np.median(errors.rotation))),
-        score=float(np.median(score)),
-        refused=errors.refused,
-    )
 
 
 def hold_out_units(trajectory: IntArray) -> IntArray:
@@ -269,7 +236,6 @@ def hold_out_units(trajectory: IntArray) -> IntArray:
     Parameters
     ----------
     trajectory : (n,) array
-        Trajectory of each sample.
     """
     _, first, label = np.unique(trajectory, return_index=True, return_inverse=True)
     if len(first) >= FOLDS:

@@ -8,11 +8,7 @@ from gpcorrect.vision.checks import check_fit
 from gpcorrect.vision.files import Rig, read_cameras, read_rig, read_target, write_cameras
 from gpcorrect.vision.filtering import PoseFilter, Status
 from gpcorrect.vision.place import adjust, poses_from_board, refine_pose
-from gpcorrect.vision.pose import (
-    Observations,
-    pose_closed_form,
-    pose_from_observations,
-)
+from gpcorrect.vision.pose import Observations, pose_closed_form, pose_from_observations
 from gpcorrect.vision.record import record
 from gpcorrect.vision.rigs import rig_text
 from gpcorrect.vision.rim import Outline, outline

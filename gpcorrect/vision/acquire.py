@@ -12,50 +12,35 @@ from gpcorrect.errors import DegenerateError
 from gpcorrect.types import FloatArray
 from gpcorrect.vision.camera import Camera
 from gpcorrect.vision.rim import Outline
-from gpcorrect.vision.settings import DEFAULT, AgreementSettings
+from gpcorrect.vision.settings import AgreementSettings
 from gpcorrect.vision.space import common_perpendicular, triangulate
 from gpcorrect.vision.target import Target
 
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A ball somewhere.
+    """A ball somewhere."""
 
-    Parameters
-    ----------
-    position : (3,) array
-        Tracker frame, m.
-    views : mapping of camera index to Outline
-        That agree.
-    radius : float
-        Mean over the views, m.
-    error_px : float
-        RMS reprojection error.
-    """
-
-    position: FloatArray
-    views: Mapping[int, Outline]
-    radius: float
-    error_px: float
+    position: FloatArray  # (3,) tracker frame, m
+    views: Mapping[int, Outline]  # that agree, by the number of the camera
+    radius: float  # mean over the views, m
+    error_px: float  # RMS reprojection error
 
 
 def hypotheses(
     cameras: Sequence[Camera],
     candidates: Sequence[Sequence[Outline]],
     radius: float | None,
-    settings: AgreementSettings = DEFAULT.agreement,
+    settings: AgreementSettings,
 ) -> list[Hypothesis]:
     """Return places at which at least two cameras agree on a ball of one size: more cameras first, then less error.
 
     Parameters
     ----------
     cameras : sequence of Camera
-    candidates : sequence of sequence of Outline
-        What each may see of the ball.
-    radius : float or None
-        Of the ball, m, when known.
+    candidates : sequence of sequence of Outline, what each may see of the ball
+    radius : float or None, of the ball, m, when known
     settings : AgreementSettings
-        What agrees.
     """
     found = []
     for i, j in itertools.combinations(range(len(cameras)), 2):
@@ -123,18 +108,13 @@ def _miss(camera: Camera, found: Outline, point: FloatArray) -> float:
 
 
 class LoneBall:
-    """Finds a target of one ball again, which has no shape by which it could be told from a thing like it.
+    """Finds a target of one ball again, which has no shape by which it could be known from a thing like it.
 
     Where it was expected, it is the ball. Elsewhere, or where several places are possible from the start, it is
     believed when it moves: what lies still is not on the tool.
-
-    Parameters
-    ----------
-    settings : AgreementSettings
-        How far is still.
     """
 
-    def __init__(self, settings: AgreementSettings = DEFAULT.agreement) -> None:
+    def __init__(self, settings: AgreementSettings) -> None:
         self.settings = settings
         self._earlier: list[Hypothesis] = []
         self._time = -np.inf
@@ -145,12 +125,9 @@ class LoneBall:
 
         Parameters
         ----------
-        options : sequence of Hypothesis
-            The best first.
-        time : float
-            s.
-        expected : (3,) array or None
-            Where the ball should be, m; None when it is not known.
+        options : sequence of Hypothesis, the best first
+        time : float, s
+        expected : (3,) array or None, where the ball should be, m; None when it is not known
         """
         settings = self.settings
         seen = [h for h in options if len(h.views) >= min(3, len(options[0].views))]
@@ -174,7 +151,7 @@ def acquire(
     cameras: Sequence[Camera],
     target: Target,
     candidates: Sequence[Sequence[Sequence[Outline]]],
-    settings: AgreementSettings = DEFAULT.agreement,
+    settings: AgreementSettings,
 ) -> list[Hypothesis | None]:
     """Return the best place of each ball, or None, such that the distances between the balls are the target's.
 
@@ -182,11 +159,9 @@ def acquire(
     ----------
     cameras : sequence of Camera
     target : Target
-        The balls.
     candidates : sequence (cameras) of sequence (balls) of sequence of Outline
         What may be each ball in each camera.
     settings : AgreementSettings
-        What agrees.
     """
     options: list[list[Hypothesis | None]] = []
     for b, ball in enumerate(target.balls):

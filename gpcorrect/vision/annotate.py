@@ -13,6 +13,7 @@ import numpy as np
 
 from gpcorrect.atomic import atomic_path, require_folder
 from gpcorrect.errors import GpCorrectError
+from gpcorrect.types import FloatArray
 from gpcorrect.vision.camera import Camera
 from gpcorrect.vision.filtering import Status
 from gpcorrect.vision.opencv import Image, cv2
@@ -29,22 +30,14 @@ CODECS = {".mp4": "mp4v", ".avi": "MJPG"}
 
 
 def annotated(frame: Frame, images: Sequence[Image | None], cameras: Sequence[Camera], target: Target) -> Image:
-    """Return all pictures of a frame side by side, with outlines, axes and words on them.
+    """Return all pictures of a frame in one grid, with outlines, axes and words on them; smaller ones are padded.
 
     Parameters
     ----------
     frame : Frame
-        What the tracker found.
-    images : sequence of (height, width, 3) uint8 arrays
-        One a camera; None where there is none.
+    images : sequence of (height, width, 3) uint8 arrays, one a camera; None where there is none
     cameras : sequence of Camera
-        That took them.
     target : Target
-
-    Returns
-    -------
-    (height, width, 3) uint8 array
-        A grid as square as it gets; smaller pictures are padded.
     """
     tiles = []
     for k, (camera, image) in enumerate(zip(cameras, images, strict=True)):
@@ -52,7 +45,7 @@ def annotated(frame: Frame, images: Sequence[Image | None], cameras: Sequence[Ca
         tile = np.zeros((lens.height, lens.width, 3), np.uint8) if image is None else np.array(image)
         _draw_views(tile, frame, k, target)
         if frame.pose.status != Status.LOST and target.has_pose:
-            _draw_axes(tile, frame, camera)
+            _draw_axes(tile, frame.pose.T_tracker_tool, camera)
         title = f"{camera.name}  {frame.time:.2f} s  {frame.pose.status}" + ("  no picture" if image is None else "")
         _write(tile, title, (8, 20), STATUS_INK[frame.pose.status])
         tiles.append(tile)
@@ -80,8 +73,7 @@ class LiveView:
 
     Parameters
     ----------
-    send : callable
-        Takes a JPEG.
+    send : callable, takes a JPEG
     """
 
     def __init__(self, send: Callable[[bytes], None]) -> None:
@@ -118,8 +110,7 @@ def _draw_views(tile: Image, frame: Frame, camera: int, target: Target) -> None:
             row -= 18
 
 
-def _draw_axes(tile: Image, frame: Frame, camera: Camera) -> None:
-    T = frame.pose.T_tracker_tool
+def _draw_axes(tile: Image, T: FloatArray, camera: Camera) -> None:
     pixels = camera.project(T[:3, 3] + AXIS_LENGTH * np.vstack([np.zeros(3), T[:3, :3].T]))
     if not np.isfinite(pixels).all() or np.abs(pixels).max() > 1e5:
         return
@@ -138,14 +129,10 @@ class AnnotatedVideo:
 
     Parameters
     ----------
-    path : str or Path
-        .mp4 or .avi.
-    cameras : sequence of Camera
-        For the drawing.
-    target : Target
-        For the drawing.
-    fps : float
-        Frames a second.
+    path : str or Path, .mp4 or .avi
+    cameras : sequence of Camera, for the drawing
+    target : Target, for the drawing
+    fps : float, frames a second
 
     Raises
     ------
@@ -170,8 +157,7 @@ class AnnotatedVideo:
 
         Parameters
         ----------
-        frame, images
-            As :func:`annotated`.
+        frame, images : as :func:`annotated`
 
         Raises
         ------

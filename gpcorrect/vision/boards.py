@@ -22,8 +22,7 @@ class Chessboard:
     ----------
     columns, rows : int
         Inner corners: a usual board of 8 x 8 squares has 7 x 7.
-    square : float
-        Side of a square, m.
+    square : float, side of a square, m
     """
 
     columns: int
@@ -55,7 +54,6 @@ def find_corners(image: Image, board: Chessboard) -> FloatArray | None:
     Parameters
     ----------
     image : (height, width, 3) or (height, width) uint8 array
-        The picture.
     board : Chessboard
 
     Returns
@@ -95,26 +93,14 @@ def _oriented(grey: Image, grid: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class LensCalibration:
-    """A lens, and what it was learned from.
-
-    Parameters
-    ----------
-    intrinsics : Intrinsics
-    corners : tuple of (n, 2) arrays
-        Of the boards that were used, px.
-    poses : tuple of (2, 3) arrays
-        Rotation vector (rad) and translation (m) of each board in the camera frame.
-    rms_px : float
-        Reprojection error over all corners used.
-    board_rms_px : (k,) array
-        The same for each board.
-    """
+    """A lens, and what it was learned from."""
 
     intrinsics: Intrinsics
-    corners: tuple[FloatArray, ...]
+    corners: tuple[FloatArray, ...]  # (n, 2) of the boards that were used, px
+    # (2, 3) each, rotation vector (rad) and translation (m) of each board in the camera frame
     poses: tuple[FloatArray, ...]
-    rms_px: float
-    board_rms_px: FloatArray
+    rms_px: float  # reprojection error over all corners used
+    board_rms_px: FloatArray  # (k,) the same for each board
 
 
 def calibrate_lens(
@@ -130,10 +116,8 @@ def calibrate_lens(
     corners : sequence of (n, 2) arrays
         In the order of `board.points`, px; at least three pictures, slanted differently.
     board : Chessboard
-    size : (2,) tuple
-        Width and height of the pictures, px.
+    size : (2,) tuple, width and height of the pictures, px
     settings : CalibrationSettings
-        Which boards are believed.
 
     Raises
     ------

@@ -17,42 +17,26 @@ from gpcorrect.vision.files import Rig, RigCamera
 from gpcorrect.vision.markers import Blobs, find_blobs, match_blobs, refine_markers
 from gpcorrect.vision.opencv import Image
 from gpcorrect.vision.place import Placement, adjust, poses_from_board, poses_from_points, refine_pose
-from gpcorrect.vision.settings import DEFAULT, CalibrationSettings
+from gpcorrect.vision.settings import DEFAULT
 from gpcorrect.vision.sources import read_image
 
+SETTINGS = DEFAULT.calibration
 MARKER_NOISE_PX = 0.2  # what rims of dots leave: nothing is to be gained below
 
 
 @dataclass(frozen=True, eq=False)
 class CameraReport:
-    """One camera's calibration and what is left.
+    """One camera's calibration and what is left."""
 
-    Parameters
-    ----------
-    camera : Camera
-        The result.
-    boards_used, boards_given : int
-        Chessboard pictures.
-    without_board : tuple of str
-        Pictures in which no board was found.
-    corner_rms_px : float or None
-        Reprojection error of the chessboards.
-    marker_residuals : mapping of marker to (2,) array
-        Seen minus projected, px.
-    outliers : tuple of str
-        Markers that contradict the others, left out.
-    moved : float or None
-        Distance between rough and refined position, m.
-    """
-
-    camera: Camera
+    camera: Camera  # the result
+    # chessboard pictures, used and given
     boards_used: int
     boards_given: int
-    without_board: tuple[str, ...]
-    corner_rms_px: float | None
-    marker_residuals: Mapping[str, FloatArray]
-    outliers: tuple[str, ...]
-    moved: float | None
+    without_board: tuple[str, ...]  # pictures in which no board was found
+    corner_rms_px: float | None  # reprojection error of the chessboards
+    marker_residuals: Mapping[str, FloatArray]  # (2,) each, seen minus projected, px
+    outliers: tuple[str, ...]  # markers that contradict the others, left out
+    moved: float | None  # distance between rough and refined position, m
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values; the position's standard deviation is the length of its three."""
@@ -79,10 +63,8 @@ class CalibrationReport:
 
     Parameters
     ----------
-    cameras : tuple of CameraReport
-        One a camera.
-    board : Chessboard
-        The chessboard.
+    cameras : tuple of CameraReport, one a camera
+    board : Chessboard, the chessboard
     """
 
     cameras: tuple[CameraReport, ...]
@@ -97,19 +79,14 @@ class _MisplacedError(GpCorrectError):
     """Markers that contradict where the board says that the camera stands."""
 
 
-def calibrate_rig(
-    rig: Rig, progress: Progress | None = None, settings: CalibrationSettings = DEFAULT.calibration
-) -> CalibrationReport:
+def calibrate_rig(rig: Rig, progress: Progress | None = None) -> CalibrationReport:
     """Calibrate every camera of a rig.
 
     Parameters
     ----------
     rig : Rig
-        Pictures, chessboard and markers.
     progress : Progress, optional
-        Called with the cameras done.
     settings : CalibrationSettings
-        Which boards, points and poses are believed.
 
     Raises
     ------
@@ -123,7 +100,7 @@ def calibrate_rig(
     for k, row in enumerate(rig.cameras):
         progress.step("cameras", k / len(rig.cameras))
         try:
-            reports.append(_calibrated(row, rig, settings))
+            reports.append(_calibrated(row, rig))
         except DegenerateError as error:
             raise DegenerateError(f"camera {row.name}: {error.message}", hint=error.hint) from error
         except _MisplacedError as error:
@@ -135,7 +112,7 @@ def calibrate_rig(
         f"the markers of {other.name} fit where {row.name} stands"
         for row, _ in failed
         for other, _ in failed
-        if other is not row and _fits(replace(row, seen=other.seen, markers_in=other.markers_in), rig, settings)
+        if other is not row and _fits(replace(row, seen=other.seen, markers_in=other.markers_in), rig)
     ]
     if swapped:
         raise DataError(f"cameras are swapped: {'; '.join(swapped)}.", hint="Exchange their files in the rig file.")
@@ -145,38 +122,37 @@ def calibrate_rig(
     )
 
 
-def _fits(row: RigCamera, rig: Rig, settings: CalibrationSettings) -> bool:
+def _fits(row: RigCamera, rig: Rig) -> bool:
     try:
-        _calibrated(row, rig, settings)
+        _calibrated(row, rig)
     except GpCorrectError:
         return False
     return True
 
 
-def _calibrated(row: RigCamera, rig: Rig, settings: CalibrationSettings) -> CameraReport:
+def _calibrated(row: RigCamera, rig: Rig) -> CameraReport:
     if row.lens is None:
-        lens, without = _lens(row, rig.board, settings)
-        intrinsics, corner_rms, used = lens.intrinsics, lens.rms_px, len(lens.corners)
+        lens, without = _lens(row, rig.board)
+        intrinsics, corner_rms, used, given = lens.intrinsics, lens.rms_px, len(lens.corners), len(row.boards)
     else:
-        intrinsics, without, corner_rms, used = row.lens, (), None, 0
-    given = 0 if row.lens is not None else len(row.boards)
-    rough = _rough(row, rig.board, intrinsics)
-    seen = _markers(row, rig, intrinsics, rough, settings)
+        intrinsics, without, corner_rms, used, given = row.lens, (), None, 0, 0
+    at = row.T_tracker_board  # first phase: where the board at its known place says that the camera stands
+    rough = [] if at is None else poses_from_board(_place_corners(row, rig.board), rig.board, at, intrinsics)
+    seen = _markers(row, rig, intrinsics, rough)
     if not seen and not rough:
-        raise LogError(
-            f"camera {row.name} has no place: neither a board at a known place nor markers.",
-            hint="Give board_at or markers in the rig file.",
-        )
+        hint = "Give board_at or markers in the rig file."
+        raise LogError(f"camera {row.name} has no place: neither a board at a known place nor markers.", hint=hint)
     if not seen and rig.board.turns_alike:
         return CameraReport(Camera(row.name, intrinsics, rough[0]), used, given, without, corner_rms, {}, (), None)
     if seen:
         points, pixels = np.array([rig.markers[name] for name in seen]), np.array(list(seen.values()))
-        placement = _placed(points, pixels, intrinsics, rough, settings)
+        placement = _placed(points, pixels, intrinsics, rough)
     else:  # the corners of the board at its place are known points
-        points, pixels = _board_points(row, rig.board), _place_corners(row, rig.board)
-        placement = refine_pose(points, pixels, intrinsics, rough[:1], settings)
+        assert at is not None
+        points, pixels = rig.board.points @ at[:3, :3].T + at[:3, 3], _place_corners(row, rig.board)
+        placement = refine_pose(points, pixels, intrinsics, rough[:1])
     if row.lens is None:
-        bundle = adjust(lens, rig.board, points, pixels, placement, settings)
+        bundle = adjust(lens, rig.board, points, pixels, placement)
         intrinsics, placement, corner_rms = bundle.intrinsics, bundle.placement, bundle.corner_rms_px
     camera = Camera(row.name, intrinsics, placement.T_camera_tracker, placement.covariance, placement.rms_px)
     moved = min((_apart(T, placement.T_camera_tracker)[0] for T in rough), default=None)
@@ -185,7 +161,7 @@ def _calibrated(row: RigCamera, rig: Rig, settings: CalibrationSettings) -> Came
     return CameraReport(camera, used, given, without, corner_rms, residuals, outliers, moved)
 
 
-def _lens(row: RigCamera, board: Chessboard, settings: CalibrationSettings) -> tuple[LensCalibration, tuple[str, ...]]:
+def _lens(row: RigCamera, board: Chessboard) -> tuple[LensCalibration, tuple[str, ...]]:
     """Return the lens from the boards, and the pictures without a board."""
     corners, without, sizes = [], [], set()
     for path in row.boards:
@@ -203,14 +179,7 @@ def _lens(row: RigCamera, board: Chessboard, settings: CalibrationSettings) -> t
             f"no chessboard of {board.columns} x {board.rows} inner corners in any of {len(row.boards)} pictures.",
             hint="Check columns and rows in the rig file: inner corners, not squares.",
         )
-    return calibrate_lens(corners, board, sizes.pop(), settings), tuple(without)
-
-
-def _rough(row: RigCamera, board: Chessboard, lens: Intrinsics) -> list[FloatArray]:
-    """First phase: where the board at its known place says that the camera stands."""
-    if row.board_at is None or row.T_tracker_board is None:
-        return []
-    return poses_from_board(_place_corners(row, board), board, row.T_tracker_board, lens)
+    return calibrate_lens(corners, board, sizes.pop()), tuple(without)
 
 
 def _place_corners(row: RigCamera, board: Chessboard) -> FloatArray:
@@ -227,27 +196,16 @@ def _place_corners(row: RigCamera, board: Chessboard) -> FloatArray:
     return corners
 
 
-def _board_points(row: RigCamera, board: Chessboard) -> FloatArray:
-    """Where those corners are, tracker frame, m."""
-    assert row.T_tracker_board is not None
-    points: FloatArray = board.points @ row.T_tracker_board[:3, :3].T + row.T_tracker_board[:3, 3]
-    return points
-
-
-def _markers(
-    row: RigCamera, rig: Rig, lens: Intrinsics, rough: Sequence[FloatArray], settings: CalibrationSettings
-) -> dict[str, FloatArray]:
+def _markers(row: RigCamera, rig: Rig, lens: Intrinsics, rough: Sequence[FloatArray]) -> dict[str, FloatArray]:
     """Where the markers are seen: as given, or found in a picture from each rough pose."""
     if row.markers_in is None:
         return dict(row.seen)
     if not rough:
-        raise LogError(
-            f"camera {row.name}: markers can only be looked for near a rough place.",
-            hint="Give board_at in the rig file.",
-        )
+        hint = "Give board_at in the rig file."
+        raise LogError(f"camera {row.name}: markers can only be looked for near a rough place.", hint=hint)
     image = read_image(row.markers_in)
-    blobs = find_blobs(image, settings)
-    tried = [_found_from(image, blobs, rig, Camera(row.name, lens, T), settings) for T in rough]
+    blobs = find_blobs(image)
+    tried = [_found_from(image, blobs, rig, Camera(row.name, lens, T)) for T in rough]
     found = sorted((one for one in tried if one), key=lambda one: (-int(one[0].used.sum()), one[0].rms_px))
     if not found:
         raise LogError(
@@ -257,7 +215,7 @@ def _markers(
         )
     best, seen = found[0]
     for rival, _ in found[1:]:
-        if _apart(rival.T_camera_tracker, best.T_camera_tracker)[0] > settings.same:
+        if _apart(rival.T_camera_tracker, best.T_camera_tracker)[0] > SETTINGS.same:
             if rival.used.sum() >= best.used.sum() - 1 and rival.rms_px < 2.0 * best.rms_px + 0.5:
                 raise LogError(
                     f"camera {row.name}: its markers look the same from two sides; two places of the camera fit.",
@@ -268,24 +226,25 @@ def _markers(
     return seen
 
 
-def _found_from(
-    image: Image, blobs: Blobs, rig: Rig, camera: Camera, settings: CalibrationSettings
-) -> tuple[Placement, dict[str, FloatArray]] | None:
+def _found_from(image: Image, blobs: Blobs, rig: Rig, camera: Camera) -> tuple[Placement, dict[str, FloatArray]] | None:
     """Find the markers and refine the pose in turns, from every likely beginning; None when too few agree."""
-    first, *rounds = settings.marker_near_px
-    expected = dict(zip(rig.markers, camera.project(np.array(list(rig.markers.values()))), strict=True))
+
+    def _matches(seen_by: Camera, reach: float, near: float) -> list[dict[str, int]]:
+        pixels = seen_by.project(np.array(list(rig.markers.values())))
+        return match_blobs(blobs, dict(zip(rig.markers, pixels, strict=True)), reach, near)
+
+    first, *rounds = SETTINGS.marker_near_px
     best: tuple[Placement, dict[str, FloatArray]] | None = None
-    for matched in match_blobs(blobs, expected, settings.marker_reach_px, first, settings):
-        found = _refined_from(image, blobs, matched, rig, camera, settings)
+    for matched in _matches(camera, SETTINGS.marker_reach_px, first):
+        found = _refined_from(image, blobs, matched, rig, camera)
         for near in rounds:
             if found is not None:
                 placed = replace(camera, T_camera_tracker=found[0].T_camera_tracker)
-                expected_now = dict(zip(rig.markers, placed.project(np.array(list(rig.markers.values()))), strict=True))
-                again = match_blobs(blobs, expected_now, near, near, settings)
-                found = _refined_from(image, blobs, again[0], rig, placed, settings) if again else None
+                again = _matches(placed, near, near)
+                found = _refined_from(image, blobs, again[0], rig, placed) if again else None
         if found is not None and (best is None or _markers_agree(found[0]) > _markers_agree(best[0])):
             best = found
-    return best if best is not None and best[0].rms_px < settings.marker_rms_px else None
+    return best if best is not None and best[0].rms_px < SETTINGS.marker_rms_px else None
 
 
 def _markers_agree(placed: Placement) -> float:
@@ -294,37 +253,30 @@ def _markers_agree(placed: Placement) -> float:
 
 
 def _refined_from(
-    image: Image,
-    blobs: Blobs,
-    matched: Mapping[str, int],
-    rig: Rig,
-    camera: Camera,
-    settings: CalibrationSettings,
+    image: Image, blobs: Blobs, matched: Mapping[str, int], rig: Rig, camera: Camera
 ) -> tuple[Placement, dict[str, FloatArray]] | None:
-    found = refine_markers(image, blobs, matched, camera.intrinsics, settings)
-    if len(found) < settings.fewest_points:
+    found = refine_markers(image, blobs, matched, camera.intrinsics)
+    if len(found) < SETTINGS.fewest_points:
         return None
     known, pixels = np.array([rig.markers[name] for name in found]), np.array(list(found.values()))
     try:
-        return refine_pose(known, pixels, camera.intrinsics, [camera.T_camera_tracker], settings), found
+        return refine_pose(known, pixels, camera.intrinsics, [camera.T_camera_tracker]), found
     except DegenerateError:
         return None
 
 
-def _placed(
-    points: FloatArray, pixels: FloatArray, lens: Intrinsics, rough: Sequence[FloatArray], settings: CalibrationSettings
-) -> Placement:
+def _placed(points: FloatArray, pixels: FloatArray, lens: Intrinsics, rough: Sequence[FloatArray]) -> Placement:
     """Second phase: the pose from the markers, refused when it contradicts the rough one."""
-    alone = poses_from_points(points, pixels, lens) if len(points) >= settings.fewest_points else []
+    alone = poses_from_points(points, pixels, lens) if len(points) >= SETTINGS.fewest_points else []
     try:
-        placement = refine_pose(points, pixels, lens, [*rough, *alone], settings)
+        placement = refine_pose(points, pixels, lens, [*rough, *alone])
     except DegenerateError as error:
         raise _MisplacedError(error.message, hint=error.hint) from error
-    if placement.rms_px > settings.bad_rms_px:
+    if placement.rms_px > SETTINGS.bad_rms_px:
         raise _MisplacedError(f"its markers miss their places by {placement.rms_px:.1f} px.")
     if rough:
         away, turned = min(_apart(T, placement.T_camera_tracker) for T in rough)
-        if away > settings.far or turned > settings.turned:
+        if away > SETTINGS.far or turned > SETTINGS.turned:
             raise _MisplacedError(
                 f"its markers say that it stands {1e3 * away:.0f} mm and {np.rad2deg(turned):.0f} degrees from where "
                 "its board says."

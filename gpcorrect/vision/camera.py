@@ -20,8 +20,7 @@ class Intrinsics:
 
     Parameters
     ----------
-    width, height : int
-        Of the picture, px.
+    width, height : int, of the picture, px
     matrix : (3, 3) array
         [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], px.
     distortion : (5,) array
@@ -48,16 +47,11 @@ class Intrinsics:
         return float(0.5 * (self.matrix[0, 0] + self.matrix[1, 1]))
 
     def normalised(self, pixels: FloatArray) -> FloatArray:
-        """Undistort pixels onto the plane one unit before the lens.
+        """Undistort pixels onto the plane one unit before the lens `(n, 2)`.
 
         Parameters
         ----------
-        pixels : (n, 2) array
-            px.
-
-        Returns
-        -------
-        (n, 2) array
+        pixels : (n, 2) array, px
         """
         flat = np.ascontiguousarray(pixels, dtype=np.float64).reshape(-1, 1, 2)
         if not flat.size:
@@ -67,17 +61,11 @@ class Intrinsics:
         return done.reshape(-1, 2)
 
     def pixels(self, local: FloatArray) -> FloatArray:
-        """Project points of the camera frame.
+        """Project points of the camera frame to pixels `(n, 2)`.
 
         Parameters
         ----------
-        local : (n, 3) array
-            x right, y down, z forward, m.
-
-        Returns
-        -------
-        (n, 2) array
-            px.
+        local : (n, 3) array, x right, y down, z forward, m
         """
         points = np.ascontiguousarray(local, dtype=np.float64).reshape(-1, 1, 3)
         if not points.size:
@@ -92,17 +80,14 @@ class Camera:
 
     Parameters
     ----------
-    name : str
-        For messages and columns.
-    intrinsics : Intrinsics
-        Its lens.
+    name : str, for messages and columns
+    intrinsics : Intrinsics, its lens
     T_camera_tracker : (4, 4) array
         Maps tracker coordinates into the camera frame (OpenCV's rvec and tvec), m.
     covariance : (6, 6) array or None
         Of the camera's pose in the tracker frame: position (m), then rotation vector (rad), tracker axes; None when
         not known.
-    rms_px : float or None
-        Reprojection error of the calibration.
+    rms_px : float or None, reprojection error of the calibration
     delay : float or None
         By how much later than the first camera's its pictures are taken, s; None when not known: the tracker learns it.
     readout : float
@@ -131,50 +116,31 @@ class Camera:
         return se3.invert(self.T_camera_tracker)[:3, 3]
 
     def local(self, points: FloatArray) -> FloatArray:
-        """Transform points of the tracker frame into the camera frame.
+        """Transform points of the tracker frame into the camera frame `(n, 3)`, m.
 
         Parameters
         ----------
-        points : (n, 3) array
-            m.
-
-        Returns
-        -------
-        (n, 3) array
-            m.
+        points : (n, 3) array, m
         """
         T = self.T_camera_tracker
         return np.asarray(points).reshape(-1, 3) @ T[:3, :3].T + T[:3, 3]
 
     def project(self, points: FloatArray) -> FloatArray:
-        """Project points of the tracker frame.
+        """Project points of the tracker frame to pixels `(n, 2)`; NaN for what is behind the camera.
 
         Parameters
         ----------
-        points : (n, 3) array
-            m.
-
-        Returns
-        -------
-        (n, 2) array
-            px; NaN for what is behind the camera.
+        points : (n, 3) array, m
         """
         local = self.local(points)
         return np.where(local[:, 2:] > IN_FRONT, self.intrinsics.pixels(local), np.nan)
 
     def directions(self, local: FloatArray) -> FloatArray:
-        """Rotate directions of the camera frame into the tracker frame.
+        """Rotate directions of the camera frame into the tracker frame `(n, 3)`, of unit length.
 
         Parameters
         ----------
-        local : (n, 3) array
-            Of any length.
-
-        Returns
-        -------
-        (n, 3) array
-            Of unit length.
+        local : (n, 3) array, of any length
         """
         d: FloatArray = np.asarray(local).reshape(-1, 3) @ self.T_camera_tracker[:3, :3]
-        unit: FloatArray = d / np.linalg.norm(d, axis=1, keepdims=True)
-        return unit
+        return np.asarray(d / np.linalg.norm(d, axis=1, keepdims=True))

@@ -46,16 +46,12 @@ def check_fit(
 
     Parameters
     ----------
-    frames : sequence (frames) of sequence (cameras) of pictures
-        A few, spread over the recording.
-    cameras : sequence of Camera
-        In the order of the pictures.
+    frames : sequence (frames) of sequence (cameras) of pictures, a few, spread over the recording
+    cameras : sequence of Camera, in the order of the pictures
     target : Target
-        What is to be tracked.
     names : sequence of str
         Of the videos or folders, for the message.
     settings : VisionSettings
-        What is refused.
 
     Raises
     ------
@@ -85,9 +81,8 @@ def check_fit(
     if best.agreeing > check.better * placed.agreeing + 2 and best.fraction >= check.some:
         moved = [f"{names[i]} shows what camera {cameras[k].name} sees" for i, k in enumerate(order) if i != k]
         right = " ".join(names[order.index(k)] for k in range(len(order)))
-        raise LogError(
-            f"the cameras are swapped: {'; '.join(moved)}.", hint=f"Give them in the calibration's order: {right}"
-        )
+        hint = f"Give them in the calibration's order: {right}"
+        raise LogError(f"the cameras are swapped: {'; '.join(moved)}.", hint=hint)
     if given.fraction >= check.some:
         return
     _check_sizes(candidates, cameras, target, settings)
@@ -162,6 +157,12 @@ def _best_order(
     def agreement(order: tuple[int, ...], frames: Sequence[Candidates]) -> _Agreement:
         """Agreement with the pictures taken for those of other cameras: their rays are those cameras' then."""
         taken = [cameras[k] for k in order]
+
+        def _through(found: Outline, camera: Camera) -> Outline:
+            lens = camera.intrinsics
+            ray, half_angle = lens.normalised(found.pixel[None])[0], float(np.arctan(found.radius / lens.focal))
+            return replace(found, ray=ray, half_angle=half_angle)
+
         again = [
             [
                 [[_through(o, camera) for o in ball] for ball in balls]
@@ -177,13 +178,6 @@ def _best_order(
     ]
     best = max(orders, key=lambda order: agreement(order, likely).agreeing)
     return best, agreement(best, candidates)
-
-
-def _through(found: Outline, camera: Camera) -> Outline:
-    """Outline as if another camera had taken the picture."""
-    lens = camera.intrinsics
-    ray = lens.normalised(found.pixel[None])[0]
-    return replace(found, ray=ray, half_angle=float(np.arctan(found.radius / lens.focal)))
 
 
 def _check_sizes(

@@ -9,23 +9,17 @@ import numpy as np
 from gpcorrect.types import FloatArray, IntArray
 from gpcorrect.vision.camera import Camera
 from gpcorrect.vision.pose import Linearised
-from gpcorrect.vision.settings import DEFAULT, ClockSettings
+from gpcorrect.vision.settings import ClockSettings
 
 
 class Clocks:
     """How long after the first camera each other one looks; learned while the tool moves (:meth:`learn`).
 
     The first camera's clock is the recording's: what all of them are late by together leaves no trace in pictures.
-
-    Parameters
-    ----------
-    cameras : sequence of Camera
-        Those with a delay of their own are believed; the others' are unknown.
-    settings : ClockSettings
-        What is known beforehand.
+    Cameras with a delay of their own are believed; the others' are unknown.
     """
 
-    def __init__(self, cameras: Sequence[Camera], settings: ClockSettings = DEFAULT.clocks) -> None:
+    def __init__(self, cameras: Sequence[Camera], settings: ClockSettings) -> None:
         self.settings = settings
         self._readout = np.array([camera.readout / camera.intrinsics.height for camera in cameras])  # s a row
         self.middle = 0.5 * float(np.mean([camera.readout for camera in cameras]))  # s after a frame's time
@@ -62,22 +56,18 @@ class Clocks:
         rows : (k,) array
             Pixel rows of the views: a rolling shutter reads them one after the other, from the top.
         """
-        delays: FloatArray = self.delays[cameras] + self._readout[cameras] * rows - self.middle
-        return delays
+        return np.asarray(self.delays[cameras] + self._readout[cameras] * rows - self.middle)
 
     def spread(self, last: Linearised, cameras: IntArray) -> FloatArray:
         """Return what the uncertainty of the delays adds to the covariance of a pose: `(6, 6)`.
 
         Parameters
         ----------
-        last : Linearised
-            Of the pose's fit.
-        cameras : (k,) int array
-            Of its views.
+        last : Linearised, of the pose's fit
+        cameras : (k,) int array, of its views
         """
         gain = last.gain(self._effects(last, cameras))
-        added: FloatArray = gain @ self.covariance @ gain.T
-        return added
+        return np.asarray(gain @ self.covariance @ gain.T)
 
     def learn(self, last: Linearised, cameras: IntArray) -> None:
         """Take in what is left of the views of a moving tool: a camera that is late sees it farther along.
@@ -87,10 +77,8 @@ class Clocks:
 
         Parameters
         ----------
-        last : Linearised
-            Of a fit with that velocity held.
-        cameras : (k,) int array
-            Of its views.
+        last : Linearised, of a fit with that velocity held
+        cameras : (k,) int array, of its views
         """
         speed = float(np.linalg.norm(last.twist[:3])) + self.settings.arm * float(np.linalg.norm(last.twist[3:]))
         if speed < self.settings.least_speed:

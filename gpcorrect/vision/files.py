@@ -168,8 +168,7 @@ def read_cameras(path: str | Path) -> tuple[Camera, ...]:
 
     Parameters
     ----------
-    path : str or Path
-        JSON, or TOML by its ending.
+    path : str or Path, JSON, or TOML by its ending
 
     Raises
     ------
@@ -190,9 +189,7 @@ def write_cameras(cameras: Sequence[Camera], path: str | Path) -> None:
     Parameters
     ----------
     cameras : sequence of Camera
-        In the order of the recordings.
-    path : str or Path
-        Replaced when there.
+    path : str or Path, replaced when there
     """
     rows = [
         {
@@ -217,8 +214,7 @@ def read_target(path: str | Path) -> Target:
 
     Parameters
     ----------
-    path : str or Path
-        JSON, or TOML by its ending.
+    path : str or Path, JSON, or TOML by its ending
 
     Raises
     ------
@@ -231,33 +227,16 @@ def read_target(path: str | Path) -> Target:
 
 @dataclass(frozen=True, eq=False)
 class RigCamera:
-    """One camera's calibration pictures.
+    """One camera's calibration pictures."""
 
-    Parameters
-    ----------
-    name : str
-        Of the camera.
-    boards : tuple of Path
-        Pictures of the chessboard, anywhere.
-    lens : Intrinsics or None
-        A lens that is known already; boards are then not needed.
-    board_at : Path or None
-        The picture of the board at its known place.
-    T_tracker_board : (4, 4) array or None
-        That place, roughly.
-    seen : mapping of marker to (2,) array
-        Where markers appear, px.
-    markers_in : Path or None
-        A picture in which the markers are to be found.
-    """
-
-    name: str
-    boards: tuple[Path, ...] = ()
-    lens: Intrinsics | None = None
-    board_at: Path | None = None
-    T_tracker_board: FloatArray | None = None
+    name: str  # of the camera
+    boards: tuple[Path, ...] = ()  # pictures of the chessboard, anywhere
+    lens: Intrinsics | None = None  # a lens that is known already; boards are then not needed
+    board_at: Path | None = None  # the picture of the board at its known place
+    T_tracker_board: FloatArray | None = None  # (4, 4) that place, roughly
+    # (2,) each, where markers appear, px
     seen: Mapping[str, FloatArray] = field(default_factory=dict)
-    markers_in: Path | None = None
+    markers_in: Path | None = None  # a picture in which the markers are to be found
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,12 +245,9 @@ class Rig:
 
     Parameters
     ----------
-    board : Chessboard
-        The chessboard of all pictures.
-    cameras : tuple of RigCamera
-        One a camera.
-    markers : mapping of marker to (3,) array
-        Places in the tracker frame, m.
+    board : Chessboard, the chessboard of all pictures
+    cameras : tuple of RigCamera, one a camera
+    markers : mapping of marker to (3,) array, places in the tracker frame, m
     """
 
     board: Chessboard
@@ -313,26 +289,17 @@ def read_rig(path: str | Path) -> Rig:
 
 def _rig_camera(row: _RigCamera, folder: Path) -> RigCamera:
     patterns = (row.boards,) if isinstance(row.boards, str) else row.boards
+    boards: list[Path] = []
+    for pattern in patterns:  # of files, or the name of a folder of images
+        whole = folder / pattern / "*" if (folder / pattern).is_dir() else folder / pattern
+        images = [file for file in map(Path, sorted(glob.glob(str(whole)))) if file.suffix.lower() in IMAGES]
+        if not images:
+            raise DataError(f"there are no pictures {whole}.", hint=HINTS["rig file"])
+        boards += images
     at = row.board_at
-    seen, markers_in = _markers(row.markers, folder)
-    return RigCamera(
-        row.name,
-        tuple(file for pattern in patterns for file in _pictures(folder, pattern)),
-        None if row.lens is None else row.lens.intrinsics(),
-        None if at is None else _file(folder, at.picture),
-        None if at is None else at.pose(),
-        seen,
-        markers_in,
-    )
-
-
-def _pictures(folder: Path, pattern: str) -> list[Path]:
-    """Files of a pattern, or all images of a folder."""
-    whole = folder / pattern / "*" if (folder / pattern).is_dir() else folder / pattern
-    images = [file for file in map(Path, sorted(glob.glob(str(whole)))) if file.suffix.lower() in IMAGES]
-    if not images:
-        raise DataError(f"there are no pictures {whole}.", hint=HINTS["rig file"])
-    return images
+    board_at, place = (None, None) if at is None else (_file(folder, at.picture), at.pose())
+    lens = None if row.lens is None else row.lens.intrinsics()
+    return RigCamera(row.name, tuple(boards), lens, board_at, place, *_markers(row.markers, folder))
 
 
 def _file(folder: Path, name: str) -> Path:

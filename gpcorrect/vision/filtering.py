@@ -32,22 +32,13 @@ STATUSES = tuple(Status)  # the codes of `tracking_status` are indices into it
 
 @dataclass(frozen=True, eq=False)
 class Filtered:
-    """The estimated pose; every number is finite whatever the status.
+    """The estimated pose; every number is finite whatever the status."""
 
-    Parameters
-    ----------
-    status : Status
-        "measured", "coasting" (predicted from the last measurements), or "lost" (the pose is the last known one, and
-        means nothing).
-    T_tracker_tool : (4, 4) array
-        m.
-    std : (6,) array
-        Of position (m) and rotation vector (rad).
-    """
-
+    # "measured", "coasting" (predicted from the last measurements), or "lost" (the pose is the last known one, and
+    # means nothing)
     status: Status
-    T_tracker_tool: FloatArray
-    std: FloatArray
+    T_tracker_tool: FloatArray  # (4, 4) m
+    std: FloatArray  # (6,) of position (m) and rotation vector (rad)
 
 
 class PoseFilter:
@@ -55,8 +46,7 @@ class PoseFilter:
 
     Parameters
     ----------
-    settings : MotionSettings
-        How the tool may move.
+    settings : MotionSettings, how the tool may move
     """
 
     def __init__(self, settings: MotionSettings = DEFAULT.motion) -> None:
@@ -70,17 +60,11 @@ class PoseFilter:
         self._taken = 0  # measurements since the filter began
 
     def predicted(self, time: float) -> FloatArray | None:
-        """Return the pose expected at another time; the filter stays as it is.
+        """Return the pose `(4, 4)` expected at another time, None when lost; the filter stays as it is.
 
         Parameters
         ----------
-        time : float
-            s.
-
-        Returns
-        -------
-        (4, 4) array or None
-            None when lost.
+        time : float, s
         """
         if self._kalman is None:
             return None
@@ -93,8 +77,7 @@ class PoseFilter:
 
         Parameters
         ----------
-        time : float
-            s.
+        time : float, s
         """
         settings = self.settings
         if self._kalman is None or self._taken < settings.shows_speed:
@@ -115,10 +98,8 @@ class PoseFilter:
 
         Parameters
         ----------
-        time : float
-            Seconds, increasing.
-        T_tracker_tool : (4, 4) array, optional
-            The measured pose.
+        time : float, seconds, increasing
+        T_tracker_tool : (4, 4) array, optional, the measured pose
         covariance : (6, 6) array, optional
             Of position and rotation vector; a tenth of a millimetre and 3 mrad when absent.
         found_anew : bool
@@ -136,21 +117,17 @@ class PoseFilter:
         dt, self._time = time - self._time, time
         noise = np.diag(USUAL_STD**2) if covariance is None else covariance
         if self._kalman is not None:
-            self._predict(self._kalman, dt)
+            F = np.eye(2 * POSE)
+            F[:POSE, POSE:] = dt * np.eye(POSE)
+            variances = np.diag([self.settings.acceleration**2] * 3 + [self.settings.angular_acceleration**2] * 3)
+            self._kalman.predict(F=F, Q=np.kron(Q_discrete_white_noise(dim=2, dt=dt, var=1.0), variances))
+            self._fold(self._kalman)
         if T_tracker_tool is not None and self._believed(T_tracker_tool, noise, found_anew):
             self._seen = time
             return self._estimate(Status.MEASURED)
         if time - self._seen > self.settings.coast:
             self._kalman = None
         return self._estimate(Status.COASTING)
-
-    def _predict(self, kalman: KalmanFilter, dt: float) -> None:
-        F = np.eye(2 * POSE)
-        F[:POSE, POSE:] = dt * np.eye(POSE)
-        block = Q_discrete_white_noise(dim=2, dt=dt, var=1.0)
-        variances = np.diag([self.settings.acceleration**2] * 3 + [self.settings.angular_acceleration**2] * 3)
-        kalman.predict(F=F, Q=np.kron(block, variances))
-        self._fold(kalman)
 
     def _believed(self, T: FloatArray, noise: FloatArray, found_anew: bool) -> bool:
         """Take a measurement in, unless it is too far off to be true; a refusal that repeats starts the filter anew."""

@@ -11,37 +11,25 @@ from gpcorrect.types import FloatArray, IntArray
 from gpcorrect.vision.camera import Intrinsics
 from gpcorrect.vision.opencv import Image, cv2
 from gpcorrect.vision.rim import outline
-from gpcorrect.vision.settings import DEFAULT, CalibrationSettings
+from gpcorrect.vision.settings import DEFAULT
 
-WIDER = (
-    1.6  # of the wider Gaussian over the narrower one: their difference is nearly the Laplacian (Marr, Hildreth 1980)
-)
+SETTINGS = DEFAULT.calibration
+# Width of the wider Gaussian over the narrower one: their difference is nearly the Laplacian (Marr, Hildreth 1980).
+WIDER = 1.6
 DISC = 1.75  # radius of a disc over the narrower Gaussian at which it answers most: sqrt(2) x sqrt(1.6)
 
 
 @dataclass(frozen=True, eq=False)
 class Blobs:
-    """Compact patches that stand out of their surroundings.
+    """Compact patches that stand out of their surroundings."""
 
-    Parameters
-    ----------
-    pixels : (n, 2) array
-        Middles, to about a pixel; the strongest first.
-    radii : (n,) array
-        px.
-    answers : (n,) array
-        How much they stand out, grey levels of a difference of Gaussians.
-    kinds : (n,) int array
-        Lighter, darker, redder, greener, yellower or bluer than what is around them: 0 to 5.
-    """
-
-    pixels: FloatArray
-    radii: FloatArray
-    answers: FloatArray
-    kinds: FloatArray
+    pixels: FloatArray  # (n, 2) middles, to about a pixel; the strongest first
+    radii: FloatArray  # (n,) px
+    answers: FloatArray  # (n,) how much they stand out, grey levels of a difference of Gaussians
+    kinds: FloatArray  # (n,) lighter, darker, redder, greener, yellower or bluer than what is around them: 0 to 5
 
 
-def find_blobs(image: Image, settings: CalibrationSettings = DEFAULT.calibration) -> Blobs:
+def find_blobs(image: Image) -> Blobs:
     """Find dots of any colour and size in a whole picture; a dot at the end or in the middle of a post is one too.
 
     Peaks of differences of Gaussians over scales, in lightness and both colour axes, ridges left out.
@@ -49,119 +37,93 @@ def find_blobs(image: Image, settings: CalibrationSettings = DEFAULT.calibration
     Parameters
     ----------
     image : (height, width, 3) uint8 array
-    settings : CalibrationSettings
-        What stands out.
     """
     lab = cv2.cvtColor(image.astype(np.float32) / 255.0, cv2.COLOR_BGR2Lab) * np.array(
         [2.55, 1.0, 1.0], dtype=np.float32
     )
     found: list[list[FloatArray]] = [[] for _ in range(6)]
-    for radius in settings.marker_radii_px:
+    for radius in SETTINGS.marker_radii_px:
         narrow = radius / DISC
         difference = cv2.GaussianBlur(lab, (0, 0), narrow) - cv2.GaussianBlur(lab, (0, 0), WIDER * narrow)
         for kind, answer in enumerate(signed for plane in cv2.split(difference) for signed in (plane, -plane)):
-            peak = (answer == cv2.dilate(answer, np.ones((3, 3)))) & (answer > settings.marker_answer)
+            peak = (answer == cv2.dilate(answer, np.ones((3, 3)))) & (answer > SETTINGS.marker_answer)
             v, u = (index.astype(np.int64) for index in np.nonzero(peak[2:-2, 2:-2]))
-            peaks = _round(answer, u + 2, v + 2, settings)
+            peaks = _round(answer, u + 2, v + 2)
             found[kind].append(np.column_stack([peaks, np.full((len(peaks), 2), [radius, kind])]))
-    table = np.vstack([_distinct(np.vstack(rows), settings) for rows in found])
+    table = np.vstack([_distinct(np.vstack(rows)) for rows in found])
     return Blobs(table[:, :2], table[:, 3], table[:, 2], table[:, 4])
 
 
-def _distinct(rows: FloatArray, settings: CalibrationSettings) -> FloatArray:
+def _distinct(rows: FloatArray) -> FloatArray:
     """Strongest of the peaks `(n, 5)` (u, v, answer, radius, kind) that are one blob at several scales."""
     rows = rows[np.argsort(-rows[:, 2])]
-    kept = np.zeros((0, 5))
+    found = np.zeros((0, 5))
     for row in rows:
-        if len(kept) == settings.marker_blobs:
+        if len(found) == SETTINGS.marker_blobs:
             break
-        if (np.hypot(*(kept[:, :2] - row[:2]).T) > 0.5 * kept[:, 3]).all():
-            kept = np.vstack([kept, row])
-    return kept
+        if (np.hypot(*(found[:, :2] - row[:2]).T) > 0.5 * found[:, 3]).all():
+            found = np.vstack([found, row])
+    return found
 
 
-def _round(answer: Image, u: IntArray, v: IntArray, settings: CalibrationSettings) -> FloatArray:
+def _round(answer: Image, u: IntArray, v: IntArray) -> FloatArray:
     """Peaks `(n, 3)` (u, v, answer) that fall off to all sides, to a fraction of a pixel."""
     at = answer[v, u]
     left, right, up, down = answer[v, u - 1], answer[v, u + 1], answer[v - 1, u], answer[v + 1, u]
     xx, yy = 2.0 * at - left - right, 2.0 * at - up - down
     xy = 0.25 * (answer[v + 1, u - 1] + answer[v - 1, u + 1] - answer[v + 1, u + 1] - answer[v - 1, u - 1])
     trace, root = xx + yy, np.sqrt((xx - yy) ** 2 + 4.0 * xy**2)
-    good = (trace - root) > settings.marker_roundness * (trace + root)
+    good = (trace - root) > SETTINGS.marker_roundness * (trace + root)
     x = u + 0.5 * (right - left) / np.maximum(xx, 1e-6)
     y = v + 0.5 * (down - up) / np.maximum(yy, 1e-6)
-    peaks: FloatArray = np.stack([x, y, at], axis=1)[good].astype(np.float64)
-    return peaks
+    return np.asarray(np.stack([x, y, at], axis=1)[good], dtype=np.float64)
 
 
 def match_blobs(
-    blobs: Blobs,
-    expected: Mapping[str, FloatArray],
-    reach_px: float,
-    near_px: float,
-    settings: CalibrationSettings = DEFAULT.calibration,
+    blobs: Blobs, expected: Mapping[str, FloatArray], reach_px: float, near_px: float
 ) -> list[dict[str, int]]:
     """Return what may be the blobs of the markers, the likeliest first: of one kind, at one offset from their places.
 
     Parameters
     ----------
     blobs : Blobs
-    expected : mapping of marker to (2,) array
-        px; NaN when it is out of sight.
-    reach_px : float
-        Greatest common offset.
-    near_px : float
-        How far from the common offset a marker may be.
-    settings : CalibrationSettings
-        From which strength all blobs count alike.
-
-    Returns
-    -------
-    list of dict of marker to int
-        Index into the blobs; markers without one are left out.
+    expected : mapping of marker to (2,) array, px; NaN when it is out of sight
+    reach_px : float, greatest common offset
+    near_px : float, how far from the common offset a marker may be
     """
     places = {name: pixel for name, pixel in expected.items() if np.isfinite(pixel).all()}
     trials: list[tuple[float, FloatArray, dict[str, int]]] = []
     for kind in np.unique(blobs.kinds) if places else ():
         own = np.flatnonzero(blobs.kinds == kind)
         offsets = blobs.pixels[own][None] - np.array(list(places.values()))[:, None]
-        strength = np.minimum(blobs.answers[own] / settings.marker_strong, 1.0)
+        strength = np.minimum(blobs.answers[own] / SETTINGS.marker_strong, 1.0)
         for offset in offsets[np.linalg.norm(offsets, axis=2) <= reach_px]:
             worth = np.maximum(1.0 - np.linalg.norm(offsets - offset, axis=2) / near_px, 0.0) * strength
             names = {n: int(own[np.argmax(row)]) for n, row in zip(places, worth, strict=True) if row.max() > 0.0}
             trials.append((float(worth.max(axis=1).sum()), np.array([*offset, 1e3 * kind]), names))
     trials.sort(key=lambda trial: -trial[0])
-    kept: list[tuple[float, FloatArray, dict[str, int]]] = []
+    chosen: list[tuple[float, FloatArray, dict[str, int]]] = []
     for trial in trials:
-        if len(kept) < settings.marker_trials and all(np.linalg.norm(trial[1] - k[1]) > 0.5 * near_px for k in kept):
-            kept.append(trial)
-    return [names for _, _, names in kept]
+        apart = all(np.linalg.norm(trial[1] - other[1]) > 0.5 * near_px for other in chosen)
+        if len(chosen) < SETTINGS.marker_trials and apart:
+            chosen.append(trial)
+    return [names for _, _, names in chosen]
 
 
-def refine_markers(
-    image: Image,
-    blobs: Blobs,
-    matched: Mapping[str, int],
-    lens: Intrinsics,
-    settings: CalibrationSettings = DEFAULT.calibration,
-) -> dict[str, FloatArray]:
+def refine_markers(image: Image, blobs: Blobs, matched: Mapping[str, int], lens: Intrinsics) -> dict[str, FloatArray]:
     """Return middles of markers to a fraction of a pixel, from the part of their rim that no post hides.
 
     Parameters
     ----------
     image : (height, width, 3) uint8 array
     blobs : Blobs
-    matched : mapping of marker to int
-        Which blob each is.
+    matched : mapping of marker to int, which blob each is
     lens : Intrinsics
-        Of the camera.
-    settings : CalibrationSettings
-        How far a rim's middle may be from its blob's.
     """
     found = {}
     for name, k in matched.items():
         pixel, radius = blobs.pixels[k], blobs.radii[k]
         rim = outline(image, np.array([*pixel, radius]), lens)
-        if rim is not None and np.linalg.norm(rim.pixel - pixel) < settings.marker_shift * radius + 1.0:
+        if rim is not None and np.linalg.norm(rim.pixel - pixel) < SETTINGS.marker_shift * radius + 1.0:
             found[name] = rim.pixel
     return found

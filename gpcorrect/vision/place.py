@@ -26,24 +26,12 @@ LENS, POSE = 9, 6  # numbers of a lens (fx, fy, cx, cy, k1, k2, p1, p2, k3) and 
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """A camera's pose from known points.
+    """A camera's pose from known points."""
 
-    Parameters
-    ----------
-    T_camera_tracker : (4, 4) array
-        Maps tracker coordinates into the camera frame, m.
-    covariance : (6, 6) array
-        Of the camera's position (m) and rotation vector (rad), tracker axes.
-    residuals : (n, 2) array
-        Seen minus projected, px.
-    used : (n,) mask
-        Points that were not outliers.
-    """
-
-    T_camera_tracker: FloatArray
-    covariance: FloatArray
-    residuals: FloatArray
-    used: BoolArray
+    T_camera_tracker: FloatArray  # (4, 4) maps tracker coordinates into the camera frame, m
+    covariance: FloatArray  # (6, 6) of the camera's position (m) and rotation vector (rad), tracker axes
+    residuals: FloatArray  # (n, 2) seen minus projected, px
+    used: BoolArray  # (n,) points that were not outliers
 
     @property
     def rms_px(self) -> float:
@@ -60,11 +48,9 @@ def poses_from_board(
 
     Parameters
     ----------
-    corners : (n, 2) array
-        Of the board, px.
+    corners : (n, 2) array, of the board, px
     board : Chessboard
-    T_tracker_board : (4, 4) array
-        Its place, m.
+    T_tracker_board : (4, 4) array, its place, m
     lens : Intrinsics
 
     Returns
@@ -80,20 +66,13 @@ def poses_from_board(
 
 
 def poses_from_points(points: FloatArray, pixels: FloatArray, lens: Intrinsics) -> list[FloatArray]:
-    """Return the pose of a camera from points at known places alone, a start where no board is at hand.
+    """Return the one pose of a camera from points at known places alone, or none: a start where no board is at hand.
 
     Parameters
     ----------
-    points : (n, 3) array
-        Known places, tracker frame, m.
-    pixels : (n, 2) array
-        Where each is seen.
+    points : (n, 3) array, known places, tracker frame, m
+    pixels : (n, 2) array, where each is seen
     lens : Intrinsics
-
-    Returns
-    -------
-    list of (4, 4) arrays
-        One `T_camera_tracker`, or none.
     """
     return _solve_pnp(points, pixels, lens, cv2.SOLVEPNP_SQPNP)
 
@@ -128,14 +107,11 @@ def refine_pose(
     ----------
     points : (n, 3) array
         Known places, tracker frame, m; at least six, not all on a line.
-    pixels : (n, 2) array
-        Where each is seen.
+    pixels : (n, 2) array, where each is seen
     lens : Intrinsics
-        The lens, taken as exact.
     starts : sequence of (4, 4) arrays
         Rough poses; the one that ends best counts.
     settings : CalibrationSettings
-        What an outlier is.
 
     Raises
     ------
@@ -183,26 +159,16 @@ def _pose_covariance(covariance: FloatArray, x: FloatArray) -> FloatArray:
     # T' = exp(xi) T: the turn is J dr, the shift dt - turn x t; in tracker axes the camera moves by the opposite.
     change = np.block([[np.cross(x[3:, None], J_left, axis=0), np.eye(3)], [J_left, np.zeros((3, 3))]])
     A = -np.kron(np.eye(2), R_tracker_camera) @ change
-    done: FloatArray = A @ covariance @ A.T
-    return done
+    return np.asarray(A @ covariance @ A.T)
 
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """A camera after lens and pose were solved together.
-
-    Parameters
-    ----------
-    intrinsics : Intrinsics
-    placement : Placement
-        The pose; its covariance now holds what the lens leaves open.
-    corner_rms_px : float
-        Reprojection error of the boards.
-    """
+    """A camera after lens and pose were solved together."""
 
     intrinsics: Intrinsics
-    placement: Placement
-    corner_rms_px: float
+    placement: Placement  # the pose; its covariance now holds what the lens leaves open
+    corner_rms_px: float  # reprojection error of the boards
 
 
 def adjust(
@@ -228,7 +194,6 @@ def adjust(
     placement : Placement
         The pose with the lens held; its outliers stay out.
     settings : CalibrationSettings
-        Least noise of a corner.
     """
     lens, T, used = calibration.intrinsics, placement.T_camera_tracker, placement.used
     noise = [max(rms / np.sqrt(2.0), settings.least_noise_px) for rms in (placement.rms_px, calibration.rms_px)]

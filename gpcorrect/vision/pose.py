@@ -11,10 +11,9 @@ from gpcorrect import se3
 from gpcorrect.errors import DataError, DegenerateError
 from gpcorrect.types import FloatArray, IntArray
 from gpcorrect.vision.camera import Camera
-from gpcorrect.vision.space import normal_equations, reprojection
+from gpcorrect.vision.space import CONVERGED, STEPS, normal_equations, reprojection
 
 POSE = 6  # numbers of a pose: position, rotation vector
-STEPS, CONVERGED = 10, 1e-9  # steps of Gauss-Newton, which takes three or four, and its last step (m and rad)
 FIXED_TURN = 1e-6  # rad^2: variance of the rotation of a target without orientation, which never turns
 THIN = 1e-3  # height of a triangle over its spread, below which three balls are on a line
 WORST_CONDITION = 1e14  # of an information matrix in m and rad: beyond it, rounding decides
@@ -26,12 +25,10 @@ class Observations:
 
     Parameters
     ----------
-    camera, ball : (k,) int arrays
-        Which camera sees which ball.
+    camera, ball : (k,) int arrays, which camera sees which ball
     rays : (k, 2) array
         Undistorted places on the plane one unit before the lens.
-    covariances : (k, 2, 2) array
-        Of `rays`.
+    covariances : (k, 2, 2) array, of `rays`
     delays : (k,) array, optional
         When each was seen, after the frame's own time, s; zeros when absent.
     """
@@ -45,51 +42,27 @@ class Observations:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How the tool moves, as far as that is known before a frame.
+    """How the tool moves, as far as that is known before a frame."""
 
-    Parameters
-    ----------
-    twist : (6,) array
-        Velocity (m/s) and angular velocity (rad/s), tracker axes.
-    covariance : (6, 6) array
-        Of `twist`.
-    """
-
-    twist: FloatArray
-    covariance: FloatArray
+    twist: FloatArray  # (6,) velocity (m/s) and angular velocity (rad/s), tracker axes
+    covariance: FloatArray  # (6, 6) of `twist`
 
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """The last step of a least-squares fit: what an error of a view, a clock or a camera does to the pose.
+    """The last step of a least-squares fit: what an error of a view, a clock or a camera does to the pose."""
 
-    Parameters
-    ----------
-    J : (k, 2, n) array
-        Of the projections, in the pose and, where views have delays, the velocity.
-    weights : (k, 2, 2) array
-        Inverse covariances of the views.
-    information : (n, n) array
-    residual : (k, 2) array
-        Seen minus projected, on the plane one unit before the lens.
-    twist : (6,) array
-        Velocity of the tool, as solved for.
-    free : int
-        Six numbers of a pose, or three of a position.
-    """
-
-    J: FloatArray
-    weights: FloatArray
-    information: FloatArray
-    residual: FloatArray
-    twist: FloatArray
-    free: int
+    J: FloatArray  # (k, 2, n) of the projections, in the pose and, where views have delays, the velocity
+    weights: FloatArray  # (k, 2, 2) inverse covariances of the views
+    information: FloatArray  # (n, n)
+    residual: FloatArray  # (k, 2) seen minus projected, on the plane one unit before the lens
+    twist: FloatArray  # (6,) velocity of the tool, as solved for
+    free: int  # six numbers of a pose, or three of a position
 
     @property
     def velocity(self) -> FloatArray:
         """How fast each view moves `(k, 2)`, on the plane one unit before the lens, 1/s."""
-        speed: FloatArray = self.J[:, :, : self.free] @ self.twist[: self.free]
-        return speed
+        return np.asarray(self.J[:, :, : self.free] @ self.twist[: self.free])
 
     @property
     def chi_squared(self) -> float:
@@ -102,11 +75,9 @@ class Linearised:
 
         Parameters
         ----------
-        effects : (k, 2, m) array
-            On the plane one unit before the lens.
+        effects : (k, 2, m) array, on the plane one unit before the lens
         """
-        right: FloatArray = np.einsum("kij,kil,klm->jm", self.J, self.weights, effects)
-        return right
+        return np.asarray(np.einsum("kij,kil,klm->jm", self.J, self.weights, effects))
 
     def gain(self, effects: FloatArray) -> FloatArray:
         """Return by how much m errors of views move the pose `(6, m)`.
@@ -122,41 +93,18 @@ class Linearised:
 
 @dataclass(frozen=True, eq=False)
 class PoseFit:
-    """A pose of the tool.
+    """A pose of the tool."""
 
-    Parameters
-    ----------
-    T_tracker_tool : (4, 4) array
-        m.
-    covariance : (6, 6) array
-        Position (m), then rotation vector (rad), tracker axes.
-    residuals : (k, 2) or (b, 3) array
-        Seen minus reprojected in px for observations; observed minus fitted ball centres in m otherwise.
-    linearised : Linearised or None
-        Of a fit to observations.
-    """
-
-    T_tracker_tool: FloatArray
-    covariance: FloatArray
+    T_tracker_tool: FloatArray  # (4, 4) m
+    covariance: FloatArray  # (6, 6) position (m), then rotation vector (rad), tracker axes
+    # (k, 2) or (b, 3) seen minus reprojected in px for observations; observed minus fitted ball centres in m otherwise
     residuals: FloatArray
-    linearised: Linearised | None = None
+    linearised: Linearised | None = None  # of a fit to observations
 
     @property
     def rms(self) -> float:
         """RMS length of the residuals, px or m."""
         return float(np.sqrt(np.mean((self.residuals**2).sum(axis=1))))
-
-
-def _triangle_frame(points: FloatArray) -> FloatArray:
-    """Pose `(4, 4)` of the frame that the first three points `(b, 3)` span: x towards the second, origin their mean."""
-    origin = points[:3].mean(axis=0)
-    x = points[1] - origin
-    z = np.cross(points[1] - points[0], points[2] - points[0])
-    length = np.linalg.norm(z)
-    if length <= THIN * float(((points[:3] - origin) ** 2).sum()):
-        raise DegenerateError("three balls lie on a line, which determines no pose.")
-    x, z = x / np.linalg.norm(x), z / length
-    return se3.pose(np.stack([x, np.cross(z, x), z], axis=1), origin)
 
 
 def pose_closed_form(points: FloatArray, places: FloatArray) -> PoseFit:
@@ -166,33 +114,26 @@ def pose_closed_form(points: FloatArray, places: FloatArray) -> PoseFit:
     ----------
     points : (b, 3) array
         Centres of the balls, tracker frame, m; at least three.
-    places : (b, 3) array
-        The same in the tool frame.
+    places : (b, 3) array, the same in the tool frame
 
     Raises
     ------
     DataError
         A ball is missing; :class:`DegenerateError` when they lie on a line.
     """
-    points, places = _checked(points, places)
-    mean_points, mean_places = points.mean(axis=0), places.mean(axis=0)
-    R = se3.nearest_rotation((points - mean_points).T @ (places - mean_places))
-    return _point_fit(se3.pose(R, mean_points - R @ mean_places), points, places)
-
-
-def _checked(points: FloatArray, places: FloatArray) -> tuple[FloatArray, FloatArray]:
     points, places = np.asarray(points, dtype=np.float64), np.asarray(places, dtype=np.float64)
     if points.shape != places.shape or points.ndim != 2 or points.shape[1:] != (3,) or len(points) < 3:
         raise DataError(f"a pose needs three balls or more, seen and known; got {points.shape} and {places.shape}.")
     if not np.isfinite(points).all():
         raise DataError("a ball's place is missing (NaN): no pose follows from it.")
-    _triangle_frame(points)
-    return points, places
-
-
-def _point_fit(T: FloatArray, points: FloatArray, places: FloatArray) -> PoseFit:
-    """Pose with its covariance from what the fit leaves of the distances."""
-    arms = places @ T[:3, :3].T
+    across = np.linalg.norm(np.cross(points[1] - points[0], points[2] - points[0]))
+    if across <= THIN * float(((points[:3] - points[:3].mean(axis=0)) ** 2).sum()):
+        raise DegenerateError("three balls lie on a line, which determines no pose.")
+    mean_points, mean_places = points.mean(axis=0), places.mean(axis=0)
+    R = se3.nearest_rotation((points - mean_points).T @ (places - mean_places))
+    # The covariance is that of what the fit leaves of the distances.
+    arms = places @ R.T
+    T = se3.pose(R, mean_points - R @ mean_places)
     residuals = points - arms - T[:3, 3]
     variance = float((residuals**2).sum()) / max(residuals.size - 6, 1)
     turns = np.cross(arms[:, None, :], np.eye(3))  # a turn w moves a ball by w x arm
@@ -218,7 +159,6 @@ def pose_from_observations(
     places : (b, 3) array
         Balls in the tool frame, m. One ball determines a position: the tool then does not turn.
     observations : Observations
-        What was seen.
     start : (4, 4) array
         A pose nearby: the closed form's, or a prediction.
     motion : Motion, optional

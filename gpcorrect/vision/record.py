@@ -7,11 +7,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gpcorrect.atomic import make_folder, write_file
 from gpcorrect.errors import GpCorrectError
-from gpcorrect.types import FloatArray
 from gpcorrect.vision.opencv import Image, cv2
 from gpcorrect.vision.sources import TIMES, USUAL_FPS
 
@@ -26,7 +23,7 @@ def record(
 ) -> int:
     """Record until the time is over or a camera gives no more pictures; return the number of frames.
 
-    All cameras are told to keep their picture before the first is decoded: as near in time as they can be.
+    All cameras are asked to hold their picture before the first is decoded: as near in time as they can be.
 
     Parameters
     ----------
@@ -35,11 +32,9 @@ def record(
     folder : str or Path
         Gets camera0.avi, camera1.avi, ... and times.csv; made when missing.
     seconds : float
-        How long.
     fps : float
         Asked of the devices, and written into the videos.
-    clock : callable
-        Seconds.
+    clock : callable, seconds
     on_pictures : callable, optional
         Called with the pictures of every moment: for showing them.
 
@@ -71,10 +66,10 @@ def record(
         for one in (*opened, *writers):
             one.release()
     if not times:
-        raise GpCorrectError(
-            "the cameras gave no picture.", hint="Close other programs that use them; try fewer at once."
-        )
-    _write_times(Path(folder) / TIMES, names, np.array(times))
+        hint = "Close other programs that use them; try fewer at once."
+        raise GpCorrectError("the cameras gave no picture.", hint=hint)
+    rows = [names, *([f"{stamp:.6f}" for stamp in row] for row in times)]
+    write_file(Path(folder) / TIMES, "".join(",".join(row) + "\n" for row in rows))
     return len(times)
 
 
@@ -84,10 +79,8 @@ def _opened(camera: str, fps: float) -> Any:
     device = number or Path(camera).is_char_device()
     opened = cv2.VideoCapture(int(camera) if number else camera)
     if not opened.isOpened():
-        raise GpCorrectError(
-            f"camera {camera} cannot be opened.",
-            hint="Give numbers of devices (on Linux 0 is /dev/video0) or video files; look who may read /dev/video*.",
-        )
+        hint = "Give numbers of devices (on Linux 0 is /dev/video0) or video files; look who may read /dev/video*."
+        raise GpCorrectError(f"camera {camera} cannot be opened.", hint=hint)
     if device:
         opened.set(cv2.CAP_PROP_FPS, fps)
         opened.set(cv2.CAP_PROP_BUFFERSIZE, 1)
@@ -100,8 +93,3 @@ def _writer(path: Path, picture: Any, fps: float) -> Any:
     if not writer.isOpened():
         raise GpCorrectError(f"cannot write the video {path}.", hint="Name another folder, or make room.")
     return writer
-
-
-def _write_times(path: Path, names: Sequence[str], times: FloatArray) -> None:
-    rows = [",".join(f"{value:.6f}" for value in row) for row in times]
-    write_file(path, "\n".join([",".join(names), *rows]) + "\n")

@@ -21,8 +21,7 @@ def rig_text(folders: Sequence[Path], board: Chessboard, beside: Path) -> str:
 
     Parameters
     ----------
-    folders : sequence of Path
-        One a camera, named as the camera.
+    folders : sequence of Path, one a camera, named as the camera
     board : Chessboard
     beside : Path
         Folder of the rig file: pictures are named from there.
@@ -37,7 +36,13 @@ def rig_text(folders: Sequence[Path], board: Chessboard, beside: Path) -> str:
             f"a board of {board.columns} x {board.rows} inner corners looks the same turned by half.",
             hint="Take one even and one odd number, as `gpcorrect vision board` does.",
         )
-    pictures = [_pictures(folder) for folder in folders]
+    pictures: list[dict[str, Path]] = []
+    for folder in folders:
+        files = sorted(folder.iterdir()) if folder.is_dir() else []
+        pictures.append({file.stem: file for file in files if file.suffix.lower() in IMAGES})
+        if not pictures[-1]:
+            hint = "Give one folder of pictures of the board a camera."
+            raise DataError(f"there are no pictures in {folder}.", hint=hint)
     shared = sorted(set.intersection(*(set(one) for one in pictures)), key=lambda name: (name != PLACE, name))
     for name in shared:
         if all(find_corners(read_image(one[name]), board) is not None for one in pictures):
@@ -53,13 +58,3 @@ def rig_text(folders: Sequence[Path], board: Chessboard, beside: Path) -> str:
         lines += ["", "[[camera]]", f'name = "{folder.name}"', f'boards = "{where}"']
         lines += [f'board_at = {{picture = "{where}/{one[name].name}", position = [0.0, 0.0, 0.0]}}']
     return "\n".join(lines) + "\n"
-
-
-def _pictures(folder: Path) -> dict[str, Path]:
-    files = sorted(folder.iterdir()) if folder.is_dir() else []
-    images = {file.stem: file for file in files if file.suffix.lower() in IMAGES}
-    if not images:
-        raise DataError(
-            f"there are no pictures in {folder}.", hint="Give one folder of pictures of the board a camera."
-        )
-    return images

@@ -24,18 +24,13 @@ class Outline:
 
     Parameters
     ----------
-    pixel : (2,) array
-        Where its centre appears, px.
+    pixel : (2,) array, where its centre appears, px
     ray : (2,) array
         The same, undistorted, on the plane one unit before the lens.
-    covariance : (2, 2) array
-        Of `ray`.
-    half_angle : float
-        Of the cone of rays that touch it, rad.
-    radius : float
-        Of the outline, px.
-    arc : float
-        Fraction of the rim that was seen.
+    covariance : (2, 2) array, of `ray`
+    half_angle : float, of the cone of rays that touch it, rad
+    radius : float, of the outline, px
+    arc : float, fraction of the rim that was seen
     rms_px : float
         Of the rim points about the fitted outline.
     """
@@ -52,7 +47,7 @@ class Outline:
 def outline(
     image: Image, circle: FloatArray, lens: Intrinsics, settings: BallSettings = DEFAULT.balls
 ) -> Outline | None:
-    """Refine a circle to the ball's outline.
+    """Refine a circle to the ball's outline; None when too little of a rim is there.
 
     Parameters
     ----------
@@ -60,14 +55,7 @@ def outline(
     circle : (3,) array
         Where the ball was found: u, v, radius, px.
     lens : Intrinsics
-        Of the camera.
     settings : BallSettings
-        What a rim is.
-
-    Returns
-    -------
-    Outline or None
-        None when too little of a rim is there.
     """
     found = None
     if not circle[2] >= settings.least_outline_px:
@@ -109,8 +97,7 @@ def _rim_points(image: Image, circle: FloatArray, reach: float, settings: BallSe
     offset = np.where(bend < -1e-9, 0.5 * (before - after) / np.where(bend < -1e-9, bend, 1.0), 0.0)
     at = r[0] + settings.step_px * (peak + 0.5 + np.clip(offset, -1.0, 1.0))
     good = (contrast > settings.contrast) & (top > settings.least_slope) & inside
-    points: FloatArray = np.stack([u + at * cos[:, 0], v + at * sin[:, 0]], axis=1)[good].astype(np.float64)
-    return points
+    return np.asarray(np.stack([u + at * cos[:, 0], v + at * sin[:, 0]], axis=1)[good], dtype=np.float64)
 
 
 def _towards_ball(colours: FloatArray, r: FloatArray, radius: float, half: float) -> tuple[FloatArray, FloatArray]:
@@ -125,21 +112,13 @@ def _towards_ball(colours: FloatArray, r: FloatArray, radius: float, half: float
 
 
 def fit_cone(points: FloatArray, lens: Intrinsics, settings: BallSettings = DEFAULT.balls) -> Outline | None:
-    """Fit the cone of touching rays to rim points, those of other objects left out.
+    """Fit the cone of touching rays to the rim points that agree on one; None when they are too few.
 
     Parameters
     ----------
-    points : (n, 2) array
-        Undistorted, on the plane one unit before the lens.
+    points : (n, 2) array, undistorted, on the plane one unit before the lens
     lens : Intrinsics
-        Of the camera.
     settings : BallSettings
-        Which points agree.
-
-    Returns
-    -------
-    Outline or None
-        None when too few points agree on a cone.
     """
     d = np.column_stack([points, np.ones(len(points))])
     d /= np.linalg.norm(d, axis=1, keepdims=True)
@@ -190,8 +169,7 @@ def _consensus(d: FloatArray, lens: Intrinsics, settings: BallSettings) -> BoolA
         return None
     off = lens.focal * np.abs(_distances(d, m))
     best = np.argmin(np.minimum(off, 2.0 * settings.inlier_px).sum(axis=1))
-    agreeing: BoolArray = off[best] < 3.0 * settings.inlier_px
-    return agreeing
+    return np.asarray(off[best] < 3.0 * settings.inlier_px)
 
 
 def _outline(d: FloatArray, m: FloatArray, off: FloatArray, lens: Intrinsics, settings: BallSettings) -> Outline | None:

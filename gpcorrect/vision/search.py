@@ -50,12 +50,9 @@ class Window(NamedTuple):
 
         Parameters
         ----------
-        centre : (2,) array
-            px.
-        reach : float
-            From the centre to the sides, px.
+        centre : (2,) array, px
+        reach : float, from the centre to the sides, px
         image : (height, width, ...) array
-            The picture.
         """
         size = np.array([image.shape[1], image.shape[0]])
         left, top = (int(v) for v in np.clip(centre - reach, 0, size))
@@ -68,7 +65,6 @@ class Window(NamedTuple):
         Parameters
         ----------
         image : (height, width, ...) array
-            The picture.
         """
         return image[self.top : self.bottom, self.left : self.right]
 
@@ -86,12 +82,7 @@ class Found(NamedTuple):
 
 
 def detect_near(
-    image: Image,
-    camera: Camera,
-    ball: BallSpec,
-    expected: FloatArray,
-    tolerance: float = 1.0,
-    settings: VisionSettings = DEFAULT,
+    image: Image, camera: Camera, ball: BallSpec, expected: FloatArray, tolerance: float, settings: VisionSettings
 ) -> Found:
     """Find a ball where it should be, of the size that it should have.
 
@@ -99,15 +90,10 @@ def detect_near(
     ----------
     image : (height, width, 3) uint8 array
     camera : Camera
-        That took it.
     ball : BallSpec
-        Its colour.
-    expected : (3,) array
-        Where it should be: u, v, radius, px.
-    tolerance : float
-        Factor on how far from there to search.
+    expected : (3,) array, where it should be: u, v, radius, px
+    tolerance : float, factor on how far from there to search
     settings : VisionSettings
-        Those of balls and of views.
     """
     balls, views = settings.balls, settings.views
     centre, radius = expected[:2], float(expected[2])
@@ -140,11 +126,8 @@ def detect_everywhere(
     ----------
     image : (height, width, 3) uint8 array
     camera : Camera
-        That took it.
     ball : BallSpec
-        Its colour.
     settings : VisionSettings
-        Those of balls.
     """
     height = image.shape[0]
     least, most = settings.balls.sizes
@@ -211,27 +194,16 @@ def find_circles(
     count: int = 1,
     settings: VisionSettings = DEFAULT,
 ) -> list[FloatArray]:
-    """Find circles of a colour in a window of a picture.
+    """Find at most `count` circles (u, v, radius; px) of a colour in a window of a picture.
 
     Parameters
     ----------
-    image : (height, width, 3) uint8 array
-        Blue green red.
+    image : (height, width, 3) uint8 array, blue green red
     colour : Colour
-        Of the ball.
     window : Window
-        Where to search.
-    radii : (2,) tuple
-        Least and greatest radius, px.
+    radii : (2,) tuple, least and greatest radius, px
     count : int
-        How many there are.
     settings : VisionSettings
-        Those of balls.
-
-    Returns
-    -------
-    list of (3,) arrays
-        u, v, radius, px; at most `count`.
     """
     if window.empty:
         return []

@@ -27,20 +27,14 @@ class Source:
 
     Parameters
     ----------
-    path : Path
-        The video, or the folder.
-    count : int
-        Pictures that it says it has.
-    fps : float or None
-        Pictures a second, where it says so.
+    path : Path, the video, or the folder
+    count : int, pictures that it says it has
+    fps : float or None, pictures a second, where it says so
     times : (count,) array or None
         Seconds, where the names of the images are times.
-    files : tuple of Path
-        The images; empty for a video.
-    read_so_far : int
-        Pictures that were read, or tried.
-    unreadable : list of int
-        Those that could not be read.
+    files : tuple of Path, the images; empty for a video
+    read_so_far : int, pictures that were read, or tried
+    unreadable : list of int, those that could not be read
     """
 
     path: Path
@@ -77,8 +71,7 @@ class Source:
 
         Parameters
         ----------
-        index : int
-            From 0.
+        index : int, from 0
         """
         if self._video is None:
             return cv2.imread(str(self.files[index])) if index < len(self.files) else None
@@ -134,15 +127,9 @@ def open_sources(paths: Sequence[str | Path], names: Sequence[str]) -> list[Sour
 
     Parameters
     ----------
-    paths : sequence of str or Path
-        As :func:`open_source`.
+    paths : sequence of str or Path, as :func:`open_source`
     names : sequence of str
         Of the cameras: recordings in a folder that are named as they are put in their order, others in order of name.
-
-    Raises
-    ------
-    LogError
-        As :func:`open_source`.
     """
     folder = Path(paths[0])
     if len(paths) > 1 or not folder.is_dir():
@@ -170,12 +157,6 @@ def read_image(path: Path) -> Image:
     Parameters
     ----------
     path : Path
-        Of the image.
-
-    Raises
-    ------
-    LogError
-        It cannot be read.
     """
     image = cv2.imread(str(path))
     if image is None:
@@ -184,21 +165,13 @@ def read_image(path: Path) -> Image:
 
 
 def frame_times(sources: Sequence[Source], fps: float | None, count: int) -> FloatArray:
-    """Return the times of the frames, from the images' names where these are times, else from a rate.
+    """Return the times of the frames `(count,)`, s, from the images' names where these are times, else from a rate.
 
     Parameters
     ----------
     sources : sequence of Source
-        The recordings.
-    fps : float or None
-        Frames a second; the videos' own, or 30, when None.
+    fps : float or None, frames a second; the videos' own, or 30, when None
     count : int
-        Frames.
-
-    Returns
-    -------
-    (count,) array
-        s.
     """
     if fps is None:
         stamped = next((s.times for s in sources if s.times is not None and len(s.times) == count), None)

@@ -21,39 +21,22 @@ LEAST_DEPTH = 1e-9  # m: keeps the projection of a point behind a camera finite
 
 @dataclass(frozen=True, eq=False)
 class Located:
-    """A point in space.
+    """A point in space."""
 
-    Parameters
-    ----------
-    position : (3,) array
-        Tracker frame, m.
-    covariance : (3, 3) array
-        m^2.
-    residuals : (k, 2) array
-        Seen minus reprojected, px, one row a camera.
-    """
-
-    position: FloatArray
-    covariance: FloatArray
-    residuals: FloatArray
+    position: FloatArray  # (3,) tracker frame, m
+    covariance: FloatArray  # (3, 3) m^2
+    residuals: FloatArray  # (k, 2) seen minus reprojected, px, one row a camera
 
 
 def common_perpendicular(
     origin_a: FloatArray, direction_a: FloatArray, origin_b: FloatArray, direction_b: FloatArray
 ) -> tuple[FloatArray, float]:
-    """Return the midpoint of the common perpendicular of two rays, and its length.
+    """Return the midpoint `(3,)` of the common perpendicular of two rays, and its length, m.
 
     Parameters
     ----------
     origin_a, direction_a, origin_b, direction_b : (3,) arrays
         Of the rays, m; directions of any length.
-
-    Returns
-    -------
-    midpoint : (3,) array
-        m.
-    gap : float
-        m.
 
     Raises
     ------
@@ -72,17 +55,12 @@ def common_perpendicular(
 
 
 def mean_midpoint(origins: FloatArray, directions: FloatArray) -> FloatArray:
-    """Return the mean of the midpoints of all pairs of rays: the estimate of Peng et al. 2020.
+    """Return the mean `(3,)` of the midpoints of all pairs of rays: the estimate of Peng et al. 2020.
 
     Parameters
     ----------
     origins, directions : (k, 3) arrays
         Of the rays, tracker frame, m; pairs that are nearly parallel are left out.
-
-    Returns
-    -------
-    (3,) array
-        m.
 
     Raises
     ------
@@ -97,8 +75,7 @@ def mean_midpoint(origins: FloatArray, directions: FloatArray) -> FloatArray:
             continue
     if not midpoints:
         raise DegenerateError("no two rays cross: a point needs two cameras that look from different sides.")
-    mean: FloatArray = np.mean(midpoints, axis=0)
-    return mean
+    return np.asarray(np.mean(midpoints, axis=0))
 
 
 def triangulate(cameras: Sequence[Camera], rays: FloatArray, covariances: FloatArray | None = None) -> Located:
@@ -106,8 +83,7 @@ def triangulate(cameras: Sequence[Camera], rays: FloatArray, covariances: FloatA
 
     Parameters
     ----------
-    cameras : sequence of k Camera
-        That see the point; at least two.
+    cameras : sequence of k Camera, that see the point; at least two
     rays : (k, 2) array
         Undistorted places, on the plane one unit before each lens (:meth:`Intrinsics.normalised` of pixels).
     covariances : (k, 2, 2) array, optional
@@ -148,12 +124,9 @@ def reprojection(T: FloatArray, points: FloatArray, rays: FloatArray) -> tuple[F
 
     Parameters
     ----------
-    T : (k, 4, 4) array
-        Camera from tracker, of each view.
-    points : (k, 3) or (3,) array
-        Tracker frame, m.
-    rays : (k, 2) array
-        Where they are seen.
+    T : (k, 4, 4) array, camera from tracker, of each view
+    points : (k, 3) or (3,) array, tracker frame, m
+    rays : (k, 2) array, where they are seen
     """
     local = np.einsum("kij,kj->ki", T[:, :3, :3], np.broadcast_to(points, (len(T), 3))) + T[:, :3, 3]
     z = np.maximum(local[:, 2], LEAST_DEPTH)[:, None]
@@ -168,8 +141,7 @@ def normal_equations(residual: FloatArray, J: FloatArray, weights: FloatArray) -
     ----------
     residual : (k, 2) array
     J : (k, 2, n) array
-    weights : (k, 2, 2) array
-        Inverse covariances.
+    weights : (k, 2, 2) array, inverse covariances
     """
     JW = np.einsum("kij,kil->kjl", J, weights)
     return np.einsum("kjl,klm->jm", JW, J), np.einsum("kjl,kl->j", JW, residual)

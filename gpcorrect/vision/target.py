@@ -29,10 +29,8 @@ class Colour:
     ----------
     hue : float
         Middle of the range, degrees: red 0, yellow 60, green 120, blue 240.
-    tolerance : float
-        Degrees to either side.
-    saturation, value : float
-        Least of each, 0 to 1.
+    tolerance : float, degrees to either side
+    saturation, value : float, least of each, 0 to 1
     """
 
     hue: float
@@ -41,26 +39,20 @@ class Colour:
     value: float = LEAST_VALUE
 
     def mask(self, hsv: Image) -> Image:
-        """Mark the pixels that are of the colour.
+        """Mark the pixels that are of the colour: 255 where it is, 0 elsewhere.
 
         Parameters
         ----------
         hsv : (height, width, 3) uint8 array
             Hue, saturation and value as OpenCV has them.
-
-        Returns
-        -------
-        (height, width) uint8 array
-            255 where the colour is, 0 elsewhere.
         """
         floor = (255 * self.saturation, 255 * self.value)
-        mask = None
+        mask = np.zeros(hsv.shape[:2], np.uint8)
         for shift in (-TURN, 0.0, TURN):  # a range may cross hue zero
             first = max(self.hue - self.tolerance + shift, 0.0) / 2
             last = min(self.hue + self.tolerance + shift, TURN - 1e-9) / 2
             if first <= last:
-                part = cv2.inRange(hsv, (first, *floor), (last, 255, 255))
-                mask = part if mask is None else cv2.bitwise_or(mask, part)
+                mask |= cv2.inRange(hsv, (first, *floor), (last, 255, 255))
         return mask
 
 
@@ -87,8 +79,7 @@ def hue_name(hue: float) -> str:
 
     Parameters
     ----------
-    hue : float
-        Degrees.
+    hue : float, degrees
     """
     return min(COLOURS, key=lambda name: _hue_apart(hue, COLOURS[name].hue) / COLOURS[name].tolerance)
 
@@ -110,15 +101,13 @@ def colour_of(given: str | float | tuple[int, int, int]) -> Colour:
         if re.fullmatch("#[0-9a-fA-F]{6}", given):
             return colour_of((int(given[1:3], 16), int(given[3:5], 16), int(given[5:7], 16)))
         if given.lower() not in COLOURS:
-            raise DataError(
-                f"the colour {given!r} has no name here.",
-                hint=f'Say one of {", ".join(COLOURS)}, a "hue" in degrees, or "#rrggbb".',
-            )
+            hint = f'Say one of {", ".join(COLOURS)}, a "hue" in degrees, or "#rrggbb".'
+            raise DataError(f"the colour {given!r} has no name here.", hint=hint)
         return COLOURS[given.lower()]
     if isinstance(given, tuple | list):
         hue, saturation, _ = colorsys.rgb_to_hsv(*(np.clip(given, 0, 255) / 255.0))
         if saturation < LEAST_SATURATION / 2:
-            raise DataError(f"the colour {tuple(given)} is nearly grey: it cannot be told from the background.")
+            raise DataError(f"the colour {tuple(given)} is nearly grey: it does not stand out of the background.")
         return Colour(TURN * hue, HUE_TOLERANCE, min(LEAST_SATURATION, 0.5 * saturation))
     return Colour(float(given) % TURN, HUE_TOLERANCE)
 
@@ -129,12 +118,9 @@ class BallSpec:
 
     Parameters
     ----------
-    name : str
-        For columns and messages.
-    colour : Colour
-        Hues it may show.
-    place : (3,) tuple
-        Its centre in the tool frame, m.
+    name : str, for columns and messages
+    colour : Colour, hues it may show
+    place : (3,) tuple, its centre in the tool frame, m
     radius : float or None
         m; None when not known: then no size is checked.
     """
@@ -153,11 +139,6 @@ class Target:
     ----------
     balls : tuple of BallSpec
         With different names and colours; three or more not on a line.
-
-    Raises
-    ------
-    DataError
-        They are not so.
     """
 
     balls: tuple[BallSpec, ...]
@@ -167,16 +148,13 @@ class Target:
             raise DataError(f"a target has balls with different names; got {', '.join(self.names) or 'none'}.")
         for a, b in itertools.combinations(self.balls, 2):
             if _hue_apart(a.colour.hue, b.colour.hue) < a.colour.tolerance + b.colour.tolerance - LEAST_GAP:
-                raise DataError(
-                    f"balls {a.name} and {b.name} have colours that cannot be told apart.",
-                    hint="Give each ball its own hue, 20 degrees or more from the others', or narrower tolerances.",
-                )
+                hint = "Give each ball its own hue, 20 degrees or more from the others', or narrower tolerances."
+                raise DataError(f"balls {a.name} and {b.name} have colours that cannot be distinguished.", hint=hint)
         if self.has_pose:
             first, second, _ = np.linalg.svd(self.places - self.places.mean(axis=0), compute_uv=False)
             if second <= THIN * first:
-                raise DataError(
-                    "the balls lie on a line, which determines no orientation.", hint="Place them in a triangle."
-                )
+                hint = "Place them in a triangle."
+                raise DataError("the balls lie on a line, which determines no orientation.", hint=hint)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -203,19 +181,12 @@ END_EFFECTOR = Target(
 )
 
 
-def single_ball(colour: str = "red", radius: float | None = None) -> Target:
-    """Return a target of one ball at the tool's origin.
+def single_ball(colour: str = "red") -> Target:
+    """Return a target of one ball of unknown size at the tool's origin.
 
     Parameters
     ----------
     colour : str
-        As in :func:`colour_of`.
-    radius : float, optional
-        m.
-
-    Raises
-    ------
-    DataError
-        The colour is unknown.
+        As in :func:`colour_of`, as are the errors.
     """
-    return Target((BallSpec(colour, colour_of(colour), (0.0, 0.0, 0.0), radius),))
+    return Target((BallSpec(colour, colour_of(colour)),))

@@ -37,8 +37,7 @@ class TrackSettings:
         Check before tracking that pictures, calibration and target belong together.
     workers : int
         Whole pictures that are searched at the same time.
-    vision : VisionSettings
-        Every number that decides.
+    vision : VisionSettings, every number that decides
     """
 
     fps: float | None = None
@@ -53,12 +52,9 @@ class Track:
 
     Parameters
     ----------
-    time : (n,) array
-        s.
-    status : (n,) int array
-        Index into `STATUSES`.
-    T_tracker_tool : (n, 4, 4) array
-        m; NaN where lost.
+    time : (n,) array, s
+    status : (n,) int array, index into `STATUSES`
+    T_tracker_tool : (n, 4, 4) array, m; NaN where lost
     std : (n, 6) array
         Of position (m) and rotation vector (rad); NaN where lost.
     balls : (n, b, 3) array
@@ -88,11 +84,8 @@ class Track:
         Parameters
         ----------
         target : Target
-            What was tracked.
-        remarks : sequence of str
-            Of the recording, for the log's notes.
+        remarks : sequence of str, of the recording, for the log's notes
         name : str
-            Of the log.
         """
         position = self.T_tracker_tool[:, :3, 3]
         quaternion = se3.quaternion_from_matrix(self.T_tracker_tool[:, :3, :3]) if target.has_pose else None
@@ -122,14 +115,10 @@ class TrackResult:
 
     Parameters
     ----------
-    track : Track
-        The numbers.
-    log : CalibrationLog
-        The same as a log.
-    remarks : tuple of str
-        What went wrong, in words.
-    seconds : float
-        That it took, reading included.
+    track : Track, the numbers
+    log : CalibrationLog, the same as a log
+    remarks : tuple of str, what went wrong, in words
+    seconds : float, that it took, reading included
     """
 
     track: Track
@@ -144,14 +133,10 @@ class TrackResult:
 
     def log_without_predictions(self) -> CalibrationLog:
         """Return the log with `tracker_cp` only where it was measured: coasting rows are empty too."""
-        assert self.log.tracker_cp is not None
-        measured = (self.track.status == 0)[:, None]
-        quaternion = self.log.tracker_cp.quaternion
-        signal = PoseSignal(
-            np.where(measured, self.log.tracker_cp.position, np.nan),
-            None if quaternion is None else np.where(measured, quaternion, np.nan),
-        )
-        return replace(self.log, tracker_cp=signal)
+        seen, measured = self.log.tracker_cp, (self.track.status == 0)[:, None]
+        assert seen is not None
+        quaternion = None if seen.quaternion is None else np.where(measured, seen.quaternion, np.nan)
+        return replace(self.log, tracker_cp=PoseSignal(np.where(measured, seen.position, np.nan), quaternion))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON of `gpcorrect vision track`."""
@@ -181,12 +166,9 @@ def track(
     sources : sequence of Source
         One a camera, in the order of `cameras`.
     cameras : sequence of Camera
-        Calibrated.
     target : Target
     settings : TrackSettings, optional
-        How.
     progress : Progress, optional
-        Called with the frames done.
     on_frame : callable, optional
         Called with every frame and its pictures: for drawing.
 
@@ -229,18 +211,17 @@ def track(
                 on_frame(frame, images)
             progress.step("frames", (i + 1) / count)
     whole = Track(*(np.array(column) for column in zip(*rows, strict=True)))
-    remarks = (
-        *_interruptions(sources, len(whole.time)),
-        *_delays(cameras, tracker),
-        *_doubts(whole, cameras, target, settings.vision.check.often),
-    )
+    remarks = _interruptions(sources, len(whole.time))
+    found = zip(cameras, 1e3 * tracker.clocks.delays, 1e3 * tracker.clocks.stds, strict=True)
+    late = [f"{c.name} {by:+.1f} ms (±{std:.1f})" for c, by, std in found if c.delay is None and abs(by) > 0.05]
+    if late:
+        remarks.append(f"Cameras look later than {cameras[0].name}: {', '.join(late)}; taken into account.")
+    remarks += _doubts(whole, cameras, target, settings.vision.check.often)
     if not (whole.status == 0).any():
-        raise LogError(
-            f"the tool was found in none of {len(whole.time)} frames. {' '.join(remarks)}",
-            hint="Look at the pictures: every ball must be seen by two cameras at the same time.",
-        )
+        hint = "Look at the pictures: every ball must be seen by two cameras at the same time."
+        raise LogError(f"the tool was found in none of {len(whole.time)} frames. {' '.join(remarks)}", hint=hint)
     log = whole.log(target, remarks, ", ".join(names))
-    return TrackResult(whole, log, remarks, time.perf_counter() - begun)
+    return TrackResult(whole, log, tuple(remarks), time.perf_counter() - begun)
 
 
 def _clocks(
@@ -256,15 +237,6 @@ def _clocks(
         for time_ in times[:look]:
             tracker.step([source.read() for source in again], float(time_))
         return tracker.clocks
-
-
-def _delays(cameras: Sequence[Camera], tracker: Tracker) -> list[str]:
-    """Name the cameras that are out of step."""
-    found = zip(cameras, 1e3 * tracker.clocks.delays, 1e3 * tracker.clocks.stds, strict=True)
-    late = [
-        f"{c.name} {delay:+.1f} ms (±{std:.1f})" for c, delay, std in found if c.delay is None and abs(delay) > 0.05
-    ]
-    return [f"Cameras look later than {cameras[0].name}: {', '.join(late)}; taken into account."] if late else []
 
 
 def _row(frame: Frame) -> tuple[object, ...]:
@@ -296,17 +268,18 @@ def _interruptions(sources: Sequence[Source], frames: int) -> list[str]:
 
 def _doubts(whole: Track, cameras: Sequence[Camera], target: Target, often: float) -> list[str]:
     """Name cameras that contradict the others, and balls that were hardly seen."""
-    remarks = []
     against = (whole.views == REASONS.index(Reason.AGAINST_OTHERS)).mean(axis=(0, 2))
-    for camera, part in zip(cameras, against, strict=True):
-        if part > often:
-            remarks.append(
-                f"Camera {camera.name} contradicts the others in {100 * part:.0f} % of its views: was it moved?"
-            )
     hidden = ((whole.views == 0).sum(axis=1) < 2).mean(axis=0)
-    for ball, part in zip(target.names, hidden, strict=True):
-        if part > often:
-            remarks.append(f"Ball {ball} is seen by fewer than two cameras in {100 * part:.0f} % of the frames.")
+    remarks = [
+        f"Camera {camera.name} contradicts the others in {100 * part:.0f} % of its views: was it moved?"
+        for camera, part in zip(cameras, against, strict=True)
+        if part > often
+    ]
+    remarks += [
+        f"Ball {ball} is seen by fewer than two cameras in {100 * part:.0f} % of the frames."
+        for ball, part in zip(target.names, hidden, strict=True)
+        if part > often
+    ]
     lost = int(np.count_nonzero(whole.status == STATUSES.index(Status.LOST)))
     if lost:
         remarks.append(f"The tool is lost in {lost} of {len(whole.time)} frames; these rows are empty.")

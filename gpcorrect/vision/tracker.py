@@ -22,14 +22,7 @@ from gpcorrect.vision.camera import Camera
 from gpcorrect.vision.clocks import Clocks
 from gpcorrect.vision.filtering import Filtered, PoseFilter, Status
 from gpcorrect.vision.opencv import Image
-from gpcorrect.vision.pose import (
-    FIXED_TURN,
-    Motion,
-    Observations,
-    PoseFit,
-    pose_closed_form,
-    pose_from_observations,
-)
+from gpcorrect.vision.pose import FIXED_TURN, Motion, Observations, PoseFit, pose_closed_form, pose_from_observations
 from gpcorrect.vision.rim import Outline
 from gpcorrect.vision.search import Found, Reason, detect_everywhere, detect_near
 from gpcorrect.vision.settings import DEFAULT, VisionSettings
@@ -55,16 +48,13 @@ class Frame:
 
     Parameters
     ----------
-    time : float
-        Seconds.
+    time : float, seconds
     pose : Filtered
         The estimated pose, and whether it was measured.
-    measured : PoseFit or None
-        What was measured in this very frame.
+    measured : PoseFit or None, what was measured in this very frame
     balls : (b, 3) array
         Centres of the balls, tracker frame, m; NaN for a ball that fewer than two cameras see.
-    views : tuple (cameras) of tuple (balls) of View
-        What each camera saw.
+    views : tuple (cameras) of tuple (balls) of View, what each camera saw
     reprojection_px : float
         RMS over the observations that were used; NaN without any.
     """
@@ -82,8 +72,7 @@ class Tracker:
 
     Parameters
     ----------
-    cameras : sequence of Camera
-        Calibrated; at least two.
+    cameras : sequence of Camera, calibrated; at least two
     target : Target
     settings : VisionSettings
         When a ball is one, when a view is trusted, how the tool may move.
@@ -92,11 +81,6 @@ class Tracker:
         threads would wait for each other there.
     clocks : Clocks, optional
         What is known already of when each camera looks; learned further.
-
-    Raises
-    ------
-    DataError
-        There are fewer than two cameras.
     """
 
     def __init__(
@@ -137,8 +121,7 @@ class Tracker:
         ----------
         images : sequence of (height, width, 3) uint8 arrays
             Blue green red, in the order of the cameras; None where a camera has none.
-        time : float
-            Seconds, increasing.
+        time : float, seconds, increasing
 
         Raises
         ------
@@ -210,26 +193,19 @@ class Tracker:
 
     def _follow(self, images: Sequence[Image | None], time: float) -> None:
         """Find every ball where a camera should see it by the time of its own picture."""
-        delays = self.clocks.delays
-        poses = [self._filter.predicted(time + delay) for delay in delays]
-
-        def camera_job(k: int) -> list[Found]:
-            found, T = [], poses[k]
-            for ball, memory in zip(self.target.balls, self._memory, strict=True):
-                point = None if T is None else T[:3, :3] @ np.array(ball.place) + T[:3, 3]
-                expected = None if images[k] is None or point is None else _expected(self.cameras[k], memory, point)
-                found.append(
-                    Found(None, Reason.NOT_FOUND)
-                    if expected is None
-                    else detect_near(images[k], self.cameras[k], ball, expected, memory.tolerance, self.settings)
-                )
-            return found
-
-        for k, views in enumerate(self._views):
-            for view, result in zip(views, camera_job(k), strict=True):
-                view.outline = result.outline
-                if result.outline is None:
-                    view.suspend(result.reason)
+        rows = zip(self.cameras, images, self._views, self.clocks.delays, strict=True)
+        for camera, image, views, delay in rows:
+            T = self._filter.predicted(time + delay)
+            for ball, memory, view in zip(self.target.balls, self._memory, views, strict=True):
+                expected = None
+                if image is not None and T is not None:
+                    expected = _expected(camera, memory, T[:3, :3] @ np.array(ball.place) + T[:3, 3])
+                found = Found(None, Reason.NOT_FOUND)
+                if expected is not None:
+                    found = detect_near(image, camera, ball, expected, memory.tolerance, self.settings)
+                view.outline = found.outline
+                if found.outline is None:
+                    view.suspend(found.reason)
 
     def _acquire(self, images: Sequence[Image | None], time: float, predicted: FloatArray | None) -> None:
         """Find every ball anywhere; what several cameras agree on is trusted at once."""

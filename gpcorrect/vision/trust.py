@@ -18,33 +18,16 @@ from gpcorrect.vision.space import Located, triangulate
 
 @dataclass
 class View:
-    """One ball in one camera.
+    """One ball in one camera."""
 
-    Parameters
-    ----------
-    effective : bool
-        Whether it is trusted; otherwise it is suspended.
-    reason : Reason
-        Why it is suspended.
-    outline : Outline or None
-        What was found in this frame.
-    good : int
-        Frames in which a suspended view agreed with the others.
-    delay : float
-        By how much later than the frame's time it was taken, s.
-    shift : (2,) array
-        By how much its ray moved since the frame's time, as far as the motion is known.
-    slack_px : float
-        How uncertain `shift` is.
-    """
-
-    effective: bool = False
-    reason: Reason = Reason.NOT_FOUND
-    outline: Outline | None = None
-    good: int = 0
-    delay: float = 0.0
+    effective: bool = False  # whether it is trusted; otherwise it is suspended
+    reason: Reason = Reason.NOT_FOUND  # why it is suspended
+    outline: Outline | None = None  # what was found in this frame
+    good: int = 0  # frames in which a suspended view agreed with the others
+    delay: float = 0.0  # by how much later than the frame's time it was taken, s
+    # (2,) by how much its ray moved since the frame's time, as far as the motion is known
     shift: FloatArray = field(default_factory=lambda: np.zeros(2))
-    slack_px: float = 0.0
+    slack_px: float = 0.0  # how uncertain `shift` is
 
     def suspend(self, reason: Reason) -> None:
         """Trust this view no more, until it has been good for long enough.
@@ -52,7 +35,6 @@ class View:
         Parameters
         ----------
         reason : Reason
-            Why.
         """
         self.effective, self.reason, self.good = False, reason, 0
 
@@ -68,13 +50,10 @@ def agree(
 
     Parameters
     ----------
-    views : sequence of View
-        Of one ball, one a camera; changed in place.
+    views : sequence of View, of one ball, one a camera; changed in place
     cameras : sequence of Camera
     settings : ViewSettings
-        When a view is against the others.
-    settled : bool
-        Where fewer than two views are trusted, take all that see the ball.
+    settled : bool, where fewer than two views are trusted, take all that see the ball
 
     Returns
     -------
@@ -139,12 +118,11 @@ def _consensus(seen: list[int], views: Sequence[View], cameras: Sequence[Camera]
 
 def _located(seen: Sequence[int], views: Sequence[View], cameras: Sequence[Camera]) -> Located | None:
     """Return where some views put the ball; None where they cannot."""
-    rows = [(k, views[k], views[k].outline) for k in seen]
-    found = [(k, outline.ray - view.shift, outline.covariance) for k, view, outline in rows if outline is not None]
+    found = [(cameras[k], views[k].shift, o) for k in seen if (o := views[k].outline) is not None]
     if len(found) < 2:
         return None
-    numbers, rays, covariances = zip(*found, strict=True)
+    rays, covariances = np.array([o.ray - shift for _, shift, o in found]), np.array([o.covariance for *_, o in found])
     try:
-        return triangulate([cameras[k] for k in numbers], np.array(rays), np.array(covariances))
+        return triangulate([camera for camera, *_ in found], rays, covariances)
     except DegenerateError:
         return None

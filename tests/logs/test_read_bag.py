@@ -90,7 +90,7 @@ def test_times_of_reception_stand_in_for_stamps_of_zero_and_that_is_reported(tmp
     posts = [pose_stamped("/p/setpoint_cp", [k, 0, 0], [1, 0, 0, 0], 0, t) for k, t in enumerate(TICKS)]
     log = read_log(write_bag(tmp_path / "r", posts, "bag"))
     np.testing.assert_array_equal(log.time, np.arange(N) * STEP / 1e9)
-    assert log.remarks == ("/p/setpoint_cp has no header stamps; the times of reception were taken.",)
+    assert log.remarks == ("/p/setpoint_cp has no header stamps; the receive times were taken.",)
 
 
 def test_single_messages_without_a_stamp_are_left_out_and_counted(tmp_path: Path):

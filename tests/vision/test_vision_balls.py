@@ -122,7 +122,7 @@ def test_targets_that_cannot_work_are_refused(tmp_path: Path) -> None:
     line = [BallSpec(n, colour_of(n), (0.01 * k, 0.0, 0.0)) for k, n in enumerate(("green", "yellow", "red"))]
     with pytest.raises(DataError, match="on a line"):
         Target(tuple(line))
-    with pytest.raises(DataError, match="cannot be told apart"):
+    with pytest.raises(DataError, match="cannot be distinguished"):
         target({"name": "a", "hue": 10.0}, {"name": "b", "color": "red"})
     with pytest.raises(DataError, match="nearly grey"):
         colour_of((120, 121, 119))

@@ -27,7 +27,6 @@ from gpcorrect.vision.calibrate import _found_from
 from gpcorrect.vision.files import Rig
 from gpcorrect.vision.markers import find_blobs
 from gpcorrect.vision.opencv import cv2
-from gpcorrect.vision.settings import CalibrationSettings
 from gpcorrect_studies.rendering import Ball, Stage, Studio, backdrop, board_picture, four_cameras, marker_points
 
 SEED = 401
@@ -102,7 +101,7 @@ def test_dots_on_posts_are_found() -> None:
     T = se3.compose(se3.exp(np.array([0.006, -0.005, 0.01, 0.01, -0.015, 0.02])), place_of(lens))
     rough = Camera("c", intrinsics_of(lens), T)
     named = {f"m{k}": place for k, place in enumerate(points)}
-    found = _found_from(image, find_blobs(image), Rig(BOARD, (), named), rough, CalibrationSettings())
+    found = _found_from(image, find_blobs(image), Rig(BOARD, (), named), rough)
     assert found is not None
     off = [np.linalg.norm(found[1][name] - lens.pixels(place)) for name, place in named.items() if name in found[1]]
     assert np.count_nonzero(np.array(off) < 0.3) >= 14

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, extent
-from gpcorrect.logs.streams import GAP_STEPS
+from gpcorrect.logs.checks.evidence import JOINT_POSITIONS, Evidence, Finding, Severity, check, extent
 from gpcorrect.logs.sync import TimeOffset, log_offset
+from gpcorrect.velocity import GAP_STEPS
 
 MAX_JITTER = 0.25  # of the median step, between the 5th and 95th percentile: real clocks stay well below
 LONGEST_STEP = 600.0  # s; no one records a motion at a sample in ten minutes
@@ -19,7 +19,6 @@ FASTEST_CREEP = 5e-4  # m/s; a robot that was recorded moving is faster at times
 FASTEST_TURN = 5e-3  # rad/s of the fastest joint, of logs without poses: the slowest real log is faster by 40
 BUSY = 90.0  # per cent of speeds below the one that is looked at: up to a tenth may be faults of the tracker
 MIN_TRAVEL = 5e-3  # m or rad; below it speeds are not looked at
-JOINTS = ("setpoint_jp", "measured_jp", "external_jp")
 SHORT = 10  # samples of a trajectory; a five-point derivative then rests on one-sided ends
 SERVO = (("measured_cp", "setpoint_cp"), ("measured_jp", "setpoint_jp"))
 SAME_CLOCK = ("measured_cp", "measured_jp")  # stamped by the robot, as its commands are
@@ -71,12 +70,11 @@ def _time_unit(evidence: Evidence) -> Iterator[Finding]:
 
 def _creeps(evidence: Evidence) -> bool:
     """Whether every pose, or joint where there are no poses, that moves does so at no speed worth the name."""
-    moves = [evidence.position(name) for name in evidence.log.POSES if evidence.has(name)]
+    moves = [evidence.positions[name] for name in evidence.log.POSES if name in evidence.present]
     limit = FASTEST_CREEP if moves else FASTEST_TURN
     if not moves:
-        moves = [
-            evidence.table(n)[:, [j]] for n in JOINTS if evidence.has(n) for j in range(evidence.table(n).shape[1])
-        ]
+        joints = [n for n in JOINT_POSITIONS if n in evidence.present]
+        moves = [column[:, None] for n in joints for column in evidence.tables[n].T]
     speeds = [evidence.speed(values) for values in moves if extent(values) > MIN_TRAVEL]
     known = [s[np.isfinite(s)] for s in speeds]
     return bool(known) and all(len(s) and np.percentile(s, BUSY) < limit for s in known)
@@ -164,12 +162,12 @@ def _offset(offset: TimeOffset, step: float) -> Finding:
 
 @check
 def _exchanged(evidence: Evidence) -> Iterator[Finding]:
-    """Ask whether the robot moves after it is told to, and not before: then the two signals are exchanged."""
+    """Ask whether the robot moves after its command, and not before: then the two signals are exchanged."""
     for observed, reference in SERVO:
-        if evidence.log.static or not (evidence.has(observed) and evidence.has(reference)):
+        if evidence.log.static or not {observed, reference} <= evidence.present:
             continue
         known = (o for o in evidence.offsets if (o.observed, o.reference) == (observed, reference))
         offset = next(known, None) or log_offset(evidence.log, observed, reference)
         if offset.observable and offset.ci95[1] < -AHEAD:
-            what = f"it comes {1e3 * -offset.offset:.1f} ms after {observed}, and no robot moves before it is told to."
+            what = f"it comes {1e3 * -offset.offset:.1f} ms after {observed}, and no robot moves before its command."
             yield Finding("error", "exchanged", reference, what, "Are the columns, or topics, of the two exchanged?")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -13,10 +14,11 @@ import numpy as np
 from gpcorrect.arms import RemoteCentreArm, arm_named
 from gpcorrect.errors import DataError
 from gpcorrect.logs.sync import REFERENCES, TimeOffset, log_offset
-from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
 
 Severity = Literal["error", "warning", "info"]
 
+JOINT_POSITIONS = ("setpoint_jp", "measured_jp", "external_jp")
 EXAMPLES = 5  # rows named in a finding
 MIN_CORRELATION = 0.8  # of ranks: two signals of one joint agree at least so well, whatever their units
 MIN_PAIRED = 20  # samples, below which two signals are not compared; chosen by hand
@@ -29,33 +31,18 @@ FLAT = 0.3  # of the median distance, below which all weigh alike
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that a check has to say.
+    """One thing that a check has to say."""
 
-    Parameters
-    ----------
-    severity : {"error", "warning", "info"}
-        error: what is learned from this log will be wrong; warning: look at it first; info: good to know.
-    code : str
-        Short fixed name, for programs.
-    signal : str
-        Name of the log's signal, "time" or "trajectory"; empty when it is about the log as a whole.
-    message : str
-        What was found, with numbers and units.
-    hint : str
-        What to do about it.
-    count : int
-        Samples (or trajectories) it is about.
-    rows : sequence of int
-        Those samples: rows of the log counted from 0, or trajectory numbers when the signal is "trajectory". The
-        first few stay.
-    """
-
+    # error: what is learned from this log will be wrong; warning: look at it first;
+    # info: good to know
     severity: Severity
-    code: str
-    signal: str
-    message: str
-    hint: str = ""
-    count: int = 0
+    code: str  # short fixed name, for programs
+    signal: str  # name of the log's signal, "time" or "trajectory"; empty when it is about the log as a whole
+    message: str  # what was found, with numbers and units
+    hint: str = ""  # what to do about it
+    count: int = 0  # samples (or trajectories) it is about
+    # those samples: rows of the log counted from 0, or trajectory numbers when the signal is "trajectory". The first
+    # few stay
     rows: Sequence[int] | IntArray = ()
 
     def __post_init__(self) -> None:
@@ -67,14 +54,9 @@ class Finding:
 
 
 class Evidence:
-    """A log and what several checks derive from it, computed once.
+    """A log, of which nothing is taken for granted, and what several checks derive from it, computed once.
 
-    Parameters
-    ----------
-    log : CalibrationLog
-        Any; nothing about it is taken for granted.
-    compared : collection of str, optional
-        Signals whose motion is compared with the robot's; all by default.
+    `compared` are the signals whose motion is compared with the robot's; all by default.
     """
 
     def __init__(self, log: CalibrationLog, compared: Collection[str] | None = None) -> None:
@@ -83,8 +65,18 @@ class Evidence:
 
     @cached_property
     def arm(self) -> RemoteCentreArm | None:
-        """The arm that the log's meta data name, None when they name none that is known."""
-        return _arm_of(self.log.meta)
+        """The arm that robot and arm of the meta data name together, such as RAVEN-II and left; None for none."""
+        meta = self.log.meta
+        words = set(re.findall(r"[a-z]+", f"{meta.robot} {meta.arm}".lower()))
+        side = words & {"left", "right"}
+        if "raven" in words and len(side) == 1:
+            return arm_named(f"raven2_{side.pop()}")
+        if "psm" in words and "si" not in words:  # the Si arm has other links than the classic one
+            return arm_named("dvrk_psm")
+        for name in (meta.arm, meta.robot):
+            with suppress(DataError):
+                return arm_named(name)
+        return None
 
     @cached_property
     def joint_types(self) -> str:
@@ -96,7 +88,7 @@ class Evidence:
         """Time offset of every observed signal against the best reference there is for it; none without a clock."""
         found: list[TimeOffset] = []
         for observed, references in () if self.log.static else REFERENCES.items():
-            reference = next((r for r in references if self.has(observed) and self.has(r)), None)
+            reference = next((r for r in references if {observed, r} <= self.present), None)
             if reference is not None and (self.compared is None or observed in self.compared):
                 found.append(log_offset(self.log, observed, reference))
         return tuple(found)
@@ -120,64 +112,45 @@ class Evidence:
         forward = self.steps[self.steps > 0]
         return float(np.median(forward)) if forward.size else np.inf
 
-    def has(self, name: str) -> bool:
-        """Whether the log has a signal, with at least one sample.
+    @cached_property
+    def present(self) -> set[str]:
+        """Signals that have at least one sample."""
+        return {name for name, known in self.known.items() if known.any()}
 
-        Parameters
-        ----------
-        name : str
-            Of the signal.
-        """
-        return name in self.log.signals and bool(self.known(name).any())
+    @cached_property
+    def tables(self) -> dict[str, FloatArray]:
+        """Each signal as an array `(n, k)`: positions and quaternions side by side, or joints."""
+        found: dict[str, FloatArray] = {}
+        for name in self.log.signals:
+            value = getattr(self.log, name)
+            if isinstance(value, PoseSignal):
+                parts = [value.position] if value.quaternion is None else [value.position, value.quaternion]
+                found[name] = np.hstack(parts)
+            else:
+                found[name] = value.reshape(len(value), -1)
+        return found
 
-    def table(self, name: str) -> FloatArray:
-        """Return a signal as an array `(n, k)`: positions and quaternions side by side, or joints.
+    @cached_property
+    def known(self) -> dict[str, BoolArray]:
+        """(n,) mask of rows in which every number of a signal is present."""
+        return {name: np.asarray(np.isfinite(table).all(axis=1)) for name, table in self.tables.items()}
 
-        Parameters
-        ----------
-        name : str
-            Of the signal.
-        """
-        value: PoseSignal | FloatArray = getattr(self.log, name)
-        if not isinstance(value, PoseSignal):
-            return value[:, None] if value.ndim == 1 else value
-        return value.position if value.quaternion is None else np.hstack([value.position, value.quaternion])
+    @cached_property
+    def positions(self) -> dict[str, FloatArray]:
+        """Positions `(n, 3)` of each pose signal."""
+        return {name: self.tables[name][:, :3] for name in self.log.POSES if name in self.tables}
 
-    def known(self, name: str) -> BoolArray:
-        """(n,) mask of rows in which every number of a signal is present.
-
-        Parameters
-        ----------
-        name : str
-            Of the signal.
-        """
-        return np.asarray(np.isfinite(self.table(name)).all(axis=1), dtype=np.bool_)
-
-    def position(self, name: str) -> FloatArray:
-        """Positions `(n, 3)`.
-
-        Parameters
-        ----------
-        name : str
-            Of a pose signal.
-        """
-        signal: PoseSignal = getattr(self.log, name)
-        return signal.position
-
-    def quaternions(self) -> Iterator[tuple[str, FloatArray]]:
-        """Yield name and quaternions `(n, 4)` of the pose signals that have any."""
-        for name in self.log.POSES:
-            signal = getattr(self.log, name)
-            if signal is not None and signal.quaternion is not None:
-                yield name, signal.quaternion
+    @cached_property
+    def quaternions(self) -> dict[str, FloatArray]:
+        """Quaternions `(n, 4)` of the pose signals that have any."""
+        return {name: self.tables[name][:, 3:] for name in self.positions if self.tables[name].shape[1] == 7}
 
     def speed(self, positions: FloatArray) -> FloatArray:
         """Speed `(n,)` since the row before in the same trajectory; NaN where time does not advance.
 
         Parameters
         ----------
-        positions : (n, k) array
-            m or rad.
+        positions : (n, k) array, m or rad
         """
         lengths: FloatArray = np.linalg.norm(positions - positions[self.previous], axis=1)
         return lengths / np.where(self.steps > 0, self.steps, np.nan)
@@ -188,11 +161,9 @@ class Evidence:
         Parameters
         ----------
         name : str
-            Of the signal.
         """
-        table = self.table(name)
-        same: BoolArray = (self.previous >= 0) & (table == table[self.previous]).all(axis=1)
-        return same
+        table = self.tables[name]
+        return np.asarray((self.previous >= 0) & (table == table[self.previous]).all(axis=1))
 
 
 Check = Callable[[Evidence], Iterator[Finding]]
@@ -207,27 +178,10 @@ def check(ask: Check) -> Check:
 
     Parameters
     ----------
-    ask : Check
-        A new check is a function with this decorator, in a module that the package imports.
+    ask : Check, a new check is a function with this decorator, in a module that the package imports
     """
     CHECKS[ask.__name__.lstrip("_")] = ask
     return ask
-
-
-def _arm_of(meta: LogMeta) -> RemoteCentreArm | None:
-    """Return the arm that robot and arm name together, such as RAVEN-II and left; None when none is known."""
-    words = set(re.findall(r"[a-z]+", f"{meta.robot} {meta.arm}".lower()))
-    side = words & {"left", "right"}
-    if "raven" in words and len(side) == 1:
-        return arm_named(f"raven2_{side.pop()}")
-    if "psm" in words and "si" not in words:  # the Si arm has other links than the classic one
-        return arm_named("dvrk_psm")
-    for name in (meta.arm, meta.robot):
-        try:
-            return arm_named(name)
-        except DataError:
-            continue
-    return None
 
 
 def extent(positions: FloatArray) -> float:
@@ -235,8 +189,7 @@ def extent(positions: FloatArray) -> float:
 
     Parameters
     ----------
-    positions : (n, 3) array
-        m; NaN where missing.
+    positions : (n, 3) array, m; NaN where missing
     """
     known = positions[np.isfinite(positions).all(axis=1)]
     if not len(known):
@@ -250,8 +203,7 @@ def spread(values: FloatArray) -> float:
 
     Parameters
     ----------
-    values : (n, k) array
-        NaN where missing.
+    values : (n, k) array, NaN where missing
     """
     known = values[np.isfinite(values).all(axis=1)]
     if not len(known):
@@ -264,8 +216,7 @@ def spread_ratio(values: FloatArray, reference: FloatArray) -> float:
 
     Parameters
     ----------
-    values, reference : (n,) arrays
-        NaN where missing.
+    values, reference : (n,) arrays, NaN where missing
     """
     known = np.isfinite(values) & np.isfinite(reference)
     a, b = values[known], reference[known]
@@ -284,8 +235,7 @@ def runs(mask: BoolArray) -> IntArray:
 
     Parameters
     ----------
-    mask : (n,) bool array
-        A row each.
+    mask : (n,) bool array, a row each
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return edges.reshape(-1, 2)
@@ -296,8 +246,7 @@ def rigid_misfit(points: FloatArray, target: FloatArray) -> float:
 
     Parameters
     ----------
-    points, target : (n, 3) arrays
-        m; NaN where missing.
+    points, target : (n, 3) arrays, m; NaN where missing
     """
     known = np.isfinite(points).all(axis=1) & np.isfinite(target).all(axis=1)
     if known.sum() < MIN_PAIRED:
@@ -312,25 +261,23 @@ def mirrored(reference: FloatArray, observed: FloatArray, *, axial: bool = False
 
     Parameters
     ----------
-    reference, observed : (n, k) arrays
-        NaN where missing.
+    reference, observed : (n, k) arrays, NaN where missing
     axial : bool
         Whether a point and its negative are the same, as of unit quaternions; they are not centred then.
     """
     known = np.isfinite(reference).all(axis=1) & np.isfinite(observed).all(axis=1)
     if known.sum() < MIN_PAIRED:
         return False
-    x, y = (_axial(v[known]) if axial else _centred(v[known]) for v in (reference, observed))
+    x, y = reference[known], observed[known]
+    if axial:
+        x, y = _one_side(x), _one_side(y)
+    else:  # about the median, in units of the spread
+        x, y = ((v - np.median(v, axis=0)) / max(spread(v), np.finfo(float).tiny) for v in (x, y))
     rotated, reflected = (_misfit(x, y, sign, axial=axial) for sign in (1.0, -1.0))
     return reflected < CLEARER * rotated and reflected < MAX_LEFT * spread(y)
 
 
-def _centred(points: FloatArray) -> FloatArray:
-    """Return points `(n, k)` about their median, in units of their spread."""
-    return (points - np.median(points, axis=0)) / max(spread(points), np.finfo(float).tiny)
-
-
-def _axial(points: FloatArray) -> FloatArray:
+def _one_side(points: FloatArray) -> FloatArray:
     """Return points `(n, k)` of norm 1, all on one side of the origin."""
     unit: FloatArray = points / np.linalg.norm(points, axis=1, keepdims=True)
     side: FloatArray = unit @ np.linalg.svd(unit, full_matrices=False)[2][0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -27,7 +27,7 @@ FOLLOWING = 0.5  # of the spread of the positions: what is left of it where one 
 @check
 def _quaternion_norm(evidence: Evidence) -> Iterator[Finding]:
     """Ask whether quaternions have norm one."""
-    for name, quaternion in evidence.quaternions():
+    for name, quaternion in evidence.quaternions.items():
         norm = np.linalg.norm(quaternion, axis=1)
         known = np.isfinite(norm)
         rows = np.flatnonzero(known & (np.abs(norm - 1) > QUATERNION_TOLERANCE))
@@ -42,7 +42,7 @@ def _quaternion_norm(evidence: Evidence) -> Iterator[Finding]:
 @check
 def _quaternion_sign(evidence: Evidence) -> Iterator[Finding]:
     """Find jumps between a quaternion and its negative: one rotation, harmless here, but not everywhere."""
-    for name, quaternion in evidence.quaternions():
+    for name, quaternion in evidence.quaternions.items():
         aligned = np.einsum("ij,ij->i", quaternion, quaternion[evidence.previous])
         rows = np.flatnonzero((aligned < 0) & (evidence.previous >= 0))
         if rows.size:
@@ -57,7 +57,7 @@ def _inverted(evidence: Evidence) -> Iterator[Finding]:
     Another frame and another mounting rotate the four numbers of all quaternions alike. The inverse is a reflection of
     them, and so are components read in cyclic order (xyzw for wxyz).
     """
-    signals = {n: q for n, q in evidence.quaternions() if evidence.has(n)}
+    signals = {n: q for n, q in evidence.quaternions.items() if n in evidence.present}
     reference = next((n for n in ("setpoint_cp", "measured_cp") if n in signals), None)
     for name in ("tracker_cp", "measured_cp"):
         if reference is None or name not in signals or name == reference:
@@ -80,17 +80,16 @@ def _turns_otherwise(reference: FloatArray, observed: FloatArray) -> bool:
 
 def _usable(quaternion: FloatArray) -> BoolArray:
     norm = np.linalg.norm(quaternion, axis=1)
-    usable: BoolArray = (norm > 0.5) & (norm < 2.0)
-    return usable
+    return np.asarray((norm > 0.5) & (norm < 2.0))
 
 
 @check
 def _handedness(evidence: Evidence) -> Iterator[Finding]:
     """Ask whether tracker and robot frames are both right-handed."""
-    reference = next((n for n in ("setpoint_cp", "measured_cp") if evidence.has(n)), None)
-    if reference is None or not evidence.has("tracker_cp"):
+    reference = next((n for n in ("setpoint_cp", "measured_cp") if n in evidence.present), None)
+    if reference is None or "tracker_cp" not in evidence.present:
         return
-    if mirrored(evidence.position(reference), evidence.position("tracker_cp")):
+    if mirrored(evidence.positions[reference], evidence.positions["tracker_cp"]):
         what = f"it is a mirror image of {reference}: an axis is reversed, or two are exchanged."
         yield Finding("error", "mirrored", "tracker_cp", what, "Use a right-handed frame for the tracker.")
 
@@ -102,17 +101,17 @@ def _kinematics(evidence: Evidence) -> Iterator[Finding]:
     if arm is None:
         return
     for pose, joints in PAIRS:
-        if not (evidence.has(pose) and evidence.has(joints)) or evidence.table(joints).shape[1] < arm.dof:
+        if not {pose, joints} <= evidence.present or evidence.tables[joints].shape[1] < arm.dof:
             continue
-        position, q = evidence.position(pose), evidence.table(joints)[:, : arm.dof]
-        misfit = rigid_misfit(_where_known(_tip(arm), q), position)
+        position, q = evidence.positions[pose], evidence.tables[joints][:, : arm.dof]
+        misfit = rigid_misfit(_points(arm, q), position)
         size = f"{1e3 * misfit:.1f} mm"
-        if misfit > WRIST_MISFIT and rigid_misfit(_where_known(arm.wrist, q), position) < CLEARLY * misfit:
+        if misfit > WRIST_MISFIT and rigid_misfit(_points(arm, q, wrist=True), position) < CLEARLY * misfit:
             what = f"it holds the wrist point, {size} off the tip: no one rigid body with its orientations."
             yield Finding("warning", "wrist_point", pose, what, "Register position and orientation separately.")
         elif misfit > MIN_MISFIT:
             others = [other for n in ARM_NAMES if (other := arm_named(n)).name != arm.name and other.dof == arm.dof]
-            fits = (o for o in others if rigid_misfit(_where_known(_tip(o), q), position) < BETTER * misfit)
+            fits = (o for o in others if rigid_misfit(_points(o, q), position) < BETTER * misfit)
             better = next(fits, None)
             if better is None:
                 where = f"where {joints} puts the tip of {arm.name}, after the best base registration"
@@ -126,15 +125,11 @@ def _kinematics(evidence: Evidence) -> Iterator[Finding]:
                 yield Finding("error", "swapped_arm", pose, what, hint)
 
 
-def _tip(arm: RemoteCentreArm) -> Callable[[FloatArray], FloatArray]:
-    return lambda q: arm.forward(q)[:, :3, 3]
-
-
-def _where_known(points: Callable[[FloatArray], FloatArray], q: FloatArray) -> FloatArray:
-    """Points `(n, 3)` of the arm at joints `(n, dof)`; NaN where a joint is missing."""
+def _points(arm: RemoteCentreArm, q: FloatArray, *, wrist: bool = False) -> FloatArray:
+    """Tips, or wrist points, `(n, 3)` of the arm at joints `(n, dof)`; NaN where a joint is missing."""
     result = np.full((len(q), 3), np.nan)
     known = np.isfinite(q).all(axis=1)
-    result[known] = points(q[known])
+    result[known] = arm.wrist(q[known]) if wrist else arm.forward(q[known])[:, :3, 3]
     return result
 
 
@@ -157,5 +152,5 @@ def _follows(evidence: Evidence, offset: TimeOffset) -> bool:
     """Whether most observed positions lie where the command puts them, as they stand in the table."""
     if offset.observed not in evidence.log.POSES or offset.reference not in evidence.log.POSES:
         return False
-    observed = evidence.position(offset.observed)
-    return rigid_misfit(evidence.position(offset.reference), observed) < FOLLOWING * spread(observed)
+    observed = evidence.positions[offset.observed]
+    return rigid_misfit(evidence.positions[offset.reference], observed) < FOLLOWING * spread(observed)

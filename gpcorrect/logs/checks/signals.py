@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, runs
+from gpcorrect.logs.checks.evidence import JOINT_POSITIONS, Evidence, Finding, Severity, check, runs
 from gpcorrect.logs.copies import OUTSIDE, stretches
 from gpcorrect.logs.mocap.tool import RIGIDITY, typical_misfit
 from gpcorrect.logs.sync import REFERENCES
-from gpcorrect.types import BoolArray, FloatArray, IntArray
+from gpcorrect.types import FloatArray, IntArray
 
 MANY_MISSING = 0.1  # of the samples: more than an occlusion now and then
 MOSTLY = 0.5  # of a trajectory, from which it is a copy of others
@@ -30,10 +30,10 @@ MANY_JUMPS = 0.2  # of the samples; fewer are outliers, which cleaning is for
 @check
 def _purpose(evidence: Evidence) -> Iterator[Finding]:
     """Ask whether the log holds what was commanded and what came of it."""
-    if not any(evidence.has(name) for name in ("setpoint_cp", "setpoint_jp")):
+    if not any(name in evidence.present for name in ("setpoint_cp", "setpoint_jp")):
         what = "there is no command (setpoint_cp or setpoint_jp)."
         yield Finding("warning", "no_command", "", what, "A correction of the command cannot be learned from it.")
-    if not any(evidence.has(name) for name in OUTSIDE):
+    if not any(name in evidence.present for name in OUTSIDE):
         what = "there is no outside measurement (tracker_cp or external_jp)."
         hint = "What the robot reports goes through the same wrong model; record a tracker as well."
         yield Finding("warning", "no_observation", "", what, hint)
@@ -43,7 +43,7 @@ def _purpose(evidence: Evidence) -> Iterator[Finding]:
 def _missing(evidence: Evidence) -> Iterator[Finding]:
     """Find samples in which a signal has no value."""
     for name in evidence.log.signals:
-        lost = ~evidence.known(name)
+        lost = ~evidence.known[name]
         rows = np.flatnonzero(lost)
         if not rows.size:
             continue
@@ -57,7 +57,7 @@ def _missing(evidence: Evidence) -> Iterator[Finding]:
 @check
 def _constant(evidence: Evidence) -> Iterator[Finding]:
     """Find motion signals that never change: an error where the robot moved, else a warning."""
-    motions = [n for n in (*evidence.log.POSES, *evidence.log.JOINTS) if evidence.has(n)]
+    motions = [n for n in (*evidence.log.POSES, *evidence.log.JOINTS) if n in evidence.present]
     still = [n for n in motions if _still(evidence, n)]
     for name in still:
         others = [n for n in motions if n not in still and n.rsplit("_")[-1] == name.rsplit("_")[-1]]
@@ -67,7 +67,7 @@ def _constant(evidence: Evidence) -> Iterator[Finding]:
 
 
 def _still(evidence: Evidence, name: str) -> bool:
-    table = evidence.table(name)[evidence.known(name)]
+    table = evidence.tables[name][evidence.known[name]]
     return len(table) > 1 and bool((table == table[0]).all())
 
 
@@ -75,11 +75,11 @@ def _still(evidence: Evidence, name: str) -> bool:
 def _loopback(evidence: Evidence) -> Iterator[Finding]:
     """Find copies among signals of different sources: no sensor repeats a command to the last bit."""
     for name, source in ((n, s) for n, sources in REFERENCES.items() for s in sources):
-        if not (evidence.has(name) and evidence.has(source)) or _still(evidence, name):
+        if not {name, source} <= evidence.present or _still(evidence, name):
             continue
-        a, b = evidence.table(name), evidence.table(source)
+        a, b = evidence.tables[name], evidence.tables[source]
         columns = min(a.shape[1], b.shape[1])
-        both = evidence.known(name) & evidence.known(source)
+        both = evidence.known[name] & evidence.known[source]
         same = (a[both, :columns] == b[both, :columns]).all(axis=1)
         if same.size and same.mean() > COPIED:
             severity: Severity = "error" if name in OUTSIDE else "warning"
@@ -91,7 +91,7 @@ def _loopback(evidence: Evidence) -> Iterator[Finding]:
 def _twice(evidence: Evidence) -> Iterator[Finding]:
     """Find trajectories that hold the samples of another one: copied, or recorded once and written twice."""
     log = evidence.log
-    for name in (n for n in OUTSIDE if evidence.has(n)):
+    for name in (n for n in OUTSIDE if n in evidence.present):
         rows, marks = stretches(log, name)
         _, place, counts = np.unique(marks, return_inverse=True, return_counts=True)
         numbers, own = np.unique(log.trajectory[rows], return_inverse=True)
@@ -108,11 +108,11 @@ def _frozen(evidence: Evidence) -> Iterator[Finding]:
     """Find sensors that repeat a value to the last bit while the robot moves: blind, or held between samples."""
     for name, references in REFERENCES.items():
         commands_first = reversed(references)
-        reference = next((r for r in commands_first if evidence.has(name) and evidence.has(r)), None)
+        reference = next((r for r in commands_first if {name, r} <= evidence.present), None)
         if reference is None:
             continue
         same = evidence.repeats(name)
-        moves = ~evidence.repeats(reference) & np.isfinite(evidence.steps) & evidence.known(reference)
+        moves = ~evidence.repeats(reference) & np.isfinite(evidence.steps) & evidence.known[reference]
         repeated = runs(same)
         usual = _usual_hold(repeated) if moves.any() and same[moves].mean() > HELD_SHARE else 0.0
         least = max(FROZEN_SAMPLES, HELD_FACTOR * usual)
@@ -126,7 +126,11 @@ def _frozen(evidence: Evidence) -> Iterator[Finding]:
             hint = "The tracker lost its target and repeated the last value: leave these samples out."
             yield Finding("warning", "frozen", name, what, hint, sum(lengths), [start for start, _ in stuck])
         if usual:
-            yield _held(name, same[moves])
+            held = same[moves]
+            times = 1.0 / max(1.0 - float(held.mean()), 1.0 / len(held))
+            what = f"each value is repeated about {times:.2g} times: it was held between slower samples."
+            hint = "Record it with its own stamps and let the reader interpolate: holding delays it by half its period."
+            yield Finding("warning", "held", name, what, hint, int(held.sum()))
 
 
 def _usual_hold(repeated: IntArray) -> float:
@@ -139,7 +143,7 @@ def _usual_hold(repeated: IntArray) -> float:
 
 def _displaced(evidence: Evidence, reference: str, run: IntArray) -> bool:
     """Whether the reference moved clearly from the sample that is repeated to the last repetition."""
-    part = evidence.table(reference)[run[0] - 1 : run[1]]
+    part = evidence.tables[reference][run[0] - 1 : run[1]]
     part = part[np.isfinite(part).all(axis=1)]
     if len(part) < 2:
         return False
@@ -150,23 +154,16 @@ def _displaced(evidence: Evidence, reference: str, run: IntArray) -> bool:
     return bool((scale * np.abs(part - part[0])).max() > MOVED_JOINT)
 
 
-def _held(name: str, same: BoolArray) -> Finding:
-    times = 1.0 / max(1.0 - float(same.mean()), 1.0 / len(same))
-    what = f"each value is repeated about {times:.2g} times: it was held between slower samples."
-    hint = "Record it with its own stamps and let the reader interpolate: holding delays it by half its period."
-    return Finding("warning", "held", name, what, hint, int(same.sum()))
-
-
 @check
 def _speed(evidence: Evidence) -> Iterator[Finding]:
     """Find motions faster than an arm is."""
-    for name in (*evidence.log.POSES, "setpoint_jp", "measured_jp", "external_jp"):
-        if not evidence.has(name):
+    for name in (*evidence.log.POSES, *JOINT_POSITIONS):
+        if name not in evidence.present:
             continue
         if name in evidence.log.POSES:
-            yield from _fast(name, "", evidence.speed(evidence.position(name)), FASTEST_TIP, "m/s")
+            yield from _fast(name, "", evidence.speed(evidence.positions[name]), FASTEST_TIP, "m/s")
             continue
-        table = evidence.table(name)
+        table = evidence.tables[name]
         for j, kind in enumerate(evidence.joint_types[: table.shape[1]]):
             yield from _fast(name, f"joint {j + 1}: ", evidence.speed(table[:, [j]]), *FASTEST_JOINT[kind])
 

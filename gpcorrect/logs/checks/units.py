@@ -6,7 +6,16 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from gpcorrect.logs.checks.evidence import Evidence, Finding, Severity, check, extent, spread, spread_ratio
+from gpcorrect.logs.checks.evidence import (
+    JOINT_POSITIONS,
+    Evidence,
+    Finding,
+    Severity,
+    check,
+    extent,
+    spread,
+    spread_ratio,
+)
 from gpcorrect.types import FloatArray
 
 WIDEST = 5.0  # m; no arm here reaches so far, and 5 mm is less than any workspace in millimetres
@@ -17,7 +26,6 @@ FULL_TURN = 2 * np.pi  # rad; surgical wrists turn less
 LONGEST = 5.0  # m, of a prismatic joint
 POSITION_PAIRS = (("tracker_cp", "setpoint_cp"), ("tracker_cp", "measured_cp"), ("measured_cp", "setpoint_cp"))
 JOINT_PAIRS = (("measured_jp", "setpoint_jp"), ("external_jp", "setpoint_jp"), ("external_jp", "measured_jp"))
-POSITIONS_OF_JOINTS = ("setpoint_jp", "measured_jp", "external_jp")
 BEYOND = {"R": np.deg2rad(1.0), "P": 1e-3}  # encoders and servo overshoot pass soft limits by less
 SHOWN = {"R": (np.rad2deg(1.0), "deg"), "P": (1e3, "mm")}
 
@@ -31,15 +39,15 @@ def _factor(ratio: float, factors: Sequence[tuple[float, float]]) -> float | Non
 @check
 def _position_unit(evidence: Evidence) -> Iterator[Finding]:
     """Ask whether positions are in metres: neither too wide, nor a thousand times wider than another signal."""
-    wide = [n for n in evidence.log.POSES if evidence.has(n) and extent(evidence.position(n)) > WIDEST]
+    wide = [n for n in evidence.log.POSES if n in evidence.present and extent(evidence.positions[n]) > WIDEST]
     for name in wide:
-        what = f"it spans {extent(evidence.position(name)):.4g} m: it looks like millimetres."
+        what = f"it spans {extent(evidence.positions[name]):.4g} m: it looks like millimetres."
         hint = "Set position_scale = 1e-3 in the mapping file."
         yield Finding("error", "position_unit", name, what, hint, len(evidence.log))
     for name, other in POSITION_PAIRS:
-        if not (evidence.has(name) and evidence.has(other)) or {name, other} & set(wide):
+        if not {name, other} <= evidence.present or {name, other} & set(wide):
             continue
-        sizes = spread(evidence.position(name)), spread(evidence.position(other))
+        sizes = spread(evidence.positions[name]), spread(evidence.positions[other])
         if max(sizes) < MIN_SPREAD or min(sizes) == 0 or _factor(sizes[0] / sizes[1], RATIOS[:1]) is None:
             continue
         what = f"it varies {sizes[0] / sizes[1]:.3g} times as much as {other}: one of them is not in metres."
@@ -57,19 +65,23 @@ def _joint_unit(evidence: Evidence) -> Iterator[Finding]:
 def _misread_joints(evidence: Evidence) -> dict[tuple[str, int], str]:
     """Why each suspicious (signal, joint index) is not in rad or m: by itself, or against another signal of it."""
     found: dict[tuple[str, int], str] = {}
-    for name in POSITIONS_OF_JOINTS:
-        if evidence.has(name):
+    for name in JOINT_POSITIONS:
+        if name in evidence.present:
             found.update({(name, j): what for j, what in _too_wide(evidence, name)})
     for name, other in JOINT_PAIRS:
-        if evidence.has(name) and evidence.has(other):
-            for j, what in _by_ratio(evidence.table(name), evidence.table(other), other):
-                if (other, j) not in found:
-                    found.setdefault((name, j), what)
+        if not {name, other} <= evidence.present:
+            continue
+        for j, (a, b) in enumerate(zip(evidence.tables[name].T, evidence.tables[other].T, strict=False)):
+            ratio, wide = spread_ratio(a, b), max(spread(a[:, None]), spread(b[:, None]))
+            unlike = np.isfinite(ratio) and wide > MIN_SPREAD and _factor(ratio, RATIOS) is not None
+            if unlike and (other, j) not in found:
+                what = f"varies {ratio:.3g} times as much as in {other}: they are not in the same unit."
+                found.setdefault((name, j), what)
     return found
 
 
 def _too_wide(evidence: Evidence, name: str) -> Iterator[tuple[int, str]]:
-    table = evidence.table(name)[evidence.known(name)]
+    table = evidence.tables[name][evidence.known[name]]
     for j, (kind, column) in enumerate(zip(evidence.joint_types, table.T, strict=False)):
         size = float(np.percentile(np.abs(column), 99))
         if kind == "R" and size > FULL_TURN:
@@ -90,14 +102,6 @@ def _length_unit(evidence: Evidence, joint: int, column: FloatArray) -> str:
     return max(within, key=lambda unit: within[unit])
 
 
-def _by_ratio(table: FloatArray, other: FloatArray, name: str) -> Iterator[tuple[int, str]]:
-    for j in range(min(table.shape[1], other.shape[1])):
-        ratio = spread_ratio(table[:, j], other[:, j])
-        wide = max(spread(table[:, [j]]), spread(other[:, [j]]))
-        if np.isfinite(ratio) and wide > MIN_SPREAD and _factor(ratio, RATIOS) is not None:
-            yield j, f"varies {ratio:.3g} times as much as in {name}: they are not in the same unit."
-
-
 @check
 def _joint_limits(evidence: Evidence) -> Iterator[Finding]:
     """Ask whether joints stay within the arm's limits; those with a wrong unit are left to that check."""
@@ -106,8 +110,8 @@ def _joint_limits(evidence: Evidence) -> Iterator[Finding]:
         return
     misread = _misread_joints(evidence)
     hint = "Check the arm's name in the sidecar, the joint order and the joint offsets."
-    for name in (n for n in POSITIONS_OF_JOINTS if evidence.has(n)):
-        for j, q in enumerate(evidence.table(name)[:, : arm.dof].T):
+    for name in (n for n in JOINT_POSITIONS if n in evidence.present):
+        for j, q in enumerate(evidence.tables[name][:, : arm.dof].T):
             kind, (low, high) = arm.joint_types[j], arm.limits[j]
             beyond = np.maximum(np.maximum(low - q, q - high), 0.0)
             rows = np.flatnonzero(beyond > BEYOND[kind])

@@ -1,22 +1,21 @@
 """CSV exports of OptiTrack Motive, format versions 1.2 to 1.25.
 
 Line 1 holds pairs of keys and values (`Format Version`, `Rotation Type`, `Length Units`, ...). Above each column stand
-its `Type`, `Name`, `ID`, in newer versions `Parent`, a line of quantities (`Rotation`, `Position`,
-`Mean Marker Error`), and the line of axes that begins with `Frame`. Up to 1.21 the labels of these lines are left out
-and the time is `Time`, later `Time (Seconds)`. Euler angles turn about the body's own axes in the order that
-`Rotation Type` names.
+its `Type`, `Name`, `ID`, in newer versions `Parent`, a line of quantities (`Rotation`, `Position`, `Mean Marker
+Error`), and the line of axes that begins with `Frame`. Up to 1.21 the labels of these lines are left out and the time
+is `Time`, later `Time (Seconds)`. Euler angles turn about the body's own axes in the order that `Rotation Type` names.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
 from gpcorrect.errors import LogError
-from gpcorrect.logs.columns import ReadSettings
+from gpcorrect.logs.columns import EulerOrder, ReadSettings
 from gpcorrect.logs.mocap.take import Body, Take, scale_of
 from gpcorrect.logs.mocap.text import Export, read_export, seen_only
 from gpcorrect.logs.orientation import quaternion_from_euler, unit_quaternions
@@ -25,22 +24,15 @@ from gpcorrect.types import FloatArray, PoseSignal
 TYPES = ("Rigid Body", "Marker", "Rigid Body Marker", "Bone", "Bone Marker")
 BODY, MARKER = "Rigid Body", "Marker"
 LABELLED = ("Type", "Name")
-ORDERS = ("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
+ORDERS = get_args(EulerOrder)
 
 
-@dataclass(frozen=True)
-class Item:
-    """A body or marker: its type and name, and the columns of its quantities by axis."""
-
-    kind: str
-    name: str
-    rotation: Mapping[str, int]
-    position: Mapping[str, int]
-    error: int | None
+Columns = Mapping[str, Mapping[str, int]]
+"""Of a body or marker: the columns of its Rotation, Position and Error, by axis."""
 
 
 def read(path: Path, settings: ReadSettings) -> Take:
-    """Read rigid bodies and markers. See :data:`gpcorrect.logs.apart.Reader`."""
+    """Read rigid bodies and markers."""
     export = read_export(path)
     cells = export.cells(0)
     header = dict(zip(cells[::2], cells[1::2], strict=False))
@@ -61,31 +53,21 @@ def read(path: Path, settings: ReadSettings) -> Take:
     return _taken(header, items, values, values[clock])
 
 
-def _items(export: Export, heading: int) -> list[Item]:
-    """Group the columns by type and name, in the order of the file."""
+def _items(export: Export, heading: int) -> dict[tuple[str, str], Columns]:
+    """Columns of each item, by its type and name, in the order of the file."""
     lines = [export.cells(k) for k in range(1, heading) if not export.empty(k)]
     kinds, names = (_labelled(lines, label) for label in LABELLED)
     quantities, axes = lines[-1] if lines else (), export.cells(heading)
     if not (kinds and names) or "Position" not in quantities:
         raise LogError("the header of Motive's CSV lacks the lines of types, names and quantities.")
     width = max(len(kinds), len(names), len(quantities))
-    cell = {name: row + ("",) * width for name, row in (("kind", kinds), ("name", names), ("what", quantities))}
-    axis = axes + ("",) * width
+    table = [row + ("",) * (width - len(row)) for row in (kinds, names, quantities, axes)]
     found: dict[tuple[str, str], dict[str, dict[str, int]]] = {}
-    for k in range(2, width):
-        if cell["kind"][k]:
-            parts = found.setdefault((cell["kind"][k], cell["name"][k]), {})
-            what = "Error" if "Error" in cell["what"][k] or "Error" in axis[k] else cell["what"][k]
-            parts.setdefault(what, {})[axis[k]] = k
-    return [
-        Item(
-            *key,
-            parts.get("Rotation", {}),
-            parts.get("Position", {}),
-            next(iter(parts.get("Error", {}).values()), None),
-        )
-        for key, parts in found.items()
-    ]
+    for k, (kind, name, quantity, axis) in enumerate(zip(*table, strict=False)):
+        if k >= 2 and kind:
+            what = "Error" if "Error" in quantity or "Error" in axis else quantity
+            found.setdefault((kind, name), {}).setdefault(what, {})[axis] = k
+    return {key: {"Rotation": {}, "Position": {}, "Error": {}, **parts} for key, parts in found.items()}
 
 
 def _labelled(lines: Sequence[tuple[str, ...]], label: str) -> tuple[str, ...]:
@@ -100,36 +82,39 @@ def _labelled(lines: Sequence[tuple[str, ...]], label: str) -> tuple[str, ...]:
 
 
 def _taken(
-    header: Mapping[str, str], items: Sequence[Item], values: Mapping[int, FloatArray], time: FloatArray
+    header: Mapping[str, str],
+    items: Mapping[tuple[str, str], Columns],
+    values: Mapping[int, FloatArray],
+    time: FloatArray,
 ) -> Take:
     scale, rotation = scale_of(header["Length Units"]), header.get("Rotation Type", "Quaternion")
-    bodies = {i.name: _body(i, values, rotation, scale) for i in items if i.kind == BODY}
+    bodies = {n: _body(n, columns, values, rotation, scale) for (kind, n), columns in items.items() if kind == BODY}
     markers, others = {}, []
-    for item in sorted(items, key=lambda i: i.kind == MARKER):  # a marker that was seen counts before an expected one
-        if item.kind.endswith(MARKER) and set("XYZ") <= set(item.position):
-            markers[item.name] = seen_only(_stack(values, item.position, "XYZ") * scale)[0]
-            if item.kind != MARKER or item.name.startswith("Unlabeled"):
-                others.append(item.name)
+    for kind, name in sorted(items, key=lambda i: i[0] == MARKER):  # one that was seen counts before an expected one
+        position = items[kind, name]["Position"]
+        if kind.endswith(MARKER) and set("XYZ") <= set(position):
+            markers[name] = seen_only(_stack(values, position, "XYZ") * scale)
+            if kind != MARKER or name.startswith("Unlabeled"):
+                others.append(name)
     space = header.get("Coordinate Space", "Global")
     remarks = [] if space == "Global" else [f"the coordinate space is {space}: bodies may be relative to others."]
-    seen = {item.name for item in items if item.kind == MARKER and not item.name.startswith("Unlabeled")}
+    seen = {name for kind, name in items if kind == MARKER and not name.startswith("Unlabeled")}
     return Take(time, bodies, markers, [n for n in others if n not in seen], remarks, "OptiTrack Motive")
 
 
-def _body(item: Item, values: Mapping[int, FloatArray], rotation: str, scale: float) -> Body:
-    if not set("XYZ") <= set(item.position):
-        raise LogError(f"the body {item.name} has no position.", hint="Export rigid bodies with their positions.")
-    position, _ = seen_only(_stack(values, item.position, "XYZ") * scale)
-    quaternion = _quaternion(item, values, rotation) if item.rotation else None
-    return Body(PoseSignal(position, quaternion), None if item.error is None else values[item.error] * scale)
-
-
-def _quaternion(item: Item, values: Mapping[int, FloatArray], rotation: str) -> FloatArray:
-    if rotation == "Quaternion":
-        return unit_quaternions(_stack(values, item.rotation, "WXYZ"))
-    if rotation not in ORDERS:
-        raise LogError(f"expected Rotation Type Quaternion or one of {', '.join(ORDERS)}, got {rotation!r}.")
-    return quaternion_from_euler(np.deg2rad(_stack(values, item.rotation, "XYZ")), rotation)
+def _body(name: str, columns: Columns, values: Mapping[int, FloatArray], rotation: str, scale: float) -> Body:
+    if not set("XYZ") <= set(columns["Position"]):
+        raise LogError(f"the body {name} has no position.", hint="Export rigid bodies with their positions.")
+    position = seen_only(_stack(values, columns["Position"], "XYZ") * scale)
+    quaternion = None
+    if columns["Rotation"] and rotation == "Quaternion":
+        quaternion = unit_quaternions(_stack(values, columns["Rotation"], "WXYZ"))
+    elif columns["Rotation"]:
+        if rotation not in ORDERS:
+            raise LogError(f"expected Rotation Type Quaternion or one of {', '.join(ORDERS)}, got {rotation!r}.")
+        quaternion = quaternion_from_euler(np.deg2rad(_stack(values, columns["Rotation"], "XYZ")), rotation)
+    error = next((values[k] * scale for k in columns["Error"].values()), None)
+    return Body(PoseSignal(position, quaternion), error)
 
 
 def _stack(values: Mapping[int, FloatArray], columns: Mapping[str, int], axes: str) -> FloatArray:

@@ -24,14 +24,14 @@ from gpcorrect.types import FloatArray, PoseSignal
 
 MARKS = (b"Tools,Port", b"#Tools,ToolInfo", b"ToolCount,ToolInfo")
 POSE = ("Q0", "Qx", "Qy", "Qz", "Tx", "Ty", "Tz", "Error")
-MILLIMETRE = 1e-3
+MILLIMETRE = 1e-3  # m: the unit of NDI's positions
 LARGEST = 1e20  # NDI writes -3.697314E28 for what it does not see
 FRAME_RATE = 60.0  # Hz at which Polaris and Vega count frames, whatever their rate of measuring
 PER_MARKER = 4  # cells: state and position
 
 
 def read(path: Path, settings: ReadSettings) -> Take:
-    """Read the poses of tools. See :data:`gpcorrect.logs.apart.Reader`."""
+    """Read the poses of tools."""
     export = read_export(path, ",")
     names = _layout(export.cells(0))
     rows = [
@@ -56,10 +56,8 @@ def _layout(header: Sequence[str]) -> list[str]:
     """Columns of a tool after its label, by name."""
     names = [name.strip() for name in header[2:]]
     if "Error" not in names or not set(POSE) <= set(names[: names.index("Error") + 1]):
-        raise LogError(
-            f"expected the columns {', '.join(POSE)} for each tool in NDI's CSV.",
-            hint="Export rotations as quaternions.",
-        )
+        hint = "Export rotations as quaternions."
+        raise LogError(f"expected the columns {', '.join(POSE)} for each tool in NDI's CSV.", hint=hint)
     stop = names.index("Error") + 1
     return names[: stop + 1] if "".join(names[stop : stop + 1]).endswith("Markers") else names[:stop]
 

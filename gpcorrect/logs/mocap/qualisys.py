@@ -7,7 +7,7 @@ three angles of a convention that the user chose, residual, and the rotation mat
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,14 +20,14 @@ from gpcorrect.logs.orientation import CONVERTERS
 from gpcorrect.types import FloatArray, PoseSignal
 
 MARKS = (b"NO_OF_FRAMES\t", b"FILE_VERSION\t")
-MILLIMETRE = 1e-3
+MILLIMETRE = 1e-3  # m: the unit of Qualisys' positions
 WIDTH = {"3D": 3, "6D": 16}  # columns of a marker or body
 RESIDUAL, MATRIX = 6, slice(7, 16)  # columns of a body
 BY_ROWS = [0, 3, 6, 1, 4, 7, 2, 5, 8]  # from a matrix written column by column
 
 
 def read(path: Path, settings: ReadSettings) -> Take:
-    """Read rigid bodies, or markers. See :data:`gpcorrect.logs.apart.Reader`."""
+    """Read rigid bodies, or markers."""
     export = read_export(path, "\t")
     start = next((k for k in range(len(export)) if _begins_samples(export.cells(k))), len(export))
     header = {cells[0]: cells[1:] for cells in map(export.cells, range(start)) if cells}
@@ -39,13 +39,22 @@ def read(path: Path, settings: ReadSettings) -> Take:
     width = max((len(export.cells(k)) for k in range(start, stop)), default=0)
     table = export.numbers(start, stop, range(width))
     clock = 2 if "Frame" in header else (width % WIDTH[kind]) % 3
-    time = _time(table, clock, header)
+    if clock == 2:
+        time = table[:, 1]
+    else:  # the frame's number, or the row's, at the stated rate
+        try:
+            rate = float(header["FREQUENCY"][0])
+        except (KeyError, IndexError, ValueError):
+            rate = 0.0
+        if not rate > 0:
+            raise LogError("expected FREQUENCY in Hz in the header of Qualisys' TSV.")
+        time = (table[:, 0] if clock else np.arange(len(table))) / rate
     needed = clock + WIDTH[kind] * len(names)
     values = np.full((len(table), needed), np.nan)
     values[:, : min(width, needed)] = table[:, :needed]
     parts = np.split(values[:, clock:], len(names), axis=1)
     if kind == "3D":
-        markers = {name: seen_only(part * MILLIMETRE)[0] for name, part in zip(names, parts, strict=True)}
+        markers = {name: seen_only(part * MILLIMETRE) for name, part in zip(names, parts, strict=True)}
         return Take(time, markers=markers, tracker="Qualisys")
     return Take(time, bodies={n: _body(part) for n, part in zip(names, parts, strict=True)}, tracker="Qualisys")
 
@@ -57,21 +66,8 @@ def _begins_samples(cells: Sequence[str]) -> bool:
         return False
 
 
-def _time(table: FloatArray, clock: int, header: Mapping[str, Sequence[str]]) -> FloatArray:
-    """Seconds: a column of the file, else the frame's number at the stated rate."""
-    if clock == 2:
-        return table[:, 1]
-    try:
-        rate = float(header["FREQUENCY"][0])
-    except (KeyError, IndexError, ValueError):
-        rate = 0.0
-    if not rate > 0:
-        raise LogError("expected FREQUENCY in Hz in the header of Qualisys' TSV.")
-    return (table[:, 0] if clock else np.arange(len(table))) / rate
-
-
 def _body(part: FloatArray) -> Body:
-    position, _ = seen_only(part[:, :3] * MILLIMETRE)
+    position = seen_only(part[:, :3] * MILLIMETRE)
     hidden = np.asarray(np.isnan(position).any(axis=1))
     matrix = np.where(hidden[:, None], np.nan, part[:, MATRIX][:, BY_ROWS])
     error = np.where(hidden, np.nan, part[:, RESIDUAL] * MILLIMETRE)

@@ -13,58 +13,34 @@ from gpcorrect.logs.mocap.tool import RIGIDITY, bodies_of, require_rigid, tool_p
 from gpcorrect.types import CalibrationLog, FloatArray, LogMeta, PoseSignal
 
 METRES: Mapping[str, float] = {
-    "m": 1.0,
-    "meters": 1.0,
-    "cm": 1e-2,
-    "centimeters": 1e-2,
-    "mm": 1e-3,
-    "millimeters": 1e-3,
-    "in": 0.0254,
-    "inches": 0.0254,
-    "ft": 0.3048,
-    "feet": 0.3048,
+    **dict.fromkeys(("m", "meters"), 1.0),
+    **dict.fromkeys(("cm", "centimeters"), 1e-2),
+    **dict.fromkeys(("mm", "millimeters"), 1e-3),
+    **dict.fromkeys(("in", "inches"), 0.0254),
+    **dict.fromkeys(("ft", "feet"), 0.3048),
 }
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A rigid body that the capture software itself solved.
+    """A rigid body that the capture software itself solved."""
 
-    Parameters
-    ----------
-    pose : PoseSignal
-        m and wxyz; NaN where it was not seen.
-    error : (n,) array or None
-        Mean distance of its markers from where the body puts them, m; None where the export does not say.
-    """
-
-    pose: PoseSignal
+    pose: PoseSignal  # m and wxyz; NaN where it was not seen
+    # (n,) mean distance of its markers from where the body puts them, m; None where the export does not say
     error: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Take:
-    """One recording of a motion capture system.
+    """One recording of a motion capture system."""
 
-    Parameters
-    ----------
-    time : (n,) array
-        s, from the recording's own origin.
-    bodies : mapping of name to Body
-        Bodies solved by the software.
-    markers : mapping of name to (n, 3) array
-        m; NaN where a marker is hidden.
-    others : sequence of str
-        Markers that are not on a tool unless the user says so: unlabelled ones, and expected places of markers.
-    remarks : sequence of str
-        What reading had to decide.
-    """
-
-    time: FloatArray
-    bodies: Mapping[str, Body] = field(default_factory=dict)
+    time: FloatArray  # (n,) s, from the recording's own origin
+    bodies: Mapping[str, Body] = field(default_factory=dict)  # solved by the software
+    # (n, 3) m; NaN where a marker is hidden
     markers: Mapping[str, FloatArray] = field(default_factory=dict)
+    # markers that are not on a tool unless the user says so: unlabelled ones, and expected places of markers
     others: Sequence[str] = ()
-    remarks: Sequence[str] = ()
+    remarks: Sequence[str] = ()  # what reading had to decide
     tracker: str = ""
 
 
@@ -73,13 +49,7 @@ def scale_of(unit: str) -> float:
 
     Parameters
     ----------
-    unit : str
-        As an export writes it.
-
-    Raises
-    ------
-    LogError
-        The unit is none that is known.
+    unit : str, as an export writes it
     """
     scale = METRES.get(unit.strip().lower())
     if scale is None:
@@ -96,20 +66,16 @@ def log_of(take: Take, options: MocapOptions) -> CalibrationLog:
     Parameters
     ----------
     take : Take
-        What was recorded.
     options : MocapOptions
-        Which body or markers the user chose.
-
-    Raises
-    ------
-    LogError
-        There is no such body or marker, several bodies and none was chosen, nothing at all, or the markers are no rigid
-        tool.
-    DataError
-        The markers do not give a pose.
     """
     if options.body in take.bodies or (take.bodies and options.body is None and options.markers is None):
-        pose, rms, remarks = _from_body(take, options.body)
+        names = list(take.bodies)
+        if options.body is None and len(names) > 1:
+            hint = f'Say which one is on the tool in a mapping file: [mocap] body = "{names[0]}".'
+            raise LogError(f"the recording holds {len(names)} bodies: {', '.join(names)}.", hint=hint)
+        chosen = names[0] if options.body is None else options.body
+        pose, rms = take.bodies[chosen].pose, take.bodies[chosen].error
+        remarks = [f"tracker_cp is the body {chosen}."]
     else:
         pose, rms, remarks = _from_markers(take, options)
     zeros = np.zeros(len(take.time), np.int64)
@@ -122,16 +88,6 @@ def log_of(take: Take, options: MocapOptions) -> CalibrationLog:
         meta=LogMeta(tracker=take.tracker),
         remarks=(*remarks, *take.remarks),
     )
-
-
-def _from_body(take: Take, name: str | None) -> tuple[PoseSignal, FloatArray | None, list[str]]:
-    names = list(take.bodies)
-    if name is None and len(names) > 1:
-        hint = f'Say which one is on the tool in a mapping file: [mocap] body = "{names[0]}".'
-        raise LogError(f"the recording holds {len(names)} bodies: {', '.join(names)}.", hint=hint)
-    chosen = names[0] if name is None else name
-    body = take.bodies[chosen]
-    return body.pose, body.error, [f"tracker_cp is the body {chosen}."]
 
 
 def _from_markers(take: Take, options: MocapOptions) -> tuple[PoseSignal, FloatArray, list[str]]:
@@ -168,13 +124,7 @@ def _named(take: Take, options: MocapOptions) -> list[str]:
 
 
 def _one_tool(take: Take, names: list[str]) -> tuple[list[str], list[str]]:
-    """Markers of the tool and the others: all where they are rigid, else those of the only body that gives a pose.
-
-    Raises
-    ------
-    LogError
-        The labels name several bodies.
-    """
+    """Markers of the tool and the others: all where they are rigid, else those of the only body that gives a pose."""
     groups = bodies_of(names)
     whole = {body: markers for body, markers in groups.items() if len(markers) >= 3}
     if len(groups) == 1 or not whole or _is_rigid(take, names):

@@ -19,18 +19,10 @@ MISSING = frozenset({"", "nan", "-nan", "null", "na", "n/a", "none"})
 
 @dataclass(frozen=True)
 class Export:
-    """A text file's lines.
+    """A text file's lines."""
 
-    Parameters
-    ----------
-    lines : sequence of str
-        Counted from 0 here, from 1 in messages.
-    delimiter : str
-        Between cells.
-    """
-
-    lines: Sequence[str]
-    delimiter: str
+    lines: Sequence[str]  # counted from 0 here, from 1 in messages
+    delimiter: str  # between cells
 
     def __len__(self) -> int:
         return len(self.lines)
@@ -40,8 +32,7 @@ class Export:
 
         Parameters
         ----------
-        line : int
-            Counted from 0.
+        line : int, counted from 0
         """
         cells = [cell.strip() for cell in next(csv.reader([self.lines[line]], delimiter=self.delimiter), [])]
         while cells and not cells[-1]:
@@ -53,8 +44,7 @@ class Export:
 
         Parameters
         ----------
-        line : int
-            Counted from 0.
+        line : int, counted from 0
         """
         return not self.lines[line].strip(f"{self.delimiter} \t\r")
 
@@ -63,8 +53,7 @@ class Export:
 
         Parameters
         ----------
-        start : int
-            Line to begin at, counted from 0.
+        start : int, line to begin at, counted from 0
         """
         return next((k for k in range(start, len(self)) if self.empty(k)), len(self))
 
@@ -73,15 +62,8 @@ class Export:
 
         Parameters
         ----------
-        start, stop : int
-            First line and the one after the last.
-        columns : sequence of int
-            Counted from 0.
-
-        Raises
-        ------
-        LogError
-            A cell holds text, or there is no line.
+        start, stop : int, first line and the one after the last
+        columns : sequence of int, counted from 0
         """
         if stop <= start:
             raise LogError("the file has a header but no samples.")
@@ -110,38 +92,27 @@ def read_export(path: Path, delimiter: str | None = None) -> Export:
 
     Parameters
     ----------
-    path : Path
-        A text export.
-    delimiter : str, optional
-        Between cells; taken from the line that begins with "Frame" when not given.
-
-    Raises
-    ------
-    LogError
-        The file is binary, or its last line is cut off.
+    path : Path, a text export
+    delimiter : str, optional, between cells; taken from the line that begins with "Frame" when not given
     """
     text = path.read_bytes().decode(encoding_of(path), errors="replace")
     lines = text.splitlines()
     heading = next((line.lstrip('"') for line in lines if line.lstrip('"').startswith("Frame")), "")
     export = Export(lines, delimiter or next((d for d in "\t;," if d in heading), ","))
-    if len(lines) > 1 and not text.endswith(("\n", "\r")) and _count(export, -1) < _count(export, -2):
-        raise LogError(f"the file is cut off inside line {len(lines)}.")
+    if len(lines) > 1 and not text.endswith(("\n", "\r")):
+        last, before = (line.count(export.delimiter) for line in (lines[-1], lines[-2]))
+        if last < before:
+            raise LogError(f"the file is cut off inside line {len(lines)}.")
     return export
 
 
-def _count(export: Export, line: int) -> int:
-    return export.lines[line].count(export.delimiter)
-
-
-def seen_only(points: FloatArray) -> tuple[FloatArray, int]:
-    """Positions `(n, 3)` with those at exactly 0, 0, 0 as missing, and their count.
+def seen_only(points: FloatArray) -> FloatArray:
+    """Positions `(n, 3)` with those at exactly 0, 0, 0 as missing.
 
     No camera ever puts a point there: it is how several systems write a point that they do not see.
 
     Parameters
     ----------
-    points : (n, 3) array
-        Of one marker.
+    points : (n, 3) array, of one marker
     """
-    hidden = (points == 0.0).all(axis=1)
-    return np.where(hidden[:, None], np.nan, points), int(hidden.sum())
+    return np.where((points == 0.0).all(axis=1, keepdims=True), np.nan, points)

@@ -19,22 +19,15 @@ FRAMES = 500  # that are looked at for the marker that moves most against the ot
 
 @dataclass(frozen=True)
 class RigiditySettings:
-    """How far the markers of one tool may be from rigid.
+    """How far the markers of one tool may be from rigid."""
 
-    Parameters
-    ----------
-    warn : float
-        m. Marker systems place a marker within some tenths of a millimetre, so the markers of a rigid tool fit each
-        other better than this; chosen by hand.
-    refuse : float
-        m. Ten times that: the pose is then wrong by as much as what is to be learned. Markers on different links of an
-        arm, or taken from a person, are tens to hundreds of millimetres off.
-    quantile : float
-        Of the frames that may fit worse: swapped and ghost markers in single frames are left to cleaning.
-    """
-
+    # m. Marker systems place a marker within some tenths of a millimetre, so the markers of a rigid tool fit each
+    # other better than this; chosen by hand
     warn: float = 1e-3
+    # m. Ten times that: the pose is then wrong by as much as what is to be learned. Markers on different links of an
+    # arm, or taken from a person, are tens to hundreds of millimetres off
     refuse: float = 10e-3
+    # of the frames that may fit worse: swapped and ghost markers in single frames are left to cleaning
     quantile: float = 0.9
 
 
@@ -46,8 +39,7 @@ def bodies_of(names: Sequence[str]) -> dict[str, list[str]]:
 
     Parameters
     ----------
-    names : sequence of str
-        Labels of markers; those without a number belong to the body "".
+    names : sequence of str, labels of markers; those without a number belong to the body ""
     """
     groups: dict[str, list[str]] = {}
     for name in names:
@@ -62,8 +54,7 @@ def typical_misfit(rms: FloatArray) -> float:
 
     Parameters
     ----------
-    rms : (n,) array
-        Root mean square distance in each frame, m; NaN where the body was not seen.
+    rms : (n,) array, root mean square distance in each frame, m; NaN where the body was not seen
     """
     seen = rms[np.isfinite(rms)]
     return float(np.quantile(seen, RIGIDITY.quantile)) if seen.size else 0.0
@@ -74,17 +65,9 @@ def require_rigid(points: FloatArray, names: Sequence[str], rms: FloatArray) -> 
 
     Parameters
     ----------
-    points : (n, m, 3) array
-        Markers over time, m; NaN where one is hidden.
+    points : (n, m, 3) array, markers over time, m; NaN where one is hidden
     names : sequence of str
-        Their labels.
-    rms : (n,) array
-        Distance from the fitted body in each frame, m.
-
-    Raises
-    ------
-    LogError
-        The misfit is above :attr:`RigiditySettings.refuse`.
+    rms : (n,) array, distance from the fitted body in each frame, m
     """
     misfit = typical_misfit(rms)
     if misfit <= RIGIDITY.warn:
@@ -120,8 +103,7 @@ def tool_poses(points: FloatArray) -> tuple[PoseSignal, FloatArray]:
 
     Parameters
     ----------
-    points : (n, m, 3) array
-        Markers over time, m; NaN where one is hidden.
+    points : (n, m, 3) array, markers over time, m; NaN where one is hidden
 
     Returns
     -------
@@ -129,13 +111,6 @@ def tool_poses(points: FloatArray) -> tuple[PoseSignal, FloatArray]:
         NaN where fewer than three markers are seen, or those seen lie on a line.
     (n,) array
         Root mean square distance of the markers from the fitted body, m; zero for a single marker.
-
-    Raises
-    ------
-    DataError
-        There are two markers, or no frame shows all of them.
-    DegenerateError
-        The markers lie on a line.
     """
     count = points.shape[1]
     if count == 1:
@@ -146,13 +121,11 @@ def tool_poses(points: FloatArray) -> tuple[PoseSignal, FloatArray]:
     body = configuration(points)
     T = _fit_body(points, body)
     seen = np.isfinite(T).all(axis=(1, 2))
-    position, quaternion = np.full((len(points), 3), np.nan), np.full((len(points), 4), np.nan)
-    position[seen], quaternion[seen] = se3.to_parts(T[seen])
     placed = body @ np.swapaxes(T[:, :3, :3], 1, 2) + T[:, None, :3, 3]
     square = ((points - placed) ** 2).sum(axis=2)
     visible = np.isfinite(square)
     total = np.where(visible, square, 0.0).sum(axis=1) / np.maximum(visible.sum(axis=1), 1)
-    return PoseSignal(position, quaternion), np.where(seen, np.sqrt(total), np.nan)
+    return PoseSignal(*se3.to_parts(T)), np.where(seen, np.sqrt(total), np.nan)
 
 
 def configuration(points: FloatArray) -> FloatArray:
@@ -163,15 +136,7 @@ def configuration(points: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    points : (n, m, 3) array
-        Markers over time, m; NaN where one is hidden.
-
-    Raises
-    ------
-    DataError
-        A marker is never seen beside three others.
-    DegenerateError
-        The markers lie on a line.
+    points : (n, m, 3) array, markers over time, m; NaN where one is hidden
     """
     seen = np.asarray(np.isfinite(points).all(axis=2))
     shown = f"they are seen in {', '.join(f'{part:.0%}' for part in seen.mean(axis=0))} of the frames."

@@ -17,11 +17,11 @@ from gpcorrect.logs.mocap.text import Export, read_export, seen_only
 
 KEYS, VALUES, NAMES, _, DATA = range(1, 6)  # lines, counted from 0
 FIRST = 2  # column of the first marker, after frame and time
-VIRTUAL = "V_"
+VIRTUAL = "V_"  # how Cortex begins the name of a virtual marker
 
 
 def read(path: Path, settings: ReadSettings) -> Take:
-    """Read markers. See :data:`gpcorrect.logs.apart.Reader`."""
+    """Read markers."""
     export = read_export(path)
     if len(export) <= DATA or not export.lines[NAMES].startswith("Frame#"):
         raise LogError("expected Frame#, Time and the names of the markers in line 4 of a TRC file.")
@@ -31,13 +31,11 @@ def read(path: Path, settings: ReadSettings) -> Take:
     start = DATA + int(export.empty(DATA))
     stop = export.stop(start)
     width = max((len(export.cells(k)) for k in range(start, stop)), default=0)
-    named = _names(export)
-    unnamed = [f"{VIRTUAL}unnamed_{k}" for k in range(len(named) + 1, -(-(width - FIRST) // 3) + 1)]
-    names = [*named, *unnamed]
+    names = _names(export)
+    names += [f"{VIRTUAL}unnamed_{k}" for k in range(len(names) + 1, -(-(width - FIRST) // 3) + 1)]
     table = export.numbers(start, stop, range(1, FIRST + 3 * len(names)))
     points = table[:, 1:].reshape(len(table), len(names), 3) * scale_of(header["Units"])
-    seen = [seen_only(points[:, k]) for k in range(len(names))]
-    unseen = sum(count for _, count in seen)
+    unseen = int((points == 0.0).all(axis=2).sum())
     remarks = [f"{unseen} positions at exactly 0, 0, 0 count as hidden."] if unseen else []
     virtual = [name for name in names if name.startswith(VIRTUAL)]
     remarks += [f"virtual markers are left out unless named: {', '.join(virtual)}."] if virtual else []
@@ -45,7 +43,7 @@ def read(path: Path, settings: ReadSettings) -> Take:
         remarks.append(f"the header says {header['NumFrames']} frames, the file holds {len(table)}.")
     return Take(
         table[:, 0],
-        markers={name: positions for name, (positions, _) in zip(names, seen, strict=True)},
+        markers={name: seen_only(points[:, k]) for k, name in enumerate(names)},
         others=virtual,
         remarks=remarks,
         tracker="TRC markers",

@@ -47,49 +47,29 @@ class Section:
     columns: Sequence[Column]
     table: FloatArray
 
-    def items(self) -> dict[str, dict[str, int]]:
-        """Columns of each body or marker by axis."""
-        found: dict[str, dict[str, int]] = {}
-        for k, column in enumerate(self.columns):
-            if column.axis not in ("Frame", "Sub Frame"):
-                found.setdefault(column.name, {})[column.axis] = k
-        return found
-
 
 def read(path: Path, settings: ReadSettings) -> Take:
-    """Read objects or segments, or markers. See :data:`gpcorrect.logs.apart.Reader`."""
+    """Read objects or segments, or markers."""
     export, options = read_export(path), settings.columns.mocap
-    sections = [_heading(export, k) for k in range(len(export)) if _is_heading(export.cells(k))]
+    # The line of axes, from which a section is known whether it has a title or not.
+    lines = [k for k in range(len(export)) if export.cells(k)[:2] in (("Frame", "Sub Frame"), ("Frame", "SubFrame"))]
+    titles = [_title(export, line) for line in lines]
     wanted = MARKERS if options.markers is not None else (*BODIES, *MARKERS)
-    usable = sorted((h for h in sections if h.title in wanted), key=lambda h: wanted.index(h.title))
-    if not usable:
-        found = ", ".join(h.title for h in sections)
-        raise LogError(f"expected a section {', '.join(wanted)} in Vicon's export, found {found}.")
-    return _take(_section(export, usable[0], settings.columns.rate), options)
+    title = next((title for title in wanted if title in titles), None)
+    if title is None:
+        raise LogError(f"expected a section {', '.join(wanted)} in Vicon's export, found {', '.join(titles)}.")
+    return _take(_section(export, title, lines[titles.index(title)], settings.columns.rate), options)
 
 
-def _is_heading(cells: Sequence[str]) -> bool:
-    """Whether a line is the one of axes, from which a section is known whether it has a title or not."""
-    return len(cells) > 1 and cells[0] == "Frame" and cells[1] in ("Sub Frame", "SubFrame")
-
-
-@dataclass(frozen=True)
-class Heading:
-    """Where a section's line of axes is, and its title: by what the axes say where the export has none."""
-
-    line: int
-    title: str
-
-
-def _heading(export: Export, line: int) -> Heading:
+def _title(export: Export, line: int) -> str:
+    """Title of the section whose axes are in this line: by what the axes say where the export has none."""
     above = [export.cells(k)[0] for k in range(max(line - 3, 0), line) if export.cells(k)]
     axes = export.cells(line)
     guessed = BODIES[0] if "TX" in axes else MARKERS[0] if "X" in axes else "Devices"
-    return Heading(line, next((title for title in above if title in TITLES), guessed))
+    return next((title for title in above if title in TITLES), guessed)
 
 
-def _section(export: Export, heading: Heading, stated: float | None) -> Section:
-    line = heading.line
+def _section(export: Export, title: str, line: int, stated: float | None) -> Section:
     if line < 1 or line + 1 >= len(export):
         raise LogError(f"expected rate, names, axes, units and samples around line {line + 1}.")
     cell = next(iter(export.cells(line - 2)), "") if line > 1 else ""
@@ -102,7 +82,7 @@ def _section(export: Export, heading: Heading, stated: float | None) -> Section:
     start = line + 1 if units and units[0] else line + 2  # some exports have no line of units
     columns = _columns(export.cells(line - 1), export.cells(line), units if start > line + 1 else ())
     table = export.numbers(start, export.stop(start), range(len(columns)))
-    return Section(heading.title, rate, columns, table)
+    return Section(title, rate, columns, table)
 
 
 def _columns(names: Sequence[str], axes: Sequence[str], units: Sequence[str]) -> list[Column]:
@@ -122,30 +102,30 @@ def _columns(names: Sequence[str], axes: Sequence[str], units: Sequence[str]) ->
 def _take(section: Section, options: MocapOptions) -> Take:
     time = section.table[:, 0] / section.rate
     solved = section.title in BODIES
+    columns: dict[str, dict[str, int]] = {}  # of each body or marker by axis
+    for k, column in enumerate(section.columns):
+        if column.axis not in ("Frame", "Sub Frame"):
+            columns.setdefault(column.name, {})[column.axis] = k
     needed = {"TX", "TY", "TZ"} if solved else {"X", "Y", "Z"}
-    items = {name: axes for name, axes in section.items().items() if needed <= set(axes)}
-    remarks: list[str] = []
+    items = {name: axes for name, axes in columns.items() if needed <= set(axes)}
+    remarks: dict[str, None] = {}  # each once
     if not solved:
         markers = {name: _position(section, axes, "", remarks) for name, axes in items.items()}
         others = [name for name in markers if name.startswith("*")]  # Nexus calls what it did not label *12
-        return Take(time, markers=markers, others=others, remarks=_once(remarks), tracker="Vicon")
-    bodies = {name: _body(section, name, axes, options, remarks) for name, axes in items.items()}
-    return Take(time, bodies=bodies, remarks=_once(remarks), tracker="Vicon")
+        return Take(time, markers=markers, others=others, remarks=[*remarks], tracker="Vicon")
+    bodies = {name: _body(section, axes, options, remarks) for name, axes in items.items()}
+    return Take(time, bodies=bodies, remarks=[*remarks], tracker="Vicon")
 
 
-def _once(remarks: Sequence[str]) -> list[str]:
-    return list(dict.fromkeys(remarks))
-
-
-def _position(section: Section, axes: Mapping[str, int], prefix: str, remarks: list[str]) -> FloatArray:
+def _position(section: Section, axes: Mapping[str, int], prefix: str, remarks: dict[str, None]) -> FloatArray:
     places = [axes[f"{prefix}{axis}"] for axis in "XYZ"]
     unit = section.columns[places[0]].unit
     if not unit:
-        remarks.append("the export states no unit of length; millimetres were assumed, as usual with Vicon.")
-    return seen_only(section.table[:, places] * scale_of(unit or "mm"))[0]
+        remarks["the export states no unit of length; millimetres were assumed, as usual with Vicon."] = None
+    return seen_only(section.table[:, places] * scale_of(unit or "mm"))
 
 
-def _body(section: Section, name: str, axes: Mapping[str, int], options: MocapOptions, remarks: list[str]) -> Body:
+def _body(section: Section, axes: Mapping[str, int], options: MocapOptions, remarks: dict[str, None]) -> Body:
     position = _position(section, axes, "T", remarks)
     turned = [axes[axis] for axis in ("RX", "RY", "RZ", "RW") if axis in axes]
     quaternion = None
@@ -155,17 +135,17 @@ def _body(section: Section, name: str, axes: Mapping[str, int], options: MocapOp
     return Body(PoseSignal(position, quaternion))
 
 
-def _quaternion(values: FloatArray, column: Column, options: MocapOptions, remarks: list[str]) -> FloatArray:
+def _quaternion(values: FloatArray, column: Column, options: MocapOptions, remarks: dict[str, None]) -> FloatArray:
     """Quaternions of four columns xyzw, or of three: a rotation vector unless the header or the user says Euler."""
     if values.shape[1] == 4:
         return CONVERTERS["quat_xyzw"](values)
     angles = np.deg2rad(values) if column.unit.lower().startswith("deg") else values
     rotation = options.rotation or ("XYZ" if "euler" in column.kind.lower() else "")
     if not rotation and "helical" not in column.kind.lower():
-        remarks.append(
+        remarks[
             "three angles were taken for rotation vectors (helical), as Vicon writes them by default;"
             ' if they are Euler angles, say so: [mocap] rotation = "XYZ".'
-        )
+        ] = None
     if rotation in ("", "rotvec"):
         return CONVERTERS["rotvec"](angles)
     return quaternion_from_euler(angles, rotation)

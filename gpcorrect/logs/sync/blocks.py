@@ -18,10 +18,8 @@ def sandwich(score: FloatArray, hessian: FloatArray) -> tuple[FloatArray, int]:
 
     Parameters
     ----------
-    score : (n, p) array
-        What each sample adds to the gradient, in order of time.
-    hessian : (p, p) array
-        Of the whole loss.
+    score : (n, p) array, what each sample adds to the gradient, in order of time
+    hessian : (p, p) array, of the whole loss
     """
     sums = block_sums(score)
     centred = sums - sums.mean(axis=0)
@@ -38,10 +36,8 @@ def lost_freedom(residual: FloatArray, unknowns: int) -> float:
 
     Parameters
     ----------
-    residual : (n, k) array
-        In order of time.
-    unknowns : int
-        Fitted beside what the variance is of.
+    residual : (n, k) array, in order of time
+    unknowns : int, fitted beside what the variance is of
     """
     times = [_correlation_time(column) for column in residual.T]
     free = len(residual) / float(np.median(times))
@@ -53,8 +49,7 @@ def block_sums(series: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    series : (n, p) array
-        In order of time.
+    series : (n, p) array, in order of time
     """
     n = len(series)
     length = BLOCK_TIMES * _correlation_time(series[:, 0])

@@ -37,8 +37,7 @@ class Clocks:
         Estimate of how far the signal's stamps run ahead; None when it was not asked for.
     applied : float
         Seconds by which the signal was shifted; 0 when it was left alone.
-    remark : str
-        The same in a sentence.
+    remark : str, the same in a sentence
     to_note : bool
         Whether a person must know: the signal was shifted, or seems to be on another clock and was left alone.
     """
@@ -73,7 +72,6 @@ def match_clocks(
     Parameters
     ----------
     log : CalibrationLog
-        Not changed.
     moving, reference : str
         The signal that another clock may have stamped, and what it is compared with: both poses or both joints.
     mode : {"auto", "none"} or str
@@ -82,13 +80,6 @@ def match_clocks(
         Seconds by which the robot itself may make the signal run behind.
     shifts : bool
         Whether "auto" shifts; it only says what it found otherwise.
-
-    Returns
-    -------
-    CalibrationLog
-        Same rows; NaN in the signal where nothing is near in time after a shift.
-    Clocks
-        What was found and done.
 
     Raises
     ------
@@ -145,13 +136,7 @@ def seconds_of(text: str) -> float:
 
     Parameters
     ----------
-    text : str
-        A finite number.
-
-    Raises
-    ------
-    DataError
-        It is none.
+    text : str, a finite number
     """
     try:
         seconds = float(text)
@@ -167,23 +152,16 @@ def align(
 ) -> CalibrationLog:
     """Return the log with signal(t + d) in place of signal(t), for the signals of the other clock.
 
-    Positions and joints are interpolated linearly, rotations along the shortest arc, as far as
-    the clock ran on and never across a gap.
+    Positions and joints are interpolated linearly, rotations along the shortest arc, as far as the clock ran on and
+    never across a gap. Rows near which the other clock has no sample are NaN, as at one end of the recording.
 
     Parameters
     ----------
     log : CalibrationLog
-        Not changed.
     offset : TimeOffset or float
         Seconds d by which the stamps of these signals run ahead; an estimate brings its drift along.
     signals : sequence of str
         Those that the other clock stamped; add external_jp where its joints come from the same tracker.
-
-    Returns
-    -------
-    CalibrationLog
-        Same rows; NaN where no sample of the other clock is near enough in time, as at one end of the
-        recording.
 
     Raises
     ------
@@ -195,10 +173,8 @@ def align(
     if log.static:
         raise LogError("static poses have no clock to shift.", hint="Leave the time offset out.", path=log.name)
     if isinstance(offset, TimeOffset) and not offset.observable:
-        raise DegenerateError(
-            f"the time offset is not observable: {offset.reason}",
-            hint="Give the offset in seconds if it is known from elsewhere, 0 if the clocks agree.",
-        )
+        hint = "Give the offset in seconds if it is known from elsewhere, 0 if the clocks agree."
+        raise DegenerateError(f"the time offset is not observable: {offset.reason}", hint=hint)
     at = log.time + (offset.at(log.time) if isinstance(offset, TimeOffset) else offset)
     for name in signals:
         if name not in (*log.POSES, *log.JOINTS) or name not in log.signals:
@@ -209,17 +185,13 @@ def align(
 
 def _resampled(log: CalibrationLog, name: str, at: FloatArray) -> PoseSignal | FloatArray:
     values: PoseSignal | FloatArray = getattr(log, name)
-    pose = isinstance(values, PoseSignal)
-    moved = {part: np.full(column.shape, np.nan) for part, column in _parts(values).items()}
+    position = np.full((values.position if isinstance(values, PoseSignal) else values).shape, np.nan)
+    quaternion = None
+    if isinstance(values, PoseSignal) and values.quaternion is not None:
+        quaternion = np.full(values.quaternion.shape, np.nan)
     for rows in clock_runs(log):
         piece = interpolate(Stream(name, log.time[rows], values[rows]), at[rows])
-        for part, column in _parts(piece).items():
-            moved[part][rows] = column
-    return PoseSignal(**moved) if pose else moved["values"]
-
-
-def _parts(values: PoseSignal | FloatArray) -> dict[str, FloatArray]:
-    if not isinstance(values, PoseSignal):
-        return {"values": values}
-    turned = {} if values.quaternion is None else {"quaternion": values.quaternion}
-    return {"position": values.position, **turned}
+        position[rows] = piece.position if isinstance(piece, PoseSignal) else piece
+        if isinstance(piece, PoseSignal) and quaternion is not None:
+            quaternion[rows] = piece.quaternion
+    return PoseSignal(position, quaternion) if isinstance(values, PoseSignal) else position

@@ -1,7 +1,6 @@
 """Coarse search: how well do two speeds agree at each lag, over all trajectories together.
 
-The norm of a velocity is the same in every frame, so two speeds can be compared before the frames are
-registered.
+The norm of a velocity is the same in every frame, so two speeds can be compared before the frames are registered.
 """
 
 from __future__ import annotations
@@ -30,21 +29,11 @@ MIN_COMMON = 0.25  # a lag needs this fraction of the most samples in common at 
 
 @dataclass(frozen=True, eq=False)
 class LagCurve:
-    """Correlation of two speeds over lags.
+    """Correlation of two speeds over lags."""
 
-    Parameters
-    ----------
-    lags : (m,) array
-        Seconds that the observer's stamps run ahead of the reference's.
-    correlation : (m,) array
-        Pooled correlation coefficient, NaN where too few samples are in common.
-    variation : float
-        Standard deviation of the reference's speed in units of its mean; 0 where nothing moves.
-    """
-
-    lags: FloatArray
-    correlation: FloatArray
-    variation: float
+    lags: FloatArray  # (m,) seconds that the observer's stamps run ahead of the reference's
+    correlation: FloatArray  # (m,) pooled correlation coefficient, NaN where too few samples are in common
+    variation: float  # standard deviation of the reference's speed in units of its mean; 0 where nothing moves
 
 
 def typical_step(motions: Sequence[Motion]) -> float:
@@ -52,8 +41,7 @@ def typical_step(motions: Sequence[Motion]) -> float:
 
     Parameters
     ----------
-    motions : sequence of Motion
-        Each on its own clock.
+    motions : sequence of Motion, each on its own clock
     """
     steps = np.concatenate([np.diff(m.time) for m in motions]) if motions else np.empty(0)
     return float(np.median(steps)) if steps.size else float("inf")
@@ -62,8 +50,7 @@ def typical_step(motions: Sequence[Motion]) -> float:
 def _without_spikes(motion: Motion) -> Motion:
     """Leave out samples far from the median of their neighbours (Hampel's filter): a jump is no speed.
 
-    A steady motion passes through the median of its window, so a fast one is not cut; only its ends are not
-    looked at.
+    A steady motion passes through the median of its window, so a fast one is not cut; only its ends are not looked at.
     """
     if len(motion) < SPIKE_WINDOW:
         return motion
@@ -113,10 +100,8 @@ def lag_curve(pairs: Sequence[MotionPair], max_lag: float) -> LagCurve:
 
     Parameters
     ----------
-    pairs : sequence of MotionPair
-        One a trajectory.
-    max_lag : float
-        Largest lag tried either way, s.
+    pairs : sequence of MotionPair, one a trajectory
+    max_lag : float, largest lag tried either way, s
     """
     slow = max(typical_step([p.reference for p in pairs]), typical_step([p.observed for p in pairs]))
     span = sum(float(p.reference.time[-1] - p.reference.time[0]) for p in pairs) + 2 * max_lag * len(pairs)
@@ -129,20 +114,15 @@ def lag_curve(pairs: Sequence[MotionPair], max_lag: float) -> LagCurve:
         grid = start + step * np.arange(-reach, int((stop - start) / step) + reach + 1)
         reference = _speed_on_grid(pair.reference, grid, width)
         observed = _speed_on_grid(_without_spikes(pair.observed), grid, width)
-        sums += _moments(reference, _clipped(observed), reach)
+        seen = observed[np.isfinite(observed)]
+        if seen.size:
+            observed = np.minimum(observed, CLIP * np.quantile(seen[seen >= np.median(seen)], 0.95))
+        sums += _moments(reference, observed, reach)
         known.append(reference[np.isfinite(reference)])
     speed = np.concatenate(known)
     mean = float(speed.mean()) if speed.size else 0.0
     lags = np.linspace(-reach * step, reach * step, 2 * reach + 1)
     return LagCurve(lags, _coefficient(*sums), float(speed.std()) / mean if mean > 0 else 0.0)
-
-
-def _clipped(speed: FloatArray) -> FloatArray:
-    known = speed[np.isfinite(speed)]
-    if known.size == 0:
-        return speed
-    fast = known[known >= np.median(known)]
-    return np.minimum(speed, CLIP * np.quantile(fast, 0.95))
 
 
 def _moments(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:
@@ -164,8 +144,7 @@ def _moments(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:
 def _shifted(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:
     """Sum over t of a(t) b(t + lag) for lags -reach..reach."""
     n = next_fast_len(max(len(a), len(b)) + reach, real=True)  # so long that no lag within reach wraps around
-    sums: FloatArray = irfft(rfft(b, n) * rfft(a, n).conj(), n)[np.arange(-reach, reach + 1)]
-    return sums
+    return np.asarray(irfft(rfft(b, n) * rfft(a, n).conj(), n)[np.arange(-reach, reach + 1)])
 
 
 def _coefficient(count: FloatArray, covariance: FloatArray, var_a: FloatArray, var_b: FloatArray) -> FloatArray:
@@ -182,9 +161,7 @@ def peaks(curve: LagCurve, fraction: float) -> FloatArray:
     Parameters
     ----------
     curve : LagCurve
-        What was correlated.
-    fraction : float
-        Lesser maxima than this fraction of the highest are left out.
+    fraction : float, lesser maxima than this fraction of the highest are left out
     """
     r = np.where(np.isfinite(curve.correlation), curve.correlation, -np.inf)
     inner: IntArray = np.flatnonzero((r[1:-1] >= r[:-2]) & (r[1:-1] > r[2:]) & np.isfinite(r[:-2] + r[2:])) + 1
@@ -194,5 +171,4 @@ def peaks(curve: LagCurve, fraction: float) -> FloatArray:
     inner = inner[r[inner] >= fraction * r[inner[0]]]
     left, top, right = r[inner - 1], r[inner], r[inner + 1]
     shift = 0.5 * (left - right) / np.minimum(left - 2 * top + right, -np.finfo(float).tiny)
-    lags: FloatArray = curve.lags[inner] + np.clip(shift, -0.5, 0.5) * (curve.lags[1] - curve.lags[0])
-    return lags
+    return np.asarray(curve.lags[inner] + np.clip(shift, -0.5, 0.5) * (curve.lags[1] - curve.lags[0]))

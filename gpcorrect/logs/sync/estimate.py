@@ -52,8 +52,7 @@ def log_offset(log: CalibrationLog, observed: str | None = None, reference: str 
 
     Parameters
     ----------
-    log : CalibrationLog
-        Any; its stamps may be disordered.
+    log : CalibrationLog, any; its stamps may be disordered
     observed, reference : str, optional
         Signals to compare; by default the tracker with what the robot reports, else with the command, else
         joints alike.
@@ -81,15 +80,8 @@ def stream_offset(
 
     Parameters
     ----------
-    observed, reference : Stream
-        Both poses or both joints.
-    max_lag, centre : float, optional
-        See :func:`estimate_offset`.
-
-    Raises
-    ------
-    LogError
-        One is a pose and the other joints.
+    observed, reference : Stream, both poses or both joints
+    max_lag, centre : float, optional, see :func:`estimate_offset`
     """
     pairs = [stream_pair(observed, reference)]
     return estimate_offset(pairs, max_lag=max_lag, centre=centre, names=(observed.name, reference.name))
@@ -107,7 +99,7 @@ def estimate_offset(
     Peaks of the correlation of the two speeds are candidates; each is refined by least squares of observed
     positions on the shifted reference, and the best of them stands if no other explains the recording as
     well. A constant delay of the robot behind its command moves the observed signal exactly as a clock
-    offset does: the two cannot be told apart from motion.
+    offset does: motion does not distinguish the two.
 
     Parameters
     ----------
@@ -116,15 +108,8 @@ def estimate_offset(
     max_lag : float, optional
         Largest distance from `centre` searched, s; by default 2 s, or a quarter of the time recorded if that is
         less, but at least five samples of the slower signal.
-    centre : float
-        Where to search: a rough offset, when the clocks have different origins.
-    names : (str, str)
-        Of the observed and the reference signal, for messages.
-
-    Raises
-    ------
-    DataError
-        `max_lag` is not positive.
+    centre : float, where to search: a rough offset, when the clocks have different origins
+    names : (str, str), of the observed and the reference signal, for messages
     """
     if max_lag is not None and not max_lag > 0:
         raise DataError(f"max_lag must be positive seconds, got {max_lag}.")
@@ -232,8 +217,7 @@ def regression(pieces: Sequence[MotionPair], starts: FloatArray) -> Timing | Non
     ----------
     pieces : sequence of MotionPair
         What to compare; a drift turns about the middle of their observed stamps.
-    starts : (k,) array
-        Shifts, s; enough samples must be in common at one of them.
+    starts : (k,) array, shifts, s; enough samples must be in common at one of them
     """
     stamps = np.concatenate([p.observed.time for p in pieces])
     epoch = float((stamps.min() + stamps.max()) / 2)
@@ -302,9 +286,7 @@ def _with_drift(
     """Fit a drift too where one clock runs throughout; take it when it is significant and matters."""
     starts = np.array([p.observed.time[0] for p in pieces])
     span = float(pieces[-1].observed.time[-1] - starts[0])
-    if (np.diff(starts) <= 0).any():  # the clock starts anew between pieces
-        return None, fit
-    if span < MIN_DRIFT_SPAN:
+    if span < MIN_DRIFT_SPAN or (np.diff(starts) <= 0).any():  # the clock starts anew between pieces
         return None, fit
     both = timing.refine(np.array([fit.timing[0], 0.0]), bracket=reach)
     if both is None:

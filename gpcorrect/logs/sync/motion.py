@@ -25,25 +25,15 @@ STILL = 1e-6  # a joint that spans less than this fraction of the widest joint d
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Points that moved, on one clock.
+    """Points that moved, on one clock."""
 
-    Parameters
-    ----------
-    time : (n,) array
-        Stamps, s, of any spacing; samples out of order are left out.
-    values : (n, k) array
-        Positions in any frame, or joint positions; a row with NaN is a missing sample and left out.
-    lever : (n, m) array or None
-        Further columns that a constant matrix may mix into what the other clock saw: the nine entries of
-        the rotation matrix stand for an unknown lever arm between the two points.
-    label : (n,) int array or None
-        Trajectory of each sample, for offsets trajectory by trajectory.
-    """
-
-    time: FloatArray
+    time: FloatArray  # (n,) stamps, s, of any spacing; samples out of order are left out
+    # (n, k) positions in any frame, or joint positions; a row with NaN is a missing sample and left out
     values: FloatArray
+    # (n, m) further columns that a constant matrix may mix into what the other clock saw: the nine entries of the
+    # rotation matrix stand for an unknown lever arm between the two points
     lever: FloatArray | None = None
-    label: IntArray | None = None
+    label: IntArray | None = None  # (n,) trajectory of each sample, for offsets trajectory by trajectory
 
     def __post_init__(self) -> None:
         time, values = np.asarray(self.time, dtype=np.float64), np.asarray(self.values, dtype=np.float64)
@@ -71,8 +61,7 @@ class Motion:
 
         Parameters
         ----------
-        keep : (n,) bool array
-            Those to take.
+        keep : (n,) bool array, those to take
         """
         lever = None if self.lever is None else self.lever[keep]
         label = None if self.label is None else self.label[keep]
@@ -81,17 +70,11 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class MotionPair:
-    """One motion as two clocks saw it: the robot's own record, and an observer's.
+    """One motion as two clocks saw it: the robot's own record, and an observer's."""
 
-    Parameters
-    ----------
-    reference : Motion
-        What the robot commanded or reported: the smoother one, because it is the one that is interpolated.
-    observed : Motion
-        What the other clock stamped; its values keep the reference's column order only when they are joints.
-    """
-
+    # what the robot commanded or reported: the smoother one, because it is the one that is interpolated
     reference: Motion
+    # what the other clock stamped; its values keep the reference's column order only when they are joints
     observed: Motion
 
 
@@ -101,11 +84,8 @@ def stretches(pair: MotionPair, gap: float, margin: float) -> Iterator[MotionPai
     Parameters
     ----------
     pair : MotionPair
-        Not changed.
-    gap : float
-        A longer pause cuts, s.
-    margin : float
-        Observed samples at most so far outside a piece go with it, s.
+    gap : float, a longer pause cuts, s
+    margin : float, observed samples at most so far outside a piece go with it, s
     """
     reference, observed = pair.reference, pair.observed
     if len(reference) == 0:
@@ -124,21 +104,13 @@ def default_pair(log: CalibrationLog) -> tuple[str, str]:
     Parameters
     ----------
     log : CalibrationLog
-        With any signals.
-
-    Raises
-    ------
-    LogError
-        The log holds no two signals of one motion.
     """
     for observed, references in REFERENCES.items():
         for reference in references:
             if observed in log.signals and reference in log.signals:
                 return observed, reference
-    raise LogError(
-        f"expected two signals of one motion, got {', '.join(log.signals) or 'no signal'}.",
-        hint="Record the command (setpoint_cp or setpoint_jp) beside what was observed.",
-    )
+    hint = "Record the command (setpoint_cp or setpoint_jp) beside what was observed."
+    raise LogError(f"expected two signals of one motion, got {', '.join(log.signals) or 'no signal'}.", hint=hint)
 
 
 def pairs_of(log: CalibrationLog, observed: str, reference: str) -> list[MotionPair]:
@@ -149,24 +121,17 @@ def pairs_of(log: CalibrationLog, observed: str, reference: str) -> list[MotionP
 
     Parameters
     ----------
-    log : CalibrationLog
-        With a clock.
+    log : CalibrationLog, with a clock
     observed, reference : str
-        Names of the signals.
-
-    Raises
-    ------
-    LogError
-        A signal is absent, or one is a pose and the other joints.
     """
     for name in (observed, reference):
         if name not in log.signals or name in log.SCALARS:
             raise LogError(f"the log has no motion signal {name}.", hint=f"It has {', '.join(log.signals)}.")
-    columns = _columns(getattr(log, reference), getattr(log, observed), (reference, observed))
+    values, lever, seen = _columns(getattr(log, reference), getattr(log, observed), (reference, observed))
     return [
         MotionPair(
-            Motion(log.time[rows], columns.values[rows], None if columns.lever is None else columns.lever[rows]),
-            Motion(log.time[rows], columns.seen[rows], label=log.trajectory[rows]),
+            Motion(log.time[rows], values[rows], None if lever is None else lever[rows]),
+            Motion(log.time[rows], seen[rows], label=log.trajectory[rows]),
         )
         for rows in clock_runs(log)
     ]
@@ -177,8 +142,7 @@ def clock_runs(log: CalibrationLog) -> Iterator[IntArray]:
 
     Parameters
     ----------
-    log : CalibrationLog
-        With a clock.
+    log : CalibrationLog, with a clock
     """
     parts: list[IntArray] = []
     for _, rows in log.trajectories():
@@ -197,55 +161,37 @@ def stream_pair(observed: Stream, reference: Stream) -> MotionPair:
 
     Parameters
     ----------
-    observed, reference : Stream
-        What the other clock stamped, and the robot's record.
-
-    Raises
-    ------
-    LogError
-        One is a pose and the other joints.
+    observed, reference : Stream, what the other clock stamped, and the robot's record
     """
-    columns = _columns(reference.values, observed.values, (reference.name, observed.name))
-    return MotionPair(Motion(reference.stamp, columns.values, columns.lever), Motion(observed.stamp, columns.seen))
+    values, lever, seen = _columns(reference.values, observed.values, (reference.name, observed.name))
+    return MotionPair(Motion(reference.stamp, values, lever), Motion(observed.stamp, seen))
 
 
-@dataclass(frozen=True, eq=False)
-class _Columns:
-    """What is compared: reference values and lever columns, observed values."""
-
-    values: FloatArray
-    lever: FloatArray | None
-    seen: FloatArray
-
-
-def _columns(reference: PoseSignal | FloatArray, observed: PoseSignal | FloatArray, names: tuple[str, str]) -> _Columns:
+def _columns(
+    reference: PoseSignal | FloatArray, observed: PoseSignal | FloatArray, names: tuple[str, str]
+) -> tuple[FloatArray, FloatArray | None, FloatArray]:
+    """Return what is compared: reference values and lever columns, observed values."""
     if isinstance(reference, PoseSignal) and isinstance(observed, PoseSignal):
-        return _Columns(reference.position, _lever(reference), observed.position)
+        return reference.position, _lever(reference), observed.position
     if isinstance(reference, PoseSignal) or isinstance(observed, PoseSignal):
         raise LogError(f"cannot compare {names[1]} with {names[0]}: one is a pose, the other joints.")
-    values, seen = _comparable_joints(reference, observed)
-    return _Columns(values, None, seen)
+    # Joints that move, each in units of its own span, so that radians and metres weigh alike.
+    dof = min(reference.shape[1], observed.shape[1])
+    reference, observed = reference[:, :dof], observed[:, :dof]
+    known = np.isfinite(reference).all(axis=1)
+    if not known.any():
+        return reference, None, observed
+    span: FloatArray = np.ptp(reference[known], axis=0)
+    moving = span > STILL * max(float(span.max()), np.finfo(float).tiny)
+    return reference[:, moving] / span[moving], None, observed[:, moving] / span[moving]
 
 
 def _lever(signal: PoseSignal) -> FloatArray | None:
     """Entries of the rotation matrices `(n, 9)`, None where most orientations are unknown."""
     if signal.quaternion is None:
         return None
-    entries = np.full((len(signal), 9), np.nan)
     norm = np.linalg.norm(signal.quaternion, axis=1)
     usable = (norm > 0.5) & (norm < 2.0)
     if 2 * usable.sum() <= len(usable):
         return None
-    entries[usable] = se3.matrix_from_quaternion(signal.quaternion[usable]).reshape(-1, 9)
-    return entries
-
-
-def _comparable_joints(reference: FloatArray, observed: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Joints that move, each in units of its own span, so that radians and metres weigh alike."""
-    dof = min(reference.shape[1], observed.shape[1])
-    known = np.isfinite(reference).all(axis=1)
-    if not known.any():
-        return reference[:, :dof], observed[:, :dof]
-    span: FloatArray = np.ptp(reference[known, :dof], axis=0)
-    moving = span > STILL * max(float(span.max()), np.finfo(float).tiny)
-    return reference[:, :dof][:, moving] / span[moving], observed[:, :dof][:, moving] / span[moving]
+    return se3.matrix_from_quaternion(np.where(usable[:, None], signal.quaternion, np.nan)).reshape(-1, 9)

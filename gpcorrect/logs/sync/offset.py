@@ -14,21 +14,11 @@ Verdict = Literal["found", "too_few", "still", "steady", "unrelated", "edge", "a
 
 @dataclass(frozen=True)
 class ClockDrift:
-    """How the offset changes: one clock runs fast.
+    """How the offset changes: one clock runs fast."""
 
-    Parameters
-    ----------
-    ppm : float
-        Parts in a million that the observer's clock runs fast against the reference's.
-    ci95 : (float, float)
-        95 % confidence interval, ppm.
-    epoch : float
-        Observer's time at which the offset is quoted, s.
-    """
-
-    ppm: float
-    ci95: tuple[float, float]
-    epoch: float
+    ppm: float  # parts in a million that the observer's clock runs fast against the reference's
+    ci95: tuple[float, float]  # 95 % confidence interval, ppm
+    epoch: float  # observer's time at which the offset is quoted, s
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,24 +35,19 @@ class TimeOffset:
         "found", or what stands in the way: "too_few" samples in common, a "still" or "steady" reference,
         "unrelated" motions, an offset at the "edge" of the search or beyond it, an "ambiguous" (repeating)
         motion, an "imprecise" answer.
-    reason : str
-        The same in words; empty when found.
+    reason : str, the same in words; empty when found
     lags, correlation : (m,) arrays
         Pooled correlation of the speeds, for a plot; empty when nothing could be compared.
     rivals : tuple of float
         Other offsets that explain the recording as well, s.
-    drift : ClockDrift or None
-        Only where it is significant.
-    trajectories : (k,) int array
-        Numbers of the trajectories compared.
+    drift : ClockDrift or None, only where it is significant
+    trajectories : (k,) int array, numbers of the trajectories compared
     per_trajectory : (k,) array
         Offset of each of them by itself, s; NaN where it says nothing.
     explained : float
         Share of the observed spread that the shifted reference explains; NaN when there is no offset.
-    samples : int
-        Observed samples compared.
-    observed, reference : str
-        Names of the signals.
+    samples : int, observed samples compared
+    observed, reference : str, names of the signals
     """
 
     offset: float
@@ -90,8 +75,7 @@ class TimeOffset:
 
         Parameters
         ----------
-        time : (n,) array
-            By the observer's clock, s.
+        time : (n,) array, by the observer's clock, s
         """
         rate, epoch = (0.0, 0.0) if self.drift is None else (1e-6 * self.drift.ppm, self.drift.epoch)
         return self.offset + rate * (np.asarray(time, dtype=np.float64) - epoch)

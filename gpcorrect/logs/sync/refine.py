@@ -1,11 +1,10 @@
 """Fine search: the shift at which the reference explains the observed positions best, and how sure that is.
 
-The model is `y(s) = A x(s - d) + b + noise`: y the observed position at its stamp s, x the reference's
-columns (position, and the entries of its rotation matrix), A and b free. A free matrix contains every
-rotation, scale and unit between the frames, the rotation columns contain every lever arm between the two
-points, and the fit stays linear: the registration need not be known, and no registration can hide in the
-shift. Only the reference is interpolated: interpolating a noisy signal averages its noise between samples,
-which draws the estimate towards half sample steps.
+The model is `y(s) = A x(s - d) + b + noise`: y the observed position at its stamp s, x the reference's columns
+(position, and the entries of its rotation matrix), A and b free. A free matrix contains every rotation, scale and unit
+between the frames, the rotation columns contain every lever arm between the two points, and the fit stays linear: the
+registration need not be known, and no registration can hide in the shift. Only the reference is interpolated:
+interpolating a noisy signal averages its noise between samples, which draws the estimate towards half sample steps.
 """
 
 from __future__ import annotations
@@ -45,97 +44,21 @@ class Sampled:
     valid: BoolArray
 
 
-class ReferenceCurve:
-    """Akima splines through each piece of the reference: local, so a step disturbs its neighbourhood only.
-
-    Columns are centred and scaled to unit spread, for well-conditioned least squares; columns that do not
-    move are left out.
-
-    Parameters
-    ----------
-    pieces : sequence of Motion
-        The reference, a piece a trajectory.
-    """
-
-    def __init__(self, pieces: Sequence[Motion]) -> None:
-        stacked = np.concatenate([p.regressors for p in pieces])
-        centre, spread = stacked.mean(axis=0), stacked.std(axis=0)
-        moving = spread > STILL * max(float(spread.max()), np.finfo(float).tiny)
-        self.columns = int(moving.sum())
-        self._knots = [p.time for p in pieces]
-        self._sound = [_sound_intervals(p.time) for p in pieces]
-        unit = np.where(moving, spread, 1.0)
-        self._splines = [
-            Akima1DInterpolator(p.time, ((p.regressors - centre) / unit)[:, moving]) if len(p) >= MIN_KNOTS else None
-            for p in pieces
-        ]
-
-    def at(self, times: Sequence[FloatArray]) -> Sampled:
-        """Sample every piece at its own times, stacked in order.
-
-        Parameters
-        ----------
-        times : sequence of (n,) arrays
-            Seconds, for each piece.
-        """
-        parts = [self._piece(i, t) for i, t in enumerate(times)]
-        values, derivatives, valid = (np.concatenate(column) for column in zip(*parts, strict=True))
-        return Sampled(values, derivatives, valid)
-
-    def _piece(self, i: int, t: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-        blank = np.zeros((len(t), self.columns))
-        spline = self._splines[i]
-        if spline is None or not len(t):
-            return blank, blank, np.zeros(len(t), dtype=np.bool_)
-        knots = self._knots[i]
-        interval = np.clip(np.searchsorted(knots, t, side="right") - 1, 0, len(knots) - 2)
-        valid = (t >= knots[0]) & (t <= knots[-1]) & self._sound[i][interval]
-        inside = np.clip(t, knots[0], knots[-1])
-        return spline(inside), spline(inside, nu=1), valid
-
-
-def _sound_intervals(time: FloatArray) -> BoolArray:
-    """Mask of intervals between knots that are no gap and whose slopes see no gap."""
-    gap = np.diff(time) > default_max_gap(time)
-    near = np.convolve(gap, np.ones(2 * REACH + 1), mode="full")[REACH : REACH + len(gap)] > 0
-    return ~near
-
-
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """A local optimum of the shift.
+    """A local optimum of the shift."""
 
-    Parameters
-    ----------
-    timing : (p,) array
-        Shift in s at the epoch and, where fitted, its drift in s/s.
-    covariance : (p, p) array
-        Of the timing, from sums over blocks of samples.
-    dof : int
-        Degrees of freedom of the covariance: blocks less parameters.
-    explained : float
-        Share of the observed spread that the reference explains.
-    information : float
-        Share of the observed velocity that no constant A, b could imitate; 0 means that a shift looks like
-        another registration.
-    valid : (n,) bool array
-        Observed samples that were compared.
-    residual : (n, k) array
-        Observed less modelled, 0 where not valid.
-    scale : (k,) array
-        Robust standard deviation of the residual.
-    score, hessian : (n, p) and (n, p, p) arrays
-        What each sample adds to the normal equations of the timing.
-    """
-
-    timing: FloatArray
-    covariance: FloatArray
-    dof: int
-    explained: float
+    timing: FloatArray  # (p,) shift in s at the epoch and, where fitted, its drift in s/s
+    covariance: FloatArray  # (p, p) of the timing, from sums over blocks of samples
+    dof: int  # degrees of freedom of the covariance: blocks less parameters
+    explained: float  # fraction of the observed spread that the reference explains
+    # fraction of the observed velocity that no constant A, b could imitate; 0 means that a shift looks like another
+    # registration
     information: float
-    valid: BoolArray
-    residual: FloatArray
-    scale: FloatArray
+    valid: BoolArray  # (n,) observed samples that were compared
+    residual: FloatArray  # (n, k) observed less modelled, 0 where not valid
+    scale: FloatArray  # (k,) robust standard deviation of the residual
+    # (n, p) and (n, p, p), what each sample adds to the normal equations of the timing
     score: FloatArray
     hessian: FloatArray
 
@@ -144,8 +67,7 @@ class Refinement:
 
         Parameters
         ----------
-        scale : (k,) array
-            Of each observed column.
+        scale : (k,) array, of each observed column
         """
         size = _size(self.residual, scale)
         return np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2)
@@ -168,18 +90,13 @@ class _Linear:
 
 
 class Timing:
-    """The regression of observed on shifted reference samples.
+    """The regression of observed on shifted reference samples, of a pair for each run of the clocks.
 
-    Parameters
-    ----------
-    pairs : sequence of MotionPair
-        One for each run of the clocks.
-    epoch : float
-        Observer's time at which the shift is quoted, s; a drift turns about it.
+    `epoch` is the observer's time at which the shift is quoted, s; a drift turns about it.
     """
 
     def __init__(self, pairs: Sequence[MotionPair], epoch: float = 0.0) -> None:
-        self.curve = ReferenceCurve([p.reference for p in pairs])
+        self._fit_splines([p.reference for p in pairs])
         self.stamps = [np.asarray(p.observed.time) for p in pairs]
         self.elapsed = np.concatenate(self.stamps) - epoch
         labels = [
@@ -198,11 +115,45 @@ class Timing:
 
         Parameters
         ----------
-        timing : (p,) array
-            Shift in s and, where there is one, drift in s/s.
+        timing : (p,) array, shift in s and, where there is one, drift in s/s
         """
         drift = timing[1] if len(timing) > 1 else 0.0
-        return self.curve.at([s - timing[0] - drift * (s - self.epoch) for s in self.stamps])
+        moved = [s - timing[0] - drift * (s - self.epoch) for s in self.stamps]
+        parts = [self._piece(i, t) for i, t in enumerate(moved)]
+        values, derivatives, valid = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return Sampled(values, derivatives, valid)
+
+    def _fit_splines(self, pieces: Sequence[Motion]) -> None:
+        """Put Akima splines through each piece of the reference: local, so a step disturbs its neighbourhood only.
+
+        Columns are centred and scaled to unit spread, for well-conditioned least squares; those that do not move are
+        left out.
+        """
+        stacked = np.concatenate([p.regressors for p in pieces])
+        centre, spread = stacked.mean(axis=0), stacked.std(axis=0)
+        moving = spread > STILL * max(float(spread.max()), np.finfo(float).tiny)
+        self.columns = int(moving.sum())
+        self._knots = [p.time for p in pieces]
+        # Intervals between knots that are no gap and whose slopes see none.
+        gaps = [np.diff(p.time) > default_max_gap(p.time) for p in pieces]
+        near = [np.convolve(gap, np.ones(2 * REACH + 1), mode="full")[REACH : REACH + len(gap)] for gap in gaps]
+        self._sound = [found == 0 for found in near]
+        unit = np.where(moving, spread, 1.0)
+        self._splines = [
+            Akima1DInterpolator(p.time, ((p.regressors - centre) / unit)[:, moving]) if len(p) >= MIN_KNOTS else None
+            for p in pieces
+        ]
+
+    def _piece(self, i: int, t: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Return values, derivatives and validity of a piece of the reference at its times (n,)."""
+        spline, knots = self._splines[i], self._knots[i]
+        if spline is None or not len(t):
+            blank = np.zeros((len(t), self.columns))
+            return blank, blank, np.zeros(len(t), dtype=np.bool_)
+        interval = np.clip(np.searchsorted(knots, t, side="right") - 1, 0, len(knots) - 2)
+        valid = (t >= knots[0]) & (t <= knots[-1]) & self._sound[i][interval]
+        inside = np.clip(t, knots[0], knots[-1])
+        return spline(inside), spline(inside, nu=1), valid
 
     def enough(self, valid: BoolArray) -> bool:
         """Whether the samples in common outnumber the unknowns safely.
@@ -210,24 +161,19 @@ class Timing:
         Parameters
         ----------
         valid : (n,) bool array
-            Samples in common.
         """
-        return int(valid.sum()) >= 3 * (self.curve.columns + 2) + MIN_BLOCKS
+        return int(valid.sum()) >= 3 * (self.columns + 2) + MIN_BLOCKS
 
     def refine(self, start: FloatArray, bracket: float) -> Refinement | None:
         """Gauss-Newton on the timing with Huber weights from `start`, at most `bracket` s away.
 
+        It ends where it stands as soon as the motion turns out to hold no information; None where it does not
+        converge.
+
         Parameters
         ----------
-        start : (p,) array
-            Shift in s and, where it is fitted, drift in s/s.
-        bracket : float
-            Largest change of the shift, s.
-
-        Returns
-        -------
-        Refinement or None
-            Where it stands as soon as the motion turns out to hold no information; None where it does not converge.
+        start : (p,) array, shift in s and, where it is fitted, drift in s/s
+        bracket : float, largest change of the shift, s
         """
         timing = np.array(start, dtype=np.float64)
         weight = np.ones(len(self.target))
@@ -256,26 +202,20 @@ class Timing:
 
         Parameters
         ----------
-        timings : sequence of k (p,) arrays
-            Shift in s and, where there is one, drift in s/s.
-
-        Returns
-        -------
-        (k,) array
-            Median distance, in the unit of the observed values; NaN where too few samples are in common.
+        timings : sequence of k (p,) arrays, shift in s and, where there is one, drift in s/s
         """
         samples = [self.sample(timing) for timing in timings]
         common = np.logical_and.reduce([sampled.valid for sampled in samples])
         if not self.enough(common):
             return np.full(len(samples), np.nan)
-        return np.array([self._misfit(replace(sampled, valid=common)) for sampled in samples])
-
-    def _misfit(self, sampled: Sampled) -> float:
-        weight = np.ones(int(sampled.valid.sum()))
-        for _ in range(FREE_STEPS):
-            linear = self._linearise(sampled, weight, 1, None)
-            weight = linear.weight
-        return float(np.median(np.linalg.norm(linear.residual, axis=1)))
+        misfits = []
+        for sampled in samples:
+            weight = np.ones(int(common.sum()))
+            for _ in range(FREE_STEPS):
+                linear = self._linearise(replace(sampled, valid=common), weight, 1, None)
+                weight = linear.weight
+            misfits.append(float(np.median(np.linalg.norm(linear.residual, axis=1))))
+        return np.array(misfits)
 
     def _linearise(self, sampled: Sampled, weight: FloatArray, parameters: int, scale: FloatArray | None) -> _Linear:
         valid = sampled.valid
@@ -313,7 +253,7 @@ class Timing:
         residual = np.zeros(self.target.shape)
         residual[valid] = linear.residual
         covariance, dof = sandwich(score_rows, hessian_rows.sum(axis=0))
-        covariance *= lost_freedom(np.clip(linear.residual / linear.scale, -HUBER, HUBER), self.curve.columns + 1)
+        covariance *= lost_freedom(np.clip(linear.residual / linear.scale, -HUBER, HUBER), self.columns + 1)
         target, weight = self.target[valid], linear.weight[:, None]
         spread = float(np.sum(weight * (target - np.average(target, axis=0, weights=linear.weight)) ** 2))
         explained = 1.0 - float(np.sum(weight * linear.residual**2)) / spread if spread > 0 else 0.0
@@ -324,8 +264,7 @@ class Timing:
 
 def _size(residual: FloatArray, scale: FloatArray) -> FloatArray:
     """Root mean square of each row `(n,)` in standard deviations."""
-    size: FloatArray = np.sqrt(np.mean((residual / scale) ** 2, axis=1))
-    return size
+    return np.asarray(np.sqrt(np.mean((residual / scale) ** 2, axis=1)))
 
 
 def _normal_rows(linear: _Linear) -> tuple[FloatArray, FloatArray]:
