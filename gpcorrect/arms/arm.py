@@ -98,15 +98,25 @@ class Arm:
 
     Parameters
     ----------
-    name : str, its name in messages and logs
-    chain : Chain, kinematics with limits
-    home : (dof,) array, rest position, rad and m
+    name : str
+        Its name in messages and logs.
+    chain : Chain
+        Kinematics with limits.
+    home : (dof,) array
+        Rest position, rad and m.
     gravity : (3,) array
         Acceleration of free fall in the base frame of a normally mounted arm, m/s^2.
     links : tuple of Link
         Known masses of links 1, 2, ...; empty where none are published.
-    velocity_limits : (dof,) array or None, largest joint speeds, rad/s and m/s
-    transmission : Transmission or None, nominal cable drive
+    velocity_limits : (dof,) array or None
+        Largest joint speeds, rad/s and m/s.
+    transmission : Transmission or None
+        Nominal cable drive.
+
+    Raises
+    ------
+    DataError
+        An array does not fit the chain.
     """
 
     name: str

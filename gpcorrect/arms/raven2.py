@@ -86,10 +86,17 @@ def raven2(side: Side, instrument: Raven2Tool = RAVEN_TOOL, tool: ArrayLike | No
 
     Parameters
     ----------
-    side : "left" or "right", the gold or the green arm
+    side : "left" or "right"
+        The gold or the green arm.
     instrument : Raven2Tool
+        Tool on the arm.
     tool : (4, 4) array, optional
         Tip in frame 6; frame 6 itself by default.
+
+    Raises
+    ------
+    DataError
+        The side is neither.
     """
     if side not in ("left", "right"):
         raise DataError(f"a RAVEN-II arm is 'left' or 'right', got {side!r}.")

@@ -26,9 +26,15 @@ class RobotEdit:
 
     Parameters
     ----------
-    path : str or Path, MJCF or URDF; it is not touched
+    path : str or Path
+        MJCF or URDF; it is not touched.
     tool, base : str, optional
         As of :func:`gpcorrect.arms.read_robot`.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read.
     """
 
     def __init__(self, path: str | Path, tool: str | None = None, base: str | None = None) -> None:

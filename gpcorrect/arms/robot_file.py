@@ -110,11 +110,12 @@ def is_robot_file(path: str | Path) -> bool:
 def read_robot(
     path: str | Path, joints: Sequence[str] | None = None, tool: str | None = None, base: str | None = None
 ) -> Robot:
-    """Return one serial arm of a robot file; the same object while the file stays the same.
+    """Return one serial arm of a robot file.
 
     Parameters
     ----------
     path : str or Path
+        MJCF or URDF.
     joints : sequence of str, optional
         Names of joints on the arm; the arm then ends at the last of them. Needed where the file branches, unless
         `tool` says the same.
@@ -122,6 +123,11 @@ def read_robot(
         Body or site whose frame is the tip; the body behind the last joint when None.
     base : str, optional
         Body whose frame is the arm's base; the world when None.
+
+    Returns
+    -------
+    Robot
+        The same object while the file stays the same.
 
     Raises
     ------

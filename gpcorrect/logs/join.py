@@ -138,17 +138,21 @@ def _remarks(logs: Sequence[CalibrationLog], common: tuple[str, ...]) -> list[st
 def with_tracker(robot: CalibrationLog, take: CalibrationLog, ahead: float | None = None) -> CalibrationLog:
     """Put the tracker of another recording on the robot's clock and rows.
 
-    Samples near which the take saw nothing in time are NaN.
-
     Parameters
     ----------
     robot : CalibrationLog
         Without a tracker; its clock runs through all trajectories.
-    take : CalibrationLog, with `tracker_cp`
+    take : CalibrationLog
+        With `tracker_cp`.
     ahead : float, optional
         Seconds by which the take's stamps run ahead of the robot's. Found from the motion when not given, wherever the
         two clocks begin; a lag of the robot behind its command is part of what is found where the robot reports no
         pose.
+
+    Returns
+    -------
+    CalibrationLog
+        The robot's, with `tracker_cp`: NaN where the take saw nothing near in time.
 
     Raises
     ------

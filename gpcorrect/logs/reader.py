@@ -87,8 +87,6 @@ def read_log(
 ) -> CalibrationLog:
     """Read a recording of any format that is known, into SI units, radians and quaternions wxyz.
 
-    The log has the sidecar's meta data, the SHA-256 of the file, and remarks on what reading decided.
-
     Parameters
     ----------
     path : str or Path
@@ -102,10 +100,16 @@ def read_log(
         Topic of the outside tracker's pose; "" for none.
     arm : {"left", "right"}, optional
         Which arm of a recording of RAVEN-II state messages.
-    max_bytes : int, largest table to read into memory
+    max_bytes : int
+        Largest table to read into memory.
     disorder : {"refuse", "drop", "keep"}
         What to do about time that does not increase inside a trajectory: raise, leave the samples out, or
         keep them, which is for looking at a recording only.
+
+    Returns
+    -------
+    CalibrationLog
+        With the sidecar's meta data, the SHA-256 of the file, and remarks on what reading decided.
 
     Raises
     ------

@@ -87,11 +87,17 @@ def interpolate(stream: Stream, at: FloatArray, max_gap: float | None = None) ->
     Parameters
     ----------
     stream : Stream
+        What to sample.
     at : (m,) array
         Times on the stream's clock, s, in any order.
     max_gap : float, optional
         Longest time between two samples to interpolate across, s; :func:`default_max_gap` of the stream
         when not given.
+
+    Returns
+    -------
+    PoseSignal or array
+        As `stream.values`, with m rows; NaN outside the recording and inside gaps.
     """
     at = np.asarray(at, dtype=np.float64)
     gap = default_max_gap(stream.stamp) if max_gap is None else max_gap
@@ -154,21 +160,27 @@ def combine(
 ) -> CalibrationLog:
     """One log on the clock of the base stream; every other stream is interpolated onto it.
 
-    Rows for which no other stream has a value are dropped; a signal that alone is missing there is NaN. The log is one
-    trajectory of one session.
+    Rows for which no other stream has a value are dropped; a signal that alone is missing there is NaN.
 
     Parameters
     ----------
-    streams : sequence of Stream, at most one for a signal
+    streams : sequence of Stream
+        At most one for a signal.
     base : str, optional
         Name of the stream whose samples become the rows; tracker_cp, else setpoint_cp, else setpoint_jp, else
         the fastest one.
-    max_gap : float, optional, see :func:`interpolate`
+    max_gap : float, optional
+        See :func:`interpolate`.
     shifts : mapping of name to float, optional
         Seconds to add to the stamps of a stream, where its clock differs.
     disorder : {"refuse", "drop", "keep"}
         What to do about stamps that run backwards; "keep" is for looking at a recording, not for learning
         from it. A repeated stamp of the base says nothing new and is dropped, unless "keep".
+
+    Returns
+    -------
+    CalibrationLog
+        One trajectory, one session; what was dropped is in its remarks.
 
     Raises
     ------

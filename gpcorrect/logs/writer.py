@@ -56,7 +56,16 @@ def write_log(log: CalibrationLog, path: str | Path) -> None:
     Parameters
     ----------
     log : CalibrationLog
-    path : str or Path, ends in .csv or .parquet
+        The log; its extra columns are written too.
+    path : str or Path
+        Ends in .csv or .parquet.
+
+    Raises
+    ------
+    LogError
+        The name has another ending.
+    GpCorrectError
+        The folder does not exist or cannot be written.
     """
     target = Path(path)
     require_writable(target)

@@ -30,6 +30,12 @@ def write_fit_report(experiment: Experiment, path: Path) -> None:
     ----------
     experiment : Experiment
     path : Path
+        HTML file.
+
+    Raises
+    ------
+    GpCorrectError
+        The folder cannot be written.
     """
     fit, evaluation, test = experiment.fit, experiment.evaluation, experiment.test
     sections: list[Section] = []
@@ -67,10 +73,18 @@ def write_evaluation_report(
     ----------
     evaluation : Evaluation
     log : CalibrationLog
+        That was measured.
     path : Path
+        HTML file.
     notes : sequence of str
         What the command noticed.
     name : str
+        Of the model.
+
+    Raises
+    ------
+    GpCorrectError
+        The folder cannot be written.
     """
     corrector, clean = evaluation.corrector, evaluation.clean
     facts = [
@@ -148,9 +162,16 @@ def write_compare_report(both: SideBySide, names: tuple[str, str], notes: Sequen
     ----------
     both : SideBySide
     names : (str, str)
+        Of the models.
     notes : sequence of str
         What the command noticed.
     path : Path
+        HTML file.
+
+    Raises
+    ------
+    GpCorrectError
+        The folder cannot be written.
     """
     one, other = both.evaluations
     reasons = [np.asarray(e.cleaning.reason) for e in both.evaluations]
@@ -218,7 +239,7 @@ def _both_trajectories(both: SideBySide, names: tuple[str, str], shown: Shown) -
 def write_drift_report(
     baseline: FloatArray, found: Detection, ageing: Ageing, names: Sequence[str], words: Sequence[str], path: Path
 ) -> None:
-    """Write the self-contained page of `gpcorrect drift`: scores of trajectories, and the evidence that they grew.
+    """Write the self-contained page.
 
     Parameters
     ----------
@@ -233,6 +254,12 @@ def write_drift_report(
     words : sequence of str
         What was found, the verdict first.
     path : Path
+        HTML file.
+
+    Raises
+    ------
+    GpCorrectError
+        The folder cannot be written.
     """
     number = np.arange(1, len(found.scores) + 1)
     ends = np.array([0.5, len(number) + 0.5])

@@ -27,9 +27,16 @@ def write_calibration_page(report: CalibrationReport, path: Path, sources: Seque
     Parameters
     ----------
     report : CalibrationReport
+        The calibration.
     path : Path
+        HTML file to write.
     sources : sequence of (str, str)
         Files that it was made from, and their digests.
+
+    Raises
+    ------
+    GpCorrectError
+        The folder cannot be written.
     """
     figures = report.to_dict()["cameras"]
     rows = [
@@ -73,12 +80,20 @@ def write_tracking_page(
     Parameters
     ----------
     result : TrackResult
+        The track and its log.
     cameras : sequence of Camera
         In the order of the recordings.
     target : Target
+        What was tracked.
     path : Path
+        HTML file to write.
     sources : sequence of (str, str)
         Files that it was made from, and their digests.
+
+    Raises
+    ------
+    GpCorrectError
+        The folder cannot be written.
     """
     figures, fractions = result.to_dict(), result.track.fractions()
     facts = [

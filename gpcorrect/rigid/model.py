@@ -157,8 +157,15 @@ def pose_residual(reference: PoseSignal, command: PoseSignal) -> FloatArray:
 
     Parameters
     ----------
-    reference : PoseSignal, n poses
-    command : PoseSignal, n poses in the same frame
+    reference : PoseSignal
+        n poses.
+    command : PoseSignal
+        n poses in the same frame.
+
+    Raises
+    ------
+    DataError
+        The two signals differ in length.
     """
     if len(reference) != len(command):
         raise DataError(
@@ -181,9 +188,15 @@ def apply_residual(reference: PoseSignal, residual: FloatArray) -> PoseSignal:
 
     Parameters
     ----------
-    reference : PoseSignal, n poses
+    reference : PoseSignal
+        n poses.
     residual : (n, 6) array
         m, then rad; NaN where nothing was learned.
+
+    Raises
+    ------
+    DataError
+        The residuals are not `(n, 6)` with a row a pose.
     """
     residual = np.asarray(residual, dtype=np.float64)
     if residual.shape != (len(reference), 6):

@@ -30,14 +30,22 @@ CODECS = {".mp4": "mp4v", ".avi": "MJPG"}
 
 
 def annotated(frame: Frame, images: Sequence[Image | None], cameras: Sequence[Camera], target: Target) -> Image:
-    """Return all pictures of a frame in one grid, with outlines, axes and words on them; smaller ones are padded.
+    """Return all pictures of a frame side by side, with outlines, axes and words on them.
 
     Parameters
     ----------
     frame : Frame
-    images : sequence of (height, width, 3) uint8 arrays, one a camera; None where there is none
+        What the tracker found.
+    images : sequence of (height, width, 3) uint8 arrays
+        One a camera; None where there is none.
     cameras : sequence of Camera
+        That took them.
     target : Target
+
+    Returns
+    -------
+    (height, width, 3) uint8 array
+        A grid as square as it gets; smaller pictures are padded.
     """
     tiles = []
     for k, (camera, image) in enumerate(zip(cameras, images, strict=True)):

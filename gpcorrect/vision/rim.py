@@ -47,7 +47,7 @@ class Outline:
 def outline(
     image: Image, circle: FloatArray, lens: Intrinsics, settings: BallSettings = DEFAULT.balls
 ) -> Outline | None:
-    """Refine a circle to the ball's outline; None when too little of a rim is there.
+    """Refine a circle to the ball's outline.
 
     Parameters
     ----------
@@ -55,7 +55,14 @@ def outline(
     circle : (3,) array
         Where the ball was found: u, v, radius, px.
     lens : Intrinsics
+        Of the camera.
     settings : BallSettings
+        What a rim is.
+
+    Returns
+    -------
+    Outline or None
+        None when too little of a rim is there.
     """
     found = None
     if not circle[2] >= settings.least_outline_px:

@@ -127,9 +127,15 @@ def open_sources(paths: Sequence[str | Path], names: Sequence[str]) -> list[Sour
 
     Parameters
     ----------
-    paths : sequence of str or Path, as :func:`open_source`
+    paths : sequence of str or Path
+        As :func:`open_source`.
     names : sequence of str
         Of the cameras: recordings in a folder that are named as they are put in their order, others in order of name.
+
+    Raises
+    ------
+    LogError
+        As :func:`open_source`.
     """
     folder = Path(paths[0])
     if len(paths) > 1 or not folder.is_dir():

@@ -31,12 +31,19 @@ class Located:
 def common_perpendicular(
     origin_a: FloatArray, direction_a: FloatArray, origin_b: FloatArray, direction_b: FloatArray
 ) -> tuple[FloatArray, float]:
-    """Return the midpoint `(3,)` of the common perpendicular of two rays, and its length, m.
+    """Return the midpoint of the common perpendicular of two rays, and its length.
 
     Parameters
     ----------
     origin_a, direction_a, origin_b, direction_b : (3,) arrays
         Of the rays, m; directions of any length.
+
+    Returns
+    -------
+    midpoint : (3,) array
+        m.
+    gap : float
+        m.
 
     Raises
     ------
@@ -55,12 +62,17 @@ def common_perpendicular(
 
 
 def mean_midpoint(origins: FloatArray, directions: FloatArray) -> FloatArray:
-    """Return the mean `(3,)` of the midpoints of all pairs of rays: the estimate of Peng et al. 2020.
+    """Return the mean of the midpoints of all pairs of rays: the estimate of Peng et al. 2020.
 
     Parameters
     ----------
     origins, directions : (k, 3) arrays
         Of the rays, tracker frame, m; pairs that are nearly parallel are left out.
+
+    Returns
+    -------
+    (3,) array
+        m.
 
     Raises
     ------

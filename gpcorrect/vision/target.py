@@ -139,6 +139,11 @@ class Target:
     ----------
     balls : tuple of BallSpec
         With different names and colours; three or more not on a line.
+
+    Raises
+    ------
+    DataError
+        They are not so.
     """
 
     balls: tuple[BallSpec, ...]

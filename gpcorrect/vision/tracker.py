@@ -72,7 +72,8 @@ class Tracker:
 
     Parameters
     ----------
-    cameras : sequence of Camera, calibrated; at least two
+    cameras : sequence of Camera
+        Calibrated; at least two.
     target : Target
     settings : VisionSettings
         When a ball is one, when a view is trusted, how the tool may move.
@@ -81,6 +82,11 @@ class Tracker:
         threads would wait for each other there.
     clocks : Clocks, optional
         What is known already of when each camera looks; learned further.
+
+    Raises
+    ------
+    DataError
+        There are fewer than two cameras.
     """
 
     def __init__(

@@ -31,7 +31,26 @@ FLAT = 0.3  # of the median distance, below which all weigh alike
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that a check has to say."""
+    """One thing that a check has to say.
+
+    Parameters
+    ----------
+    severity : {"error", "warning", "info"}
+        error: what is learned from this log will be wrong; warning: look at it first; info: good to know.
+    code : str
+        Short fixed name, for programs.
+    signal : str
+        Name of the log's signal, "time" or "trajectory"; empty when it is about the log as a whole.
+    message : str
+        What was found, with numbers and units.
+    hint : str
+        What to do about it.
+    count : int
+        Samples (or trajectories) it is about.
+    rows : sequence of int
+        Those samples: rows of the log counted from 0, or trajectory numbers when the signal is "trajectory". The
+        first few stay.
+    """
 
     # error: what is learned from this log will be wrong; warning: look at it first;
     # info: good to know
@@ -54,9 +73,14 @@ class Finding:
 
 
 class Evidence:
-    """A log, of which nothing is taken for granted, and what several checks derive from it, computed once.
+    """A log and what several checks derive from it, computed once.
 
-    `compared` are the signals whose motion is compared with the robot's; all by default.
+    Parameters
+    ----------
+    log : CalibrationLog
+        Any; nothing about it is taken for granted.
+    compared : collection of str, optional
+        Signals whose motion is compared with the robot's; all by default.
     """
 
     def __init__(self, log: CalibrationLog, compared: Collection[str] | None = None) -> None:

@@ -72,6 +72,7 @@ def match_clocks(
     Parameters
     ----------
     log : CalibrationLog
+        Not changed.
     moving, reference : str
         The signal that another clock may have stamped, and what it is compared with: both poses or both joints.
     mode : {"auto", "none"} or str
@@ -80,6 +81,13 @@ def match_clocks(
         Seconds by which the robot itself may make the signal run behind.
     shifts : bool
         Whether "auto" shifts; it only says what it found otherwise.
+
+    Returns
+    -------
+    CalibrationLog
+        Same rows; NaN in the signal where nothing is near in time after a shift.
+    Clocks
+        What was found and done.
 
     Raises
     ------
@@ -136,7 +144,13 @@ def seconds_of(text: str) -> float:
 
     Parameters
     ----------
-    text : str, a finite number
+    text : str
+        A finite number.
+
+    Raises
+    ------
+    DataError
+        It is none.
     """
     try:
         seconds = float(text)
@@ -152,16 +166,23 @@ def align(
 ) -> CalibrationLog:
     """Return the log with signal(t + d) in place of signal(t), for the signals of the other clock.
 
-    Positions and joints are interpolated linearly, rotations along the shortest arc, as far as the clock ran on and
-    never across a gap. Rows near which the other clock has no sample are NaN, as at one end of the recording.
+    Positions and joints are interpolated linearly, rotations along the shortest arc, as far as
+    the clock ran on and never across a gap.
 
     Parameters
     ----------
     log : CalibrationLog
+        Not changed.
     offset : TimeOffset or float
         Seconds d by which the stamps of these signals run ahead; an estimate brings its drift along.
     signals : sequence of str
         Those that the other clock stamped; add external_jp where its joints come from the same tracker.
+
+    Returns
+    -------
+    CalibrationLog
+        Same rows; NaN where no sample of the other clock is near enough in time, as at one end of the
+        recording.
 
     Raises
     ------

@@ -80,8 +80,15 @@ def stream_offset(
 
     Parameters
     ----------
-    observed, reference : Stream, both poses or both joints
-    max_lag, centre : float, optional, see :func:`estimate_offset`
+    observed, reference : Stream
+        Both poses or both joints.
+    max_lag, centre : float, optional
+        See :func:`estimate_offset`.
+
+    Raises
+    ------
+    LogError
+        One is a pose and the other joints.
     """
     pairs = [stream_pair(observed, reference)]
     return estimate_offset(pairs, max_lag=max_lag, centre=centre, names=(observed.name, reference.name))
@@ -99,7 +106,7 @@ def estimate_offset(
     Peaks of the correlation of the two speeds are candidates; each is refined by least squares of observed
     positions on the shifted reference, and the best of them stands if no other explains the recording as
     well. A constant delay of the robot behind its command moves the observed signal exactly as a clock
-    offset does: motion does not distinguish the two.
+    offset does: the two cannot be told apart from motion.
 
     Parameters
     ----------
@@ -108,8 +115,15 @@ def estimate_offset(
     max_lag : float, optional
         Largest distance from `centre` searched, s; by default 2 s, or a quarter of the time recorded if that is
         less, but at least five samples of the slower signal.
-    centre : float, where to search: a rough offset, when the clocks have different origins
-    names : (str, str), of the observed and the reference signal, for messages
+    centre : float
+        Where to search: a rough offset, when the clocks have different origins.
+    names : (str, str)
+        Of the observed and the reference signal, for messages.
+
+    Raises
+    ------
+    DataError
+        `max_lag` is not positive.
     """
     if max_lag is not None and not max_lag > 0:
         raise DataError(f"max_lag must be positive seconds, got {max_lag}.")

@@ -25,7 +25,20 @@ STILL = 1e-6  # a joint that spans less than this fraction of the widest joint d
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Points that moved, on one clock."""
+    """Points that moved, on one clock.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Stamps, s, of any spacing; samples out of order are left out.
+    values : (n, k) array
+        Positions in any frame, or joint positions; a row with NaN is a missing sample and left out.
+    lever : (n, m) array or None
+        Further columns that a constant matrix may mix into what the other clock saw: the nine entries of
+        the rotation matrix stand for an unknown lever arm between the two points.
+    label : (n,) int array or None
+        Trajectory of each sample, for offsets trajectory by trajectory.
+    """
 
     time: FloatArray  # (n,) stamps, s, of any spacing; samples out of order are left out
     # (n, k) positions in any frame, or joint positions; a row with NaN is a missing sample and left out
@@ -70,7 +83,15 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class MotionPair:
-    """One motion as two clocks saw it: the robot's own record, and an observer's."""
+    """One motion as two clocks saw it: the robot's own record, and an observer's.
+
+    Parameters
+    ----------
+    reference : Motion
+        What the robot commanded or reported: the smoother one, because it is the one that is interpolated.
+    observed : Motion
+        What the other clock stamped; its values keep the reference's column order only when they are joints.
+    """
 
     # what the robot commanded or reported: the smoother one, because it is the one that is interpolated
     reference: Motion
@@ -121,8 +142,15 @@ def pairs_of(log: CalibrationLog, observed: str, reference: str) -> list[MotionP
 
     Parameters
     ----------
-    log : CalibrationLog, with a clock
+    log : CalibrationLog
+        With a clock.
     observed, reference : str
+        Names of the signals.
+
+    Raises
+    ------
+    LogError
+        A signal is absent, or one is a pose and the other joints.
     """
     for name in (observed, reference):
         if name not in log.signals or name in log.SCALARS:

@@ -14,7 +14,17 @@ Verdict = Literal["found", "too_few", "still", "steady", "unrelated", "edge", "a
 
 @dataclass(frozen=True)
 class ClockDrift:
-    """How the offset changes: one clock runs fast."""
+    """How the offset changes: one clock runs fast.
+
+    Parameters
+    ----------
+    ppm : float
+        Parts in a million that the observer's clock runs fast against the reference's.
+    ci95 : (float, float)
+        95 % confidence interval, ppm.
+    epoch : float
+        Observer's time at which the offset is quoted, s.
+    """
 
     ppm: float  # parts in a million that the observer's clock runs fast against the reference's
     ci95: tuple[float, float]  # 95 % confidence interval, ppm

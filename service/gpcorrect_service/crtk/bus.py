@@ -75,12 +75,20 @@ Refused = Callable[[ServiceError], None]
 
 
 class Bus:
-    """Publishes and subscribes an arm's topics, as a `node` of that name in the ROS graph; a context manager.
+    """Publishes and subscribes an arm's topics; a context manager.
+
+    Parameters
+    ----------
+    settings : BusSettings
+    node : str
+        Name in the ROS graph.
 
     Raises
     ------
-    EndpointError, DataError
-        A hub cannot listen there, or nobody answers a client; the configuration is none, or is not a client's.
+    EndpointError
+        A hub cannot listen there, or nobody answers a client.
+    DataError
+        The configuration file cannot be read, or is not a client's.
     """
 
     def __init__(self, settings: BusSettings, node: str = "gpcorrect") -> None:
@@ -331,7 +339,11 @@ def in_namespace(settings: BusSettings) -> BusSettings:
     Parameters
     ----------
     settings : BusSettings
-        DataError where their file cannot be read.
+
+    Raises
+    ------
+    DataError
+        The file cannot be read.
     """
     if settings.config_file is None:
         return settings

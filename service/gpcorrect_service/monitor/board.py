@@ -92,7 +92,13 @@ class _Replica(NamedTuple):
 
 
 class Board:
-    """Gathers, of one namespace; safe to write to from zenoh's threads and to read from the page's."""
+    """Gathers; safe to write to from zenoh's threads and to read from the page's.
+
+    Parameters
+    ----------
+    namespace : str
+        First part of the keys that are watched.
+    """
 
     def __init__(self, namespace: str) -> None:
         self.namespace = namespace

@@ -31,14 +31,18 @@ CONNECT_AGAIN = 2.0  # chosen by hand: s between tries to reach an address that 
 class Watcher:
     """Keeps a board up to date until closed; a context manager.
 
-    Every address has its own session, which is opened again and again until somebody answers there. Entering raises a
-    DataError where a configuration file cannot be read or is not a client's, or a certificate is not valid.
+    Every address has its own session, which is opened again and again until somebody answers there.
 
     Parameters
     ----------
     board : Board
     places : sequence of BusSettings
         Addresses or configurations of robots and of servers, in the board's namespace.
+
+    Raises
+    ------
+    DataError
+        On entering: a configuration file cannot be read or is not a client's, or a certificate is not valid.
     """
 
     def __init__(self, board: Board, places: Sequence[BusSettings]) -> None:

@@ -44,7 +44,15 @@ def bad_input(cause: str, next_step: str = "") -> ServiceError:
 
 
 class EndpointError(GpCorrectError):
-    """A network address, as `tcp/127.0.0.1:7449`, that cannot be used."""
+    """A network address that cannot be used.
+
+    Parameters
+    ----------
+    endpoint : str
+        The address, as `tcp/127.0.0.1:7449`.
+    message, hint : str
+        See :class:`gpcorrect.errors.GpCorrectError`.
+    """
 
     def __init__(self, endpoint: str, message: str, *, hint: str = "") -> None:
         super().__init__(f"{endpoint}: {message}", hint=hint)
