@@ -221,7 +221,7 @@ def _with_numbers(
     whitener = whitener_on(state.dataset, residual, rows, noises)
     found, unsure = {}, set()
     for i, (name, fit) in enumerate(zip(named, fitted, strict=True)):
-        widths = half_widths(state, whitener, fitted, i)
+        widths = half_widths(state, whitener, fitted, fit)
         coordinates = fit.candidate.coordinates
         if all(abs(fit.u[k] - coordinates[k].identity) <= widths[k] for k in fit.candidate.sizes):
             unsure.add(i)

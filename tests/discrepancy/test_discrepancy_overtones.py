@@ -9,7 +9,7 @@ from discrepancy_core import NOISE, RUNS, SAMPLES, joint_log, motors
 from discrepancy_support import nominal
 
 from gpcorrect.discrepancy.naming.posterior import overtone_nats
-from gpcorrect.discrepancy.naming.weigh import view_of
+from gpcorrect.discrepancy.naming.view import view_of
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.prepared import prepare_data

@@ -28,7 +28,6 @@ def more_general(
     Parameters
     ----------
     search : Search
-        Data, signatures and the fitted effects.
     rest : sequence of FittedEffect
         The set without the effect.
     fit : FittedEffect
@@ -62,15 +61,7 @@ def more_general(
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """An effect as a linear model beside others.
-
-    Parameters
-    ----------
-    slopes : (M, p) array
-        Whitened tangents of its coordinates, what the others can take up taken off.
-    z : (M,) array
-        Whitened residual without it, likewise.
-    """
+    """Whitened tangents `(M, p)` of an effect and the residual `(M,)` without it, less what others can take up."""
 
     slopes: FloatArray
     z: FloatArray

@@ -49,8 +49,8 @@ def name_rare(
     Returns
     -------
     tuple or None
-        The recording in pieces, the state with the new effects, and all that is named; None when nothing rare happens,
-        or it gets no name.
+        The recording in pieces, the state with the new effects, and all that is named; None when nothing rare gets a
+        name.
     """
     found = bursts_of(prepared.dataset, state.whitener.noises, [f.effect for f in state.fitted])
     bursts = [b for b in found if b.rare]

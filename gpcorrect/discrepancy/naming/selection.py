@@ -7,21 +7,21 @@ something else: beside what stays, that is looked for anew, and at once where it
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Hashable, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from gpcorrect.discrepancy.evidence.variables import Cells, Covariates
 from gpcorrect.discrepancy.naming.posterior import Named, name_effect
-from gpcorrect.discrepancy.naming.weigh import Own, View, Weighed, own_gain, view_of
+from gpcorrect.discrepancy.naming.view import View, view_of
+from gpcorrect.discrepancy.naming.weigh import Own, Rival, Weighed, own_gain
 from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.search.state import Search, penalty
 from gpcorrect.discrepancy.search.stepwise import search as search_on
 from gpcorrect.discrepancy.settings import NAMING, SEARCH
 from gpcorrect.types import Progress
 
-Assessment = tuple[Named, Weighed]
 TINY = 1e-12  # odds
 
 
@@ -92,7 +92,7 @@ class _ModelSelection:
     search: Search
     tests: Sequence[Sequence[Cells]]
     inputs: Sequence[Covariates]
-    assessments: dict[int, Assessment] = field(default_factory=dict)
+    assessments: dict[int, tuple[Named, Weighed]] = field(default_factory=dict)
     dropped: list[Named] = field(default_factory=list)
     own: dict[int, Own] = field(default_factory=dict)
     replaced: set[Hashable] = field(default_factory=set)
@@ -121,16 +121,31 @@ class _ModelSelection:
         return True
 
     def _swap(self) -> bool:
-        """Put the best rival in an effect's place."""
-        out = self.replaced | {n.fit.candidate.key for n in self.dropped}
-        better = _better_rival(self.search, self.assessments, out)
-        if better is None:
+        """Put the rival that gains most in an effect's place, if any explains more, or as much and is more probable."""
+        out = self.replaced | {n.fit.candidate.key for n in self.dropped}  # those stay out
+        pairs = [
+            (self._lead(fit, rival), fit, rival.fit)
+            for fit in self.search.fitted
+            for rival in self.assessments[id(fit)][1].rivals
+            if rival.candidate.key not in out
+        ]
+        lead, place, new = max(pairs, key=lambda pair: pair[0], default=(0.0, None, None))
+        if place is None or new is None or lead <= 0.0:
             return False
-        place, new = better
         self.replaced.add(place.candidate.key)
         rest = (m for m in self.search.fitted if m is not place)
         self._change(self.search.refit((*rest, new), new.candidate))
         return True
+
+    def _lead(self, fit: FittedEffect, rival: Rival) -> float:
+        """Nats by which a rival explains more than a fit, or their log odds where it explains about as much."""
+        named, weighed = self.assessments[id(fit)]
+        own, extra = weighed.own, rival.candidate.extra - fit.candidate.extra
+        gain = (rival.nats - own.nats) / own.overdispersion - (0.0 if rival.is_general else SEARCH.complexity * extra)
+        if own.nats - rival.nats < NAMING.shape_error**2 * own.nats:
+            chance = next((a.probability for a in named.alternatives if a.label == rival.candidate.label), 0.0)
+            gain = max(gain, float(np.log(chance / max(named.probability, TINY) + TINY)))
+        return gain
 
     def _drop(self) -> bool:
         """Take the weakest of those out that may not be named."""
@@ -155,37 +170,16 @@ class _ModelSelection:
             return False
         self.searches.update(holes)
         found = search_on(self.search, rounds=NAMING.search_rounds, refused=[n.fit.candidate for n in self.dropped])
-        found_more = found is not self.search
-        if found_more:
-            self.search, self.assessments, self.own, self.replaced = found, {}, {}, set()
-        return found_more
+        if found is self.search:
+            return False
+        self.search, self.assessments, self.own, self.replaced = found, {}, {}, set()
+        return True
 
     def _change(self, fitted: Sequence[FittedEffect]) -> None:
-        """Go on with another set; assessments stay on fitted that no change can have touched."""
+        """Go on with another set; what is known of a fit stays where no change can have touched it."""
         now = {id(m) for m in fitted}
         moved = [m for m in self.search.fitted if id(m) not in now]
         same = {id(m) for m in fitted if not any(self.search.alike(m.candidate, gone.candidate) for gone in moved)}
         self.assessments = {k: v for k, v in self.assessments.items() if k in same}
         self.own = {k: v for k, v in self.own.items() if k in same}
         self.search = replace(self.search, fitted=tuple(fitted))
-
-
-def _better_rival(
-    search: Search, assessments: dict[int, Assessment], out: Collection[Hashable]
-) -> tuple[FittedEffect, FittedEffect] | None:
-    """Return the fit beyond which a rival gains most, and that rival.
-
-    None when no rival gains: explains more, or as much and is more probable. Those that are out stay out.
-    """
-    best, found = 0.0, None
-    for fit in search.fitted:
-        named, weighed = assessments[id(fit)]
-        odds = {a.label: a.probability / max(named.probability, TINY) for a in named.alternatives}
-        for rival in (r for r in weighed.rivals if r.candidate.key not in out):
-            gain = (rival.nats - weighed.nats) / weighed.overdispersion
-            gain -= 0.0 if rival.is_general else SEARCH.complexity * (rival.candidate.extra - fit.candidate.extra)
-            if weighed.nats - rival.nats < NAMING.shape_error**2 * weighed.nats:
-                gain = max(gain, float(np.log(odds.get(rival.candidate.label, 0.0) + TINY)))
-            if gain > best:
-                best, found = gain, (fit, rival.fit)
-    return found

@@ -23,6 +23,18 @@ REWEIGHTED = 4
 """Rounds of the regression: its weights come from the line of the round before, and stand still after three."""
 
 
+def second_differences(values: FloatArray) -> FloatArray:
+    """Return second differences `(n - 2, ...)` over the root of 6: of white noise, they have its standard deviation.
+
+    Parameters
+    ----------
+    values : (n, ...) array
+        Single samples in their order.
+    """
+    second: FloatArray = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / np.sqrt(6.0)
+    return second
+
+
 @dataclass(frozen=True)
 class SpeedGrowth:
     """Variance of noise that goes with the square of the speed.
@@ -170,7 +182,7 @@ def _samples(
     for number in np.unique(trajectory[rows]):
         mine = rows & (trajectory == number)
         values, law = residual[mine], laws[mine]
-        second = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / np.sqrt(6.0)
+        second = second_differences(values)
         between = 0.5 * (law[1:-2] + law[2:-1])
         variance = NEIGHBOURS * second[1:] * second[:-1] - stated**2 * between[:, 0]
         known = np.isfinite(variance) & np.isfinite(between).all(axis=1)
