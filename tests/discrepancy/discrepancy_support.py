@@ -11,7 +11,7 @@ import numpy as np
 from gpcorrect.discrepancy.evidence.localise import Equivalence, Finding, Localisation
 from gpcorrect.discrepancy.evidence.variables import Span
 from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level
-from gpcorrect.discrepancy.outcome.origin import DataSource, DecisionThresholds, Provenance
+from gpcorrect.discrepancy.outcome.provenance import DataSource, DecisionThresholds, Provenance
 from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, Evidence, NamedEffect, Verdict
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.noise import ChannelNoise

@@ -31,7 +31,6 @@ def more_general(
     rest : sequence of FittedEffect
         The set without the effect.
     fit : FittedEffect
-        The effect.
     noisier : float
         By how much evidence counts less.
     """

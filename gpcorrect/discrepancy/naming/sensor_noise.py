@@ -176,7 +176,6 @@ def noise_effects(dataset: Dataset, effects: Sequence[Effect], level: FloatArray
     Parameters
     ----------
     dataset : Dataset
-        Recording and simulator.
     effects : sequence of Effect
         Named so far.
     level : (c,) array

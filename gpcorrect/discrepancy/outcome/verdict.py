@@ -34,7 +34,6 @@ def verdict_level(
     Parameters
     ----------
     prepared : PreparedData
-        The recording.
     state : Search
         After the naming.
     before : Localisation
@@ -56,10 +55,10 @@ def verdict_level(
     if effects and (fitted or not before.something):
         return _least_sure(effects)
     joints = {e.joint for e in effects}  # of effects on noise, which say what is odd there
-    elsewhere = np.array([c.joint not in joints for c in prepared.dataset.scene.channels])
+    channels = {c for c in prepared.dataset.scene.channels if c.joint not in joints}
+    elsewhere = np.array([c in channels for c in prepared.dataset.scene.channels])
     view = view_of(state, prepared.tests, prepared.inputs)
     left = smooth_nats(view, fitted, elsewhere, smooth_columns(view, fitted, elsewhere))
-    channels = {c for c, other in zip(prepared.dataset.scene.channels, elsewhere, strict=True) if other}
     rare = any(b.lasts for b in bursts_of(state.dataset, state.whitener.noises, [f.effect for f in fitted]))
     if left > penalty(max(state.n_kinds, 1)) or is_plain(before, channels, dropped) or rare:
         return Level.UNKNOWN

@@ -132,9 +132,7 @@ def generate(spec: Spec, progress: Progress | None = None) -> Iterator[Case]:
     Parameters
     ----------
     spec : Spec
-        What to simulate.
     progress : Progress, optional
-        Reported every step.
 
     Yields
     ------
