@@ -15,8 +15,7 @@ from gpcorrect.discrepancy.evidence.bursts import bursts_of
 from gpcorrect.discrepancy.evidence.whitener import estimate_noises, whitener_on
 from gpcorrect.discrepancy.naming.intervals import half_widths
 from gpcorrect.discrepancy.naming.posterior import Level, Named
-from gpcorrect.discrepancy.naming.rare import name_rare
-from gpcorrect.discrepancy.naming.selection import name_effects
+from gpcorrect.discrepancy.naming.selection import name_effects, name_rare
 from gpcorrect.discrepancy.naming.sensor_noise import noise_effects
 from gpcorrect.discrepancy.outcome.figures import evidence_of, gaps_of
 from gpcorrect.discrepancy.outcome.provenance import provenance_of
@@ -168,9 +167,7 @@ def _search(
     state = load_or_search(
         state, candidates, store, lambda start: search(start, rounds=SEARCH.rounds, progress=progress)
     )
-    return load_or_name(
-        state, candidates, store, lambda done: name_effects(done, prepared.tests, prepared.inputs, progress=progress)
-    )
+    return load_or_name(state, candidates, store, lambda done: name_effects(done, prepared, progress=progress))
 
 
 def _refit(state: Search, fitted: Sequence[FittedEffect], rows: BoolArray) -> tuple[FittedEffect, ...]:

@@ -49,7 +49,7 @@ def named(size: float, seed: int = 1) -> Named:
     state = search(start_search(prepared.dataset, wanted), rounds=4)
     (fit,) = state.fitted
     assert fit.candidate.name == "dh_error"
-    view = view_of(state, prepared.tests, prepared.inputs)
+    view = view_of(state, prepared)
     return name_effect(view, fit, own_gain(view, fit))[0]
 
 

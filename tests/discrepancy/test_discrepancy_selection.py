@@ -99,7 +99,7 @@ def select(monkeypatch: pytest.MonkeyPatch) -> Select:
         monkeypatch.setattr(selection, "own_gain", laboratory.own_gain)
         monkeypatch.setattr(selection, "name_effect", laboratory.name_effect)
         monkeypatch.setattr(selection, "search_on", laboratory.search)
-        search, named, dropped = name_effects(Found(tuple(fitted)), (), ())  # type: ignore[arg-type]
+        search, named, dropped = name_effects(Found(tuple(fitted)), None)  # type: ignore[arg-type]
         assert [n.fit for n in named] == list(search.fitted)
         return [n.fit.candidate.name for n in named], [n.fit.candidate.name for n in dropped]
 

@@ -12,25 +12,22 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gpcorrect.discrepancy.evidence.variables import Cells, Covariates
+from gpcorrect.discrepancy.evidence.bursts import Burst, bursts_of
 from gpcorrect.discrepancy.naming.posterior import Named, name_effect
 from gpcorrect.discrepancy.naming.view import View, view_of
 from gpcorrect.discrepancy.naming.weigh import Own, Rival, Weighed, own_gain
-from gpcorrect.discrepancy.search.candidates import FittedEffect
-from gpcorrect.discrepancy.search.state import Search, penalty
+from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
+from gpcorrect.discrepancy.search.prepared import PreparedData, in_pieces
+from gpcorrect.discrepancy.search.state import Search, Trace, penalty, start_search
 from gpcorrect.discrepancy.search.stepwise import search as search_on
-from gpcorrect.discrepancy.settings import NAMING, SEARCH
-from gpcorrect.types import Progress
+from gpcorrect.discrepancy.settings import BURSTS, NAMING, SEARCH
+from gpcorrect.types import BoolArray, Progress
 
 TINY = 1e-12  # odds
 
 
 def name_effects(
-    search: Search,
-    tests: Sequence[Sequence[Cells]],
-    inputs: Sequence[Covariates],
-    *,
-    progress: Progress | None = None,
+    search: Search, prepared: PreparedData, *, progress: Progress | None = None
 ) -> tuple[Search, tuple[Named, ...], tuple[Named, ...]]:
     """Weigh every fit of a finished search; put better rivals in place, and take out what may not be named.
 
@@ -40,8 +37,7 @@ def name_effects(
     ----------
     search : Search
         Finished.
-    tests, inputs : sequences
-        Of each channel, for the unknown.
+    prepared : PreparedData
     progress : Progress, optional
         Reported each pass.
 
@@ -54,7 +50,7 @@ def name_effects(
     dropped : tuple of Named
         The others, with the reasons.
     """
-    selection = _ModelSelection(search, tests, inputs)
+    selection = _ModelSelection(search, prepared)
     total = len(search.fitted)
     while selection.step():
         if progress is not None:
@@ -73,8 +69,7 @@ class _ModelSelection:
     ----------
     search : Search
         With the effects as they are now.
-    tests, inputs : sequences
-        Of each channel, for the unknown.
+    prepared : PreparedData
     assessments : dict
         On each fit, by its identity.
     dropped : list of Named
@@ -90,8 +85,7 @@ class _ModelSelection:
     """
 
     search: Search
-    tests: Sequence[Sequence[Cells]]
-    inputs: Sequence[Covariates]
+    prepared: PreparedData
     assessments: dict[int, tuple[Named, Weighed]] = field(default_factory=dict)
     dropped: list[Named] = field(default_factory=list)
     own: dict[int, Own] = field(default_factory=dict)
@@ -103,7 +97,7 @@ class _ModelSelection:
         """Change the set once; False when there is nothing to change, or nothing left to name."""
         if not self.search.fitted:
             return False
-        view = view_of(self.search, self.tests, self.inputs)
+        view = view_of(self.search, self.prepared)
         self.own = {id(m): self.own.get(id(m)) or own_gain(view, m) for m in self.search.fitted}
         if self._drop_idle(view):
             return True
@@ -183,3 +177,65 @@ class _ModelSelection:
         self.assessments = {k: v for k, v in self.assessments.items() if k in same}
         self.own = {k: v for k, v in self.own.items() if k in same}
         self.search = replace(self.search, fitted=tuple(fitted))
+
+
+def name_rare(
+    prepared: PreparedData,
+    state: Search,
+    named: Sequence[Named],
+    candidates: Sequence[Candidate],
+    rng: np.random.Generator,
+    progress: Progress,
+) -> tuple[PreparedData, Search, tuple[Named, ...]] | None:
+    """Look, beside what is named, for effects that act where something rare happens and hardly anywhere else.
+
+    Such as a limit that is reached once. No motion can foretell another's there, so that evidence from motion to motion
+    has nothing to say. But what happens lasts for many samples, and a law with few numbers that is fitted to some of
+    them has to foretell the others.
+
+    Parameters
+    ----------
+    prepared : PreparedData
+        By whole trajectories.
+    state : Search
+        After the naming.
+    named : sequence of Named
+        What was named, in the order of the state's effects.
+    candidates : sequence of Candidate
+        All that these data could show.
+    rng : numpy.random.Generator
+        Deals the pieces.
+    progress : Progress
+
+    Returns
+    -------
+    tuple or None
+        The recording in pieces, the state with the new effects, and all that is named; None when nothing rare gets a
+        name.
+    """
+    found = bursts_of(prepared.dataset, state.whitener.noises, [f.effect for f in state.fitted])
+    bursts = [b for b in found if b.rare]
+    if not bursts:
+        return None
+    cut = in_pieces(prepared, bursts, rng)
+    start = start_search(cut.dataset, candidates, progress)
+    seldom = tuple(t for t in start.traces if _only_there(t, cut, bursts))
+    start = replace(start, traces=seldom, fitted=state.fitted).refreshed()
+    done = search_on(start, rounds=NAMING.search_rounds, progress=progress)
+    if len(done.fitted) == len(start.fitted):
+        return None
+    done, names, _ = name_effects(done, cut, progress=progress)
+    known = {n.fit.candidate.key for n in named}
+    new = tuple(n for n in names if n.fit.candidate.key not in known)
+    if not new:
+        return None
+    return cut, replace(done, fitted=(*state.fitted, *(n.fit for n in new))), (*named, *new)
+
+
+def _only_there(trace: Trace, cut: PreparedData, bursts: Sequence[Burst]) -> bool:
+    """Whether a candidate changes a channel with a burst, and hardly anything in other trajectories."""
+    dataset, change = cut.dataset, np.square(trace.change).sum(axis=2)
+    shown: BoolArray = np.array([c in {b.channel for b in bursts} for c in dataset.scene.channels]) & trace.touched
+    rows = np.isin(dataset.trajectory, [t for b in bursts for t in b.trajectories])
+    energy = change[:, trace.touched].sum(axis=1)
+    return bool(shown.any() and energy[rows].sum() > BURSTS.there * energy.sum())

@@ -218,7 +218,7 @@ def _grown(dataset: Dataset, effects: Sequence[Effect], coarse: set[int | str]) 
                 numbers: Numbers = {"seconds": (faster.seconds, faster.seconds_ci95, "s")}
                 found.append(_noise_effect(SpeedNoise, joint, "R", numbers, faster.nats, len(groups)))
                 # of what is left a change at some moment may be seen
-                own = own / faster.times(speeds[:, column])[:, None]
+                own = own / np.hypot(1.0, faster.seconds * speeds[:, [column]] / faster.level)
         growth = _growth(scene, own, seen, indices, len(groups))
         if growth is not None:
             unit = scene.channels[indices[0]].unit

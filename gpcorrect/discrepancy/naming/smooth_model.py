@@ -39,7 +39,8 @@ def smooth_columns(view: View, fitted: Sequence[FittedEffect], channels: BoolArr
     residual, rows = view.search.residual(fitted), view.search.dataset.discovery
     parts = [np.zeros((*residual.shape, 0))]
     for i in np.flatnonzero(channels).tolist():
-        inputs, pairs = view.inputs[i], [t for t in view.tests[i] if len(t.variables) == 2]
+        inputs = view.prepared.inputs[i]
+        pairs = [t for t in view.prepared.tests[i] if len(t.variables) == 2]
         strongest = np.argsort([_explained(t, residual[:, i], rows) for t in pairs])[::-1][: NAMING.smooth_pairs]
         chosen = [*((name,) for name in inputs.values), *(pairs[k].variables for k in strongest)]
         bases = [_basis([inputs.values[v] for v in variables]) for variables in chosen]

@@ -54,17 +54,6 @@ class SpeedGrowth:
     level: float
     nats: float
 
-    def times(self, speed: FloatArray) -> FloatArray:
-        """Return how many times noisier than at rest the sensor is `(n,)`.
-
-        Parameters
-        ----------
-        speed : (n,) array
-            rad/s or m/s.
-        """
-        factor: FloatArray = np.hypot(1.0, self.seconds * speed / self.level)
-        return factor
-
 
 def speed_growth(
     residual: FloatArray,

@@ -5,21 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gpcorrect.discrepancy.evidence.variables import Cells, Covariates
 from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener, whitener_on
 from gpcorrect.discrepancy.search.candidates import FittedEffect
+from gpcorrect.discrepancy.search.prepared import PreparedData
 from gpcorrect.discrepancy.search.state import Search
 from gpcorrect.types import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A search with the whitener of the confirmation part, and the tests and variables of each channel."""
+    """A search with the recording that it was made on, and the whitener of its confirmation part."""
 
     search: Search
+    prepared: PreparedData
     confirmation: DatasetWhitener
-    tests: Sequence[Sequence[Cells]]
-    inputs: Sequence[Covariates]
 
     def whitened_residuals(self, fitted: Sequence[FittedEffect]) -> tuple[FloatArray, FloatArray]:
         """Return the whitened residual of a set on discovery and confirmation.
@@ -43,17 +42,14 @@ class View:
         return self.search.whitener.whiten_columns(columns), self.confirmation.whiten_columns(columns)
 
 
-def view_of(search: Search, tests: Sequence[Sequence[Cells]], inputs: Sequence[Covariates]) -> View:
+def view_of(search: Search, prepared: PreparedData) -> View:
     """Whiten the confirmation part with the noise of discovery.
 
     Parameters
     ----------
     search : Search
-    tests : sequence
-        Small tests of each channel.
-    inputs : sequence of Covariates
-        Variables of each channel.
+    prepared : PreparedData
     """
     residual = search.residual(search.fitted)
     confirmation = whitener_on(search.dataset, residual, search.dataset.confirmation, search.whitener.noises)
-    return View(search, confirmation, tests, inputs)
+    return View(search, prepared, confirmation)

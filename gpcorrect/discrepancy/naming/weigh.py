@@ -5,18 +5,18 @@ Rivals are other effects, refitted there; the unknown is a smooth model there an
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
 
+from gpcorrect.discrepancy.evidence.linear import solve
 from gpcorrect.discrepancy.naming.intervals import columns_of
-from gpcorrect.discrepancy.naming.more_general import more_general
 from gpcorrect.discrepancy.naming.smooth_model import smooth_columns, smooth_nats
 from gpcorrect.discrepancy.naming.view import View
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
-from gpcorrect.discrepancy.search.linearisation import held_out
+from gpcorrect.discrepancy.search.linearisation import held_out, linearise
 from gpcorrect.discrepancy.search.state import Search, penalty
 from gpcorrect.discrepancy.search.stepwise import rank
 from gpcorrect.discrepancy.settings import NAMING
@@ -33,8 +33,8 @@ class Rival:
     nats : float
         Beyond the set without either.
     is_general : bool
-        Whether the effect is a special case of it: its nats are then those of :func:`more_general`, in which its
-        further numbers are paid for.
+        Whether the effect is a special case of it: its nats are then an evidence in which its further numbers are
+        paid for.
     """
 
     fit: FittedEffect
@@ -139,10 +139,7 @@ def weigh(view: View, fit: FittedEffect, own: Own) -> Weighed:
     search, channels = view.search, _strongest_channels(view, fit)
     columns = smooth_columns(view, own.rest, channels)
     unknown = Unknown(*(smooth_nats(view, fitted, channels, columns) for fitted in (own.rest, search.fitted)))
-    general = [
-        Rival(wider, nats + own.nats, is_general=True)
-        for wider, nats in more_general(search, own.rest, fit, own.overdispersion)
-    ]
+    general = _more_general(search, own, fit)
     counts = between_effects(own, unknown, penalty(search.n_kinds))
     rivals = [
         r
@@ -251,6 +248,70 @@ def _likeness(a: FloatArray, b: FloatArray, slopes: FloatArray) -> float:
         basis, _ = np.linalg.qr(slopes)
         a, b = a - basis @ (basis.T @ a), b - basis @ (basis.T @ b)
     return float(abs(a @ b) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-300))
+
+
+def _more_general(search: Search, own: Own, fit: FittedEffect) -> list[Rival]:
+    """Return look-alikes in the catalogue of which an effect is a special case.
+
+    An error of the first row of a kinematic table is an error of the registration. No data rule such a one out, unless
+    they would show its further numbers, were those as large as the ones that are seen. So both are weighed by their
+    evidence as linear models (Bishop 2006, Eq. 3.86) whose numbers have a normal prior of one size, in units of what is
+    typical of each: that of the effect's own numbers. Effects that do not grow with every number are no such models.
+    """
+    if not _is_linear(fit.candidate):
+        return []
+    alike, rest, noisier = fit.candidate.kind.about.neighbours, own.rest, own.overdispersion
+    narrow = _Linear.of(search, rest, fit)
+    change = narrow.slopes @ fit.u
+    found: dict[Hashable, Rival] = {}
+    for trace in search.traces:
+        other = trace.candidate
+        wider = other.extra > fit.candidate.extra and other.name in alike and _is_linear(other)
+        if not wider or other.key in found or any(other.key == m.candidate.key for m in rest):
+            continue
+        columns = search.whitener.whiten_columns(trace.change)
+        factors = _factors(columns, change)
+        left = change - columns @ factors
+        if left @ left > NAMING.general * (change @ change):
+            continue
+        fitted = search.refit((*rest, FittedEffect(other, other.scaled(factors))), other)
+        if not fitted[-1].at_edge:
+            wide = _Linear.of(search, rest, fitted[-1])
+            nats = noisier * (wide.evidence(change, noisier) - narrow.evidence(change, noisier))
+            found[other.key] = Rival(fitted[-1], nats + own.nats, is_general=True)
+    return list(found.values())
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """Whitened tangents `(M, p)` of an effect and the residual `(M,)` without it, less what others can take up."""
+
+    slopes: FloatArray
+    z: FloatArray
+
+    @classmethod
+    def of(cls, search: Search, rest: Sequence[FittedEffect], fit: FittedEffect) -> _Linear:
+        at = linearise(search.whitener, [fit], rest)
+        others = search.linearise_near(rest, fit.candidate).slopes
+        basis = np.linalg.qr(others)[0] if others.shape[1] else others
+        own = np.column_stack([at.slopes, at.z + at.slopes @ fit.u])
+        own -= basis @ (basis.T @ own)
+        return cls(own[:, :-1], own[:, -1])
+
+    def evidence(self, change: FloatArray, noisier: float) -> float:
+        """Log evidence with a normal prior of its numbers, of the mean square that their part in a change has."""
+        size = float(np.mean(_factors(self.slopes, change) ** 2))
+        precision = self.slopes.T @ self.slopes / noisier + np.eye(self.slopes.shape[1]) / size
+        moment = self.slopes.T @ self.z / noisier
+        return 0.5 * float(moment @ np.linalg.solve(precision, moment) - np.linalg.slogdet(size * precision)[1])
+
+
+def _is_linear(candidate: Candidate) -> bool:
+    return all(c.amplitude and c.identity == 0.0 for c in candidate.coordinates)
+
+
+def _factors(columns: FloatArray, change: FloatArray) -> FloatArray:
+    return solve(columns.T @ columns, columns.T @ change)
 
 
 def _strongest_channels(view: View, fit: FittedEffect) -> BoolArray:

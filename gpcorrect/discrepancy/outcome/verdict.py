@@ -57,7 +57,7 @@ def verdict_level(
     joints = {e.joint for e in effects}  # of effects on noise, which say what is odd there
     channels = {c for c in prepared.dataset.scene.channels if c.joint not in joints}
     elsewhere = np.array([c in channels for c in prepared.dataset.scene.channels])
-    view = view_of(state, prepared.tests, prepared.inputs)
+    view = view_of(state, prepared)
     left = smooth_nats(view, fitted, elsewhere, smooth_columns(view, fitted, elsewhere))
     rare = any(b.lasts for b in bursts_of(state.dataset, state.whitener.noises, [f.effect for f in fitted]))
     if left > penalty(max(state.n_kinds, 1)) or is_plain(before, channels, dropped) or rare:
