@@ -216,24 +216,17 @@ def _how_much(result: DiscrepancyResult) -> Section:
     ]
     head = ["channel", "before", "after", "noise", "closed", "95 % interval", "black box", "permutation control"]
     tail_head = ["channel", "95 %, before", "95 %, after", "maximum, before", "maximum, after"]
+    rows, tails = [], []
+    for g in result.gap:
+        sizes, interval = _sizes(g, g.before, g.after, g.noise), " to ".join(map(_fraction, g.closed_ci95))
+        controls = _fraction(g.black_box_ceiling), _fraction(g.permutation_control)
+        rows.append([channel_words(g.channel), *sizes, _fraction(g.closed), interval, *controls])
+        tails.append([channel_words(g.channel), *_sizes(g, *g.p95, *g.largest)])
     tables = (
-        TableData(
-            head, [_gap_row(g) for g in result.gap], "Root mean squares; intervals by drawing whole trajectories."
-        ),
-        TableData(
-            tail_head,
-            [[channel_words(g.channel), *_sizes(g, *g.p95, *g.largest)] for g in result.gap],
-            "Sizes that 95 % of the samples stay below, and the largest.",
-        ),
+        TableData(head, rows, "Root mean squares; intervals by drawing whole trajectories."),
+        TableData(tail_head, tails, "Sizes that 95 % of the samples stay below, and the largest."),
     )
     return Section("How much", words, tables, (gap_chart(result.gap),))
-
-
-def _gap_row(gap: ChannelGap) -> list[str]:
-    interval = " to ".join(_fraction(end) for end in gap.closed_ci95)
-    controls = [_fraction(gap.black_box_ceiling), _fraction(gap.permutation_control)]
-    sizes = _sizes(gap, gap.before, gap.after, gap.noise)
-    return [channel_words(gap.channel), *sizes, _fraction(gap.closed), interval, *controls]
 
 
 def _sizes(gap: ChannelGap, *values: float) -> list[str]:

@@ -87,7 +87,6 @@ class Named:
 
     Parameters
     ----------
-    fit : FittedEffect
     level : Level
         EXACT, CLASS, SET, UNKNOWN or INCONCLUSIVE.
     probability : float

@@ -69,7 +69,6 @@ class _ModelSelection:
     ----------
     search : Search
         With the effects as they are now.
-    prepared : PreparedData
     assessments : dict
         On each fit, by its identity.
     dropped : list of Named

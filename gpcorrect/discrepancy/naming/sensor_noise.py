@@ -36,16 +36,8 @@ Numbers = Mapping[str, tuple[float, tuple[float, float], str]]  # of an effect: 
 class Growth:
     """Noise beyond what was there before, or beyond what is stated.
 
-    Parameters
-    ----------
-    std : float
-        Of the further noise, unit of the channel.
-    std_ci95 : pair of float
-        By the scatter of the trajectories.
-    since, since_ci95 : float, pair of float
-        Session time from which on it is there, s.
-    nats : float
-        Gain of log-likelihood of the trajectories' levels.
+    Its standard deviation (unit of the channel) by the scatter of the trajectories, the session time from which on it
+    is there (s), and the gain of log-likelihood of the trajectories' levels.
     """
 
     std: float

@@ -39,14 +39,8 @@ def second_differences(values: FloatArray) -> FloatArray:
 class SpeedGrowth:
     """Variance of noise that goes with the square of the speed.
 
-    Parameters
-    ----------
-    seconds, seconds_ci95 : float, pair of float
-        Root of the slope: that of the instants, s; the interval by the scatter of stretches.
-    level : float
-        Standard deviation of the noise at rest, rad or m.
-    nats : float
-        Half the square of the slope's standard score.
+    The root of its slope is the spread of the instants (s), with an interval by the scatter of stretches; `level` is
+    the noise at rest (rad or m), `nats` half the square of the slope's standard score.
     """
 
     seconds: float

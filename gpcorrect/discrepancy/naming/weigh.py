@@ -29,7 +29,6 @@ class Rival:
 
     Parameters
     ----------
-    fit : FittedEffect
     nats : float
         Beyond the set without either.
     is_general : bool
@@ -94,12 +93,10 @@ class Weighed:
 
     Parameters
     ----------
-    own : Own
     active : (b,) bool array
         Trajectories of discovery, then confirmation, in which it acts: a slip does not before it happens.
     rivals : tuple of Rival
         Those like it and those that it is a special case of, best first.
-    unknown : Unknown
     """
 
     own: Own

@@ -47,12 +47,10 @@ class Provenance:
 
     Parameters
     ----------
-    data : tuple of DataSource
     seed : int
         Of the split and of everything drawn.
     versions : dict
         Of this package, Python and the numerical libraries.
-    thresholds : DecisionThresholds
     seconds : float
         Time of the run.
     noise : dict of str to ChannelNoise

@@ -115,7 +115,6 @@ class PlaceVerdict:
     ----------
     place : int or str
         Number of the joint; "tool" for what a tracker alone sees.
-    level : Level
     channel : Channel
         In which the gap was largest over its noise.
     before, after, noise : float
@@ -142,7 +141,6 @@ class Verdict:
 
     Parameters
     ----------
-    level : Level
     effects : tuple of NamedEffect
         Named, and in the model.
     places : tuple of PlaceVerdict
@@ -171,7 +169,6 @@ class ChannelGap:
         1 - (after^2 - noise^2) / (before^2 - noise^2); NaN where there is no gap to close.
     closed_ci95 : pair of float
         Bootstrap over trajectories.
-    channel : Channel
     black_box_ceiling, permutation_control : float
         Fractions that a black box and a permutation control close.
     """
@@ -252,7 +249,6 @@ class DiscrepancyResult:
 
     Parameters
     ----------
-    verdict : Verdict
     not_named : tuple of UnnamedEffect
         What helped in the search but may not be named.
     localisation : Localisation
@@ -263,7 +259,6 @@ class DiscrepancyResult:
         Each channel on the test set.
     next_experiment : Experiment or None
         What to record next; None when nothing is open.
-    provenance : Provenance
     model : Model
         With the named effects.
     evidence : Evidence

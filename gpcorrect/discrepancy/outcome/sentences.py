@@ -121,20 +121,12 @@ def _group_words(effects: Sequence[NamedEffect], gap: ChannelGap | None) -> str:
     if all(e.family == Family.NOISE for e in effects):
         return f"{where}: {' + '.join(_named(e, interval=len(effects) == 1) for e in effects)}, noise: no gap to close"
     if len(effects) == 1:
-        return f"{where}: {_effect_words(effects[0])}" + (f", closes {fraction}" if fraction else "")
+        (effect,) = effects
+        words = _named(effect, interval=True) if effect.level == Level.EXACT else _either(effect)
+        kind = f"a {effect.family} effect, " if effect.level == Level.CLASS else ""
+        return f"{where}: {kind}{words}" + (f", closes {fraction}" if fraction else "")
     names = " + ".join(map(short_words, effects))
     return f"{where}: {names}, close {fraction}" if fraction else f"{where}: {names}"
-
-
-def _effect_words(effect: NamedEffect) -> str:
-    """Return an effect with its first number and its interval; rivals that remain are named with it."""
-    match effect.level:
-        case Level.EXACT:
-            return _named(effect, interval=True)
-        case Level.CLASS:
-            return f"a {effect.family} effect, {_either(effect)}"
-        case _:
-            return _either(effect)
 
 
 def _named(effect: NamedEffect, *, interval: bool, sized: bool = True) -> str:

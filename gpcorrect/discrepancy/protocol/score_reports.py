@@ -48,18 +48,8 @@ class Proportion:
 class Target:
     """One line of the target table.
 
-    Parameters
-    ----------
-    what : str
-        Set and measure.
-    n : int
-        Cases (or names, or numbers) that it is taken over.
-    value : float
-        Measured.
-    interval : pair of float
-        95 % Wilson interval of a fraction, else NaN.
-    low, high : float
-        Range that was asked for.
+    What was measured over n cases, names or numbers, with the 95 % Wilson interval of a fraction (else NaN), and the
+    range that was asked for.
     """
 
     what: str
@@ -148,10 +138,8 @@ def read_reports(folders: Iterable[Path]) -> list[tuple[str, dict[str, Any]]]:
     for folder in folders:
         paths = [folder / "report.json"] if (folder / "report.json").is_file() else sorted(folder.glob("*/report.json"))
         if not paths:
-            raise DataError(
-                f"{folder} holds no report.json.",
-                hint="Give the output folders of `discrepancy run`, or a folder of them.",
-            )
+            hint = "Give the output folders of `discrepancy run`, or a folder of them."
+            raise DataError(f"{folder} holds no report.json.", hint=hint)
         for path in paths:
             try:
                 found.append((path.parent.name, json.loads(path.read_text(encoding="utf-8"))))
