@@ -159,23 +159,16 @@ def _samples(
     residual: FloatArray, laws: FloatArray, trajectory: IntArray, rows: BoolArray, stated: float
 ) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
     """Laws, variance beyond what is stated by the first, trajectory and stretch of every sample with a variance."""
-    followed, variances = list[FloatArray](), list[FloatArray]()
-    groups, stretches = list[IntArray](), list[IntArray]()
-    last = 0
+    parts = [(np.empty((0, laws.shape[1])), np.empty(0), np.empty(0, np.int64), np.empty(0, np.int64))]
     for number in np.unique(trajectory[rows]):
         mine = rows & (trajectory == number)
-        values, law = residual[mine], laws[mine]
-        second = second_differences(values)
+        second, law = second_differences(residual[mine]), laws[mine]
         between = 0.5 * (law[1:-2] + law[2:-1])
         variance = NEIGHBOURS * second[1:] * second[:-1] - stated**2 * between[:, 0]
         known = np.isfinite(variance) & np.isfinite(between).all(axis=1)
-        if known.sum() < SENSORS.fewest:
-            continue
-        followed.append(between[known])
-        variances.append(variance[known])
-        groups.append(np.full(known.sum(), len(groups)))
-        stretches.append(last + np.arange(known.sum()) // SENSORS.fewest)
-        last = int(stretches[-1][-1]) + 1
-    if not groups:
-        return np.empty((0, laws.shape[1])), np.empty(0), np.empty(0, np.int64), np.empty(0, np.int64)
+        count = int(known.sum())
+        if count >= SENSORS.fewest:
+            stretch = parts[-1][3].max(initial=-1) + 1 + np.arange(count) // SENSORS.fewest
+            parts.append((between[known], variance[known], np.full(count, len(parts) - 1), stretch))
+    followed, variances, groups, stretches = zip(*parts, strict=True)
     return np.concatenate(followed), np.concatenate(variances), np.concatenate(groups), np.concatenate(stretches)
