@@ -196,14 +196,14 @@ def _most_explaining(evidence: Evidence, index: int) -> int:
     good = np.isfinite(evidence.before[:, index])
     residual = evidence.before[good, index]
 
-    def explained(position: FloatArray) -> float:
+    def _explained(position: FloatArray) -> float:
         edges = np.unique(np.quantile(position, np.linspace(0, 1, 11)))
         if len(edges) < 3:
             return 0.0
         count, total = (np.histogram(position, edges, weights=w)[0] for w in (np.ones(len(residual)), residual))
         return float((count * (total / np.maximum(count, 1) - residual.mean()) ** 2).sum())
 
-    return int(np.argmax([explained(column) for column in evidence.motor[good].T]))
+    return int(np.argmax([_explained(column) for column in evidence.motor[good].T]))
 
 
 def _running_median(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -283,9 +283,9 @@ def _pair(evidence: Evidence, index: int) -> tuple[int, int]:
     if not pairs:
         return 0, 0
 
-    def between(pair: tuple[int, int]) -> float:
+    def _between(pair: tuple[int, int]) -> float:
         image = _mean_map(evidence, evidence.before[:, index], pair)
         return float(np.nanvar(image)) if np.isfinite(image).sum() > 1 else 0.0
 
-    best = max(pairs, key=between)
+    best = max(pairs, key=_between)
     return best if own < 0 or best[0] == own else (best[1], best[0])
