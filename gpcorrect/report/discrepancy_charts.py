@@ -80,7 +80,9 @@ def posterior_chart(effects: Sequence[tuple[str, Sequence[Alternative]]]) -> Cha
     """
     panels = []
     for title, alternatives in effects:
-        shown = _with_none_and_unknown(alternatives)
+        always = [a for a in alternatives if not a.is_effect]
+        likeliest = [a for a in alternatives if a.is_effect][: MOST_BARS - len(always)]
+        shown = sorted([*likeliest, *always], key=lambda a: -a.probability)
         series = []
         for role, name, wanted in ((Role.CORRECTED, "effects", True), (Role.QUIET, "nothing, unknown", False)):
             rows = [i for i, a in enumerate(shown) if a.is_effect == wanted]
@@ -91,13 +93,6 @@ def posterior_chart(effects: Sequence[tuple[str, Sequence[Alternative]]]) -> Cha
         panels.append(Panel("probability [%]", "", series, title=title, rows=labels, x_range=(0.0, 118.0)))
     caption = "What could stand in each effect's place. Grey: nothing, and anything outside the catalogue."
     return Chart(caption, panels, columns=2)
-
-
-def _with_none_and_unknown(alternatives: Sequence[Alternative]) -> list[Alternative]:
-    """Return the most probable ones; nothing and unknown always among them."""
-    fixed = [a for a in alternatives if not a.is_effect]
-    named = [a for a in alternatives if a.is_effect]
-    return sorted([*named[: MOST_BARS - len(fixed)], *fixed], key=lambda a: -a.probability)
 
 
 def waterfall_chart(steps: Sequence[Step]) -> Chart:

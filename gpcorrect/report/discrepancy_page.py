@@ -55,12 +55,13 @@ def write_discrepancy_report(result: DiscrepancyResult, path: Path) -> None:
         The folder cannot be written.
     """
     source = result.provenance
+    loops = loop_chart(result.evidence, _worst(result)[:MOST_CHANNELS], machine_of(result.model).body)
     sections = [
         _glance(result),
         _where(result),
         _what(result),
         _how_much(result),
-        _loops(result),
+        Section("Residual against position, by direction of travel", (), (), (loops,)),
         _search(result),
         _next(result),
         _not_nameable(result),
@@ -237,12 +238,6 @@ def _fraction(value: float) -> str:
     if not np.isfinite(value):
         return "–"
     return f"{100 * value:.0f} %" if value > -1 else "< -100 %"
-
-
-def _loops(result: DiscrepancyResult) -> Section:
-    shown = _worst(result)[:MOST_CHANNELS]
-    chart = loop_chart(result.evidence, shown, machine_of(result.model).body)
-    return Section("Residual against position, by direction of travel", (), (), (chart,))
 
 
 def _search(result: DiscrepancyResult) -> Section | None:
