@@ -15,8 +15,7 @@ from gpcorrect.discrepancy.evidence.bursts import bursts_of
 from gpcorrect.discrepancy.evidence.whitener import estimate_noises, whitener_on
 from gpcorrect.discrepancy.naming.intervals import half_widths
 from gpcorrect.discrepancy.naming.posterior import Level, Named
-from gpcorrect.discrepancy.naming.rare import name_rare
-from gpcorrect.discrepancy.naming.selection import name_effects
+from gpcorrect.discrepancy.naming.selection import name_effects, name_rare
 from gpcorrect.discrepancy.naming.sensor_noise import noise_effects
 from gpcorrect.discrepancy.outcome.figures import evidence_of, gaps_of
 from gpcorrect.discrepancy.outcome.provenance import provenance_of
@@ -109,9 +108,9 @@ def _find(
         state = load_or_search(
             state, candidates, store, lambda start: search(start, rounds=SEARCH.rounds, progress=progress)
         )
-        tests, inputs = prepared.tests, prepared.inputs
+        known = prepared
         state, named, dropped = load_or_name(
-            state, candidates, store, lambda done: name_effects(done, tests, inputs, progress=progress)
+            state, candidates, store, lambda done: name_effects(done, known, progress=progress)
         )
     if (rare := name_rare(prepared, state, named, candidates, rng, progress)) is not None:
         prepared, state, named = rare
@@ -209,7 +208,7 @@ def _with_numbers(
     whitener, nominal = whitener_on(dataset, state.residual(fitted), rows), dataset.predict()
     found, unsure = {}, set()
     for i, (name, fit) in enumerate(zip(named, fitted, strict=True)):
-        widths, candidate = half_widths(state, whitener, fitted, i), fit.candidate
+        widths, candidate = half_widths(state, whitener, fitted, fit), fit.candidate
         if all(abs(fit.u[k] - candidate.coordinates[k].identity) <= widths[k] for k in candidate.sizes):
             unsure.add(i)
             continue

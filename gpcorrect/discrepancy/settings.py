@@ -1,71 +1,47 @@
 """Every number that can move a verdict, with where it comes from.
 
-One set for all runs. Development cases are simulated recordings of seeds that no published figure uses; numbers chosen
-on them are halved and doubled by `bench/discrepancy_sensitivity.py`.
+One set for all runs. "By design" is what the design of the method asks for; a number with no source was chosen by hand
+on development cases: simulated recordings of seeds that no published figure uses. `bench/discrepancy_sensitivity.py`
+halves and doubles each.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class SplitSettings:
     """Who may look at which rows."""
 
-    # Of the trajectories: discovery, confirmation, test set. Asked for by the design of the method.
+    # Of the trajectories: discovery, confirmation, test set; by design
     fractions: tuple[float, float, float] = (0.6, 0.2, 0.2)
-    # Fewer whole trajectories are cut into blocks. Chosen by hand on development cases.
-    min_units: int = 10
-    # From there on the split is by session, one at least for each part. Asked for by the design of the method.
-    min_sessions: int = 3
-    # Of a session's trajectories, in which what is new in it (a homing) is learned. Chosen by hand on development
-    # cases.
-    opening: float = 0.2
-    # Of a block's length, left out between blocks so that slow noise does not reach across. Chosen by hand on
-    # development cases.
-    guard: float = 0.05
-    # Condensed rows that evidence is taken from: above, time grows and results hardly change. Chosen by hand on
-    # development cases.
-    most_rows: int = 9000
+    min_units: int = 10  # fewer whole trajectories are cut into blocks
+    min_sessions: int = 3  # from there on the split is by session, one at least for each part; by design
+    opening: float = 0.2  # of a session's trajectories, in which what is new in it (a homing) is learned
+    guard: float = 0.05  # of a block's length, left out between blocks so that slow noise does not reach across
+    most_rows: int = 9000  # condensed rows that evidence is taken from: above, time grows and results hardly change
 
 
 @dataclass(frozen=True)
 class NoiseSettings:
     """What of a residual is noise."""
 
-    # Times the stated noise: from there on the recording's own is believed. Chosen by hand on development cases.
-    noisier: float = 1.25
-    # s between samples at most: beyond, neighbouring samples differ by motion, not by noise. Chosen by hand on
-    # development cases.
-    dense: float = 0.06
-    # s that a rounding error stays the same: about a joint's time from count to count. Chosen by hand on development
-    # cases.
-    rounded_for: float = 0.5
-    # Samples in holds, without which the whole recording is used. Chosen by hand on development cases.
-    min_pairs: int = 200
-    # s; beyond, motion and noise can no longer be separated. Chosen by hand on development cases.
-    longest_lag: float = 0.8
-    # Degrees of freedom, between normal noise and the heavy tails of sensors. Chosen by hand on development cases.
-    likely_tail: float = 8.0
-    # Robust standard deviations from the running median: in normal noise one sample in 5e8. Chosen by hand on
-    # development cases.
-    spike: float = 6.0
-    # Samples in a row that a sensor's fault may last; what lasts longer is the machine. Chosen by hand on development
-    # cases.
-    longest_spike: int = 2
-    # rad or m; finer residuals are rounding of what logs write down. Chosen by hand on development cases.
-    floor: float = 1e-6
+    noisier: float = 1.25  # times the stated noise: from there on the recording's own is believed
+    dense: float = 0.06  # s between samples at most: beyond, neighbouring samples differ by motion, not by noise
+    rounded_for: float = 0.5  # s that a rounding error stays the same: about a joint's time from count to count
+    min_pairs: int = 200  # samples in holds, without which the whole recording is used
+    longest_lag: float = 0.8  # s; beyond, motion and noise can no longer be separated
+    likely_tail: float = 8.0  # degrees of freedom, between normal noise and the heavy tails of sensors
+    spike: float = 6.0  # robust standard deviations from the running median: in normal noise one sample in 5e8
+    longest_spike: int = 2  # samples in a row that a sensor's fault may last; what lasts longer is the machine
+    floor: float = 1e-6  # rad or m; finer residuals are rounding of what logs write down
     # Of the outside sensor's noise (a tracker's over the joint's lever): an error of the motors below it does not
     # matter. A definition.
     motor_fraction: float = 1.0
-    # rad or m, the same where nothing outside sees what a joint moves. Chosen by hand on development cases.
-    motor_floor: float = 2e-4
-    # rad; standard deviation of the angles of a calibrated table and registration. Chosen by hand on development
-    # cases.
-    table_angle: float = 1e-4
-    # m; the same of its lengths. Chosen by hand on development cases.
-    table_length: float = 2e-5
+    motor_floor: float = 2e-4  # rad or m, the same where nothing outside sees what a joint moves
+    table_angle: float = 1e-4  # rad; standard deviation of the angles of a calibrated table and registration
+    table_length: float = 2e-5  # m; the same of its lengths
     # rad RMS between measured and simulated orientations, once the marker is turned on the tip: beyond, what is tracked
     # is no body fixed to the tool. Half a radian is ten times what any effect of the catalogue turns a tool.
     most_turned: float = 0.5
@@ -77,24 +53,14 @@ class NoiseSettings:
 class TestSettings:
     """Small tests of the residual."""
 
-    # Bootstrap samples of the null law, whose moments give its quantile.
-    draws: int = 60
-    # Quantile of the largest of all tests in noise that a finding must beat. Asked for by the design of the method.
-    level: float = 0.99
-    # Of a cell's mean, in root mean squares of the residual: hardly any shrinkage. Chosen by hand on development
-    # cases.
-    prior_std: float = 3.0
-    # Whitened residuals beyond count as this. Chosen by hand on development cases.
-    clip: float = 5.0
-    # Nats of a tone: a chance below 1e-5 in noise of a smooth spectrum (Chernoff). Chosen by hand on development
-    # cases.
-    sure_tone: float = 12.0
-    # Of the noise: a systematic part below it does not matter. Asked for by the design of the method.
-    equivalence: float = 0.25
-    # Of a joint's travel: smaller moves do not turn its direction. Chosen by hand on development cases.
-    resolution: float = 1e-3
-    # Of a channel. Asked for by the design of the method.
-    max_tests: int = 150
+    draws: int = 60  # bootstrap samples of the null law, whose moments give its quantile
+    level: float = 0.99  # quantile of the largest of all tests in noise that a finding must beat; by design
+    prior_std: float = 3.0  # of a cell's mean, in root mean squares of the residual: hardly any shrinkage
+    clip: float = 5.0  # whitened residuals beyond count as this
+    sure_tone: float = 12.0  # nats of a tone: a chance below 1e-5 in noise of a smooth spectrum (Chernoff)
+    equivalence: float = 0.25  # of the noise: a systematic part below it does not matter; by design
+    resolution: float = 1e-3  # of a joint's travel: smaller moves do not turn its direction
+    max_tests: int = 150  # of a channel; by design
 
 
 @dataclass(frozen=True)
@@ -106,13 +72,10 @@ class BurstSettings:
     limit: float = 3.0
     # Noise levels of the trajectory in the middle: above, it is not rare. In the same recordings 1.4 at most.
     calm: float = 1.25
-    # Into which what happens once is cut, so that most of them can foretell the others. Chosen by hand on development
-    # cases.
-    pieces: int = 10
-    # Condensed rows of a piece at least: noise is whitened inside of each. Chosen by hand on development cases.
-    shortest: int = 3
+    pieces: int = 10  # into which what happens once is cut, so that most of them can foretell the others
+    shortest: int = 3  # condensed rows of a piece at least: noise is whitened inside of each
     # Of a signature's energy that must lie where it happens: what acts elsewhere as well is evident from motion to
-    # motion. Chosen by hand on development cases.
+    # motion.
     there: float = 0.8
 
 
@@ -120,91 +83,57 @@ class BurstSettings:
 class SearchSettings:
     """Which effects are looked for, and when one is added."""
 
-    # Of the noise: a signature below leaves no trace. Chosen by hand on development cases.
-    trace: float = 0.02
-    # Probability that any effect at all is added, before it is divided among the candidates. Asked for by the design
-    # of the method.
+    trace: float = 0.02  # of the noise: a signature below leaves no trace
+    # Probability that any effect at all is added, before it is divided among the candidates; by design
     prior: float = 0.01
-    # Nats that each parameter beyond an effect's first must bring: limits of one effect are not another. Chosen by
-    # hand on development cases.
+    # Nats that each parameter beyond an effect's first must bring: limits of one effect are not another.
     complexity: float = 4.0
-    # Effects that are refitted with a new one. For time.
-    free_together: int = 8
-    # Motions before and after an instant: one alone may be odd for a reason of its own. Chosen by hand on development
-    # cases.
-    watched: int = 2
-    # Of a bound: a number this near to it is at the edge of its physical range. Chosen by hand on development cases.
-    edge: float = 0.01
-    # Of the search, at most one effect a joint in each. Asked for by the design of the method.
-    rounds: int = 4
-    # Leaders that are refined before one is chosen. For time.
-    refined: int = 2
-    # Leaders tried for that many whose numbers stay physical. For time.
-    looked_at: int = 4
-    # Of the leader's nats: below, a candidate is not worth refining. Chosen by hand on development cases.
-    near_leader: float = 0.3
+    free_together: int = 8  # effects that are refitted with a new one; for time
+    watched: int = 2  # motions before and after an instant: one alone may be odd for a reason of its own
+    edge: float = 0.01  # of a bound: a number this near to it is at the edge of its physical range
+    rounds: int = 4  # of the search, at most one effect a joint in each; by design
+    refined: int = 2  # leaders that are refined before one is chosen; for time
+    looked_at: int = 4  # leaders tried for that many whose numbers stay physical; for time
+    near_leader: float = 0.3  # of the leader's nats: below, a candidate is not worth refining
 
 
 @dataclass(frozen=True)
 class NamingSettings:
     """When an effect may be named."""
 
-    # Posterior of an exact name. Asked for by the design of the method.
-    exact: float = 0.95
-    # Posterior above which a rival cannot be ruled out: what EXACT leaves.
-    stable: float = 0.05
-    # Of an effect's nats, found beside it by the smooth model: then that model competes in full. Chosen by hand on
-    # development cases.
+    exact: float = 0.95  # posterior of an exact name; by design
+    stable: float = 0.05  # posterior above which a rival cannot be ruled out: what EXACT leaves
+    # Of an effect's nats, found beside it by the smooth model: then that model competes in full.
     unknown_fraction: float = 0.25
-    # Nats from which an effect with a small remainder stands against any smooth model. Chosen by hand on development
-    # cases.
-    strong: float = 30.0
-    # Of a signature, relative: how well an operator describes the real thing. Chosen by hand on development cases.
-    shape_error: float = 0.03
+    strong: float = 30.0  # nats from which an effect with a small remainder stands against any smooth model
+    shape_error: float = 0.03  # of a signature, relative: how well an operator describes the real thing
     # Of a number: none is known better, for masses and lengths of a machine's file are hardly known to a thousandth.
     finest: float = 1e-3
     # Of a signature, squared, that an effect may lack to count as the more general one: an error of the first row of a
-    # table also turns gravity a little, 0.02 of it on a development case. Chosen by hand; their evidence decides.
+    # table also turns gravity a little, 0.02 of it on a development case. Their evidence decides.
     general: float = 0.1
-    # Names that are refined in each effect's place, beside its simpler look-alikes. For time.
-    rivals: int = 2
-    # Candidates looked at for likeness. For time.
-    tried: int = 8
-    # Cosine of two signatures, beyond what the others explain, below which they are no rivals. Chosen by hand on
-    # development cases.
-    likeness: float = 0.5
-    # Of the strongest trajectory's energy: below, one says nothing of a size. Chosen by hand on development cases.
-    active: float = 0.01
-    # Channels of the smooth model, those in which an effect shows most. For time.
-    smooth_channels: int = 3
-    # Strongest pairs of variables of a channel in the smooth model. For time.
-    smooth_pairs: int = 3
+    rivals: int = 2  # names that are refined in each effect's place, beside its simpler look-alikes; for time
+    tried: int = 8  # candidates looked at for likeness; for time
+    likeness: float = 0.5  # cosine of two signatures, beyond what the others explain, below which they are no rivals
+    active: float = 0.01  # of the strongest trajectory's energy: below, one says nothing of a size
+    smooth_channels: int = 3  # channels of the smooth model, those in which an effect shows most; for time
+    smooth_pairs: int = 3  # strongest pairs of variables of a channel in the smooth model; for time
     # Nats behind an effect, from which on a rival is fitted no further: it is less probable than one in a thousand.
     hopeless: float = 7.0
-    # Searches for what the effects taken out had stood in for. Chosen by hand on development cases.
-    searches: int = 2
-    # Of each of them. Chosen by hand on development cases.
-    search_rounds: int = 2
-    # Nats of an effect that leaves a hole when it goes. Chosen by hand on development cases.
-    hole: float = 30.0
-    # Of the mean square above noise, that must close where an effect shows. Chosen by hand on development cases.
-    least_closed: float = 0.4
-    # Noise levels: a rest below may be noise. Chosen by hand on development cases.
-    plain_rest: float = 1.25
+    searches: int = 2  # searches for what the effects taken out had stood in for
+    search_rounds: int = 2  # of each of them
+    hole: float = 30.0  # nats of an effect that leaves a hole when it goes
+    least_closed: float = 0.4  # of the mean square above noise, that must close where an effect shows
+    plain_rest: float = 1.25  # noise levels: a rest below may be noise
     # Of the noise, squared, by which a channel's mean square may grow by chance: five standard deviations of the mean
     # over 5000 rows of white noise.
     worse: float = 0.1
-    # Of an effect's own nats: with more in its overtones it is a part of something else. Chosen by hand on
-    # development cases.
-    most_overtones: float = 0.25
-    # Nats on the confirmation part: odds of twenty to one. Chosen by hand on development cases.
-    confirmed: float = 3.0
-    # Of the trajectories in which an effect acts, that it must help. Asked for by the design of the method.
-    positive_fraction: float = 0.6
-    # Trajectories in which it acts: fewer may be odd for a reason of their own. Chosen by hand on development cases.
-    few: int = 3
+    most_overtones: float = 0.25  # of an effect's own nats: with more in its overtones it is a part of something else
+    confirmed: float = 3.0  # nats on the confirmation part: odds of twenty to one
+    positive_fraction: float = 0.6  # of the trajectories in which an effect acts, that it must help; by design
+    few: int = 3  # trajectories in which it acts: fewer may be odd for a reason of their own
     # Of a signature by the others: not nameable, where the rest is less than an error in our own signatures could make
-    # of the others (`shape_error`), or brings fewer nats than `strong`. Asked for by the design of the method.
+    # of the others (`shape_error`), or brings fewer nats than `strong`; by design
     explained: float = 0.95
     # Of its range, that the 95 % interval of a shape's number may be wide: a uniform prior cut to a third has brought
     # at least one nat, and a wave's number is known to a factor of four.
@@ -215,28 +144,17 @@ class NamingSettings:
 class SensorSettings:
     """When noise itself has a name."""
 
-    # Second differences of a trajectory: fewer say too little of its level. Chosen by hand on development cases.
-    fewest: int = 60
-    # Trajectories on either side of a change. Chosen by hand on development cases.
-    side: int = 2
-    # Robust standard deviations: what is farther out is a fault. Chosen by hand on development cases.
-    trim: float = 5.0
-    # Chance of a change in noise that does not change, shared by the channels. A definition.
-    chance: float = 1e-3
-    # Of the logarithm of the level: a smaller change is none. Chosen by hand on development cases.
-    least_change: float = 0.02
-    # Times the stated level. Chosen by hand on development cases.
-    beyond: float = 1.2
-    # Of the trajectories, that must be beyond it. Chosen by hand on development cases.
-    nearly: float = 0.9
-    # Of the outside sensors' noise: rounding by less is no discrepancy. Chosen by hand on development cases.
-    rounding_matters: float = 0.1
-    # Times the stated encoder step. Chosen by hand on development cases.
-    coarser: float = 2.0
-    # Counts visited by an encoder: fewer show no step. Chosen by hand on development cases.
-    fewest_counts: int = 8
-    # Length of the mean of unit vectors at the remainders' angles. Chosen by hand on development cases.
-    agreement: float = 0.97
+    fewest: int = 60  # second differences of a trajectory: fewer say too little of its level
+    side: int = 2  # trajectories on either side of a change
+    trim: float = 5.0  # robust standard deviations: what is farther out is a fault
+    chance: float = 1e-3  # chance of a change in noise that does not change, shared by the channels; a definition
+    least_change: float = 0.02  # of the logarithm of the level: a smaller change is none
+    beyond: float = 1.2  # times the stated level
+    nearly: float = 0.9  # of the trajectories, that must be beyond it
+    rounding_matters: float = 0.1  # of the outside sensors' noise: rounding by less is no discrepancy
+    coarser: float = 2.0  # times the stated encoder step
+    fewest_counts: int = 8  # counts visited by an encoder: fewer show no step
+    agreement: float = 0.97  # length of the mean of unit vectors at the remainders' angles
 
 
 @dataclass(frozen=True)
@@ -246,12 +164,9 @@ class VerdictSettings:
     # Of the noise: a systematic part larger than the noise itself, left at one joint, is the headline whatever is named
     # at another. A definition.
     rest: float = 1.0
-    # Of the noise: more of it put down to tolerances may hide what is missing. Chosen by hand on development cases.
-    most_tolerated: float = 0.5
-    # Thresholds of the tests: a finding above them is beyond doubt. Chosen by hand on development cases.
-    plain: float = 3.0
-    # Of a finding's nats, that an unnamed effect may have gained, and the finding stay unexplained. Chosen by hand on
-    # development cases.
+    most_tolerated: float = 0.5  # of the noise: more of it put down to tolerances may hide what is missing
+    plain: float = 3.0  # thresholds of the tests: a finding above them is beyond doubt
+    # Of a finding's nats, that an unnamed effect may have gained, and the finding stay unexplained.
     explained: float = 0.5
 
 
@@ -259,25 +174,23 @@ class VerdictSettings:
 class AdviceSettings:
     """What is worth recording next."""
 
-    # Nats: below, two effects are equivalent with these sensors. Asked for by the design of the method.
-    enough: float = 3.0
-    # Posterior from which on an alternative is worth an experiment. Chosen by hand on development cases.
-    open_probability: float = 0.01
+    enough: float = 3.0  # nats: below, two effects are equivalent with these sensors; by design
+    open_probability: float = 0.01  # posterior from which on an alternative is worth an experiment
 
 
 @dataclass(frozen=True)
 class DiscrepancySettings:
     """All of them, by what they decide."""
 
-    split: SplitSettings = field(default_factory=SplitSettings)
-    noise: NoiseSettings = field(default_factory=NoiseSettings)
-    tests: TestSettings = field(default_factory=TestSettings)
-    bursts: BurstSettings = field(default_factory=BurstSettings)
-    search: SearchSettings = field(default_factory=SearchSettings)
-    naming: NamingSettings = field(default_factory=NamingSettings)
-    sensors: SensorSettings = field(default_factory=SensorSettings)
-    verdict: VerdictSettings = field(default_factory=VerdictSettings)
-    advice: AdviceSettings = field(default_factory=AdviceSettings)
+    split: SplitSettings = SplitSettings()
+    noise: NoiseSettings = NoiseSettings()
+    tests: TestSettings = TestSettings()
+    bursts: BurstSettings = BurstSettings()
+    search: SearchSettings = SearchSettings()
+    naming: NamingSettings = NamingSettings()
+    sensors: SensorSettings = SensorSettings()
+    verdict: VerdictSettings = VerdictSettings()
+    advice: AdviceSettings = AdviceSettings()
 
 
 SETTINGS = DiscrepancySettings()

@@ -15,7 +15,7 @@ from gpcorrect.discrepancy.search.state import Step
 from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
 from gpcorrect.rigid.registration import evenly_spaced
 from gpcorrect.sim.body import Body
-from gpcorrect.types import BoolArray, FloatArray, IntArray
+from gpcorrect.types import FloatArray
 
 WIDE = 30.0  # largest over smallest: beyond, a linear scale hides the small ones
 MOST_BARS = 6  # of one effect's posterior
@@ -48,7 +48,6 @@ def gap_chart(gaps: Sequence[ChannelGap]) -> Chart:
     Parameters
     ----------
     gaps : sequence of ChannelGap
-        Of a result.
     """
     units = [u for u in ("rad", "m") if any(g.channel.unit == u for g in gaps)]
     panels = [_gap_panel([g for g in gaps if g.channel.unit == unit], unit) for unit in units]
@@ -58,9 +57,9 @@ def gap_chart(gaps: Sequence[ChannelGap]) -> Chart:
 def _gap_panel(gaps: Sequence[ChannelGap], unit: str) -> Panel:
     scale, symbol = in_reader_units(1.0, unit)
     rows = np.arange(len(gaps))
-    after, before = (scale * np.array([getattr(g, name) for g in gaps]) for name in ("after", "before"))
-    series = [Series("closed", Mark.BARS, Role.QUIET, after, rows, x2=before, size=0.08)]
     values = [scale * np.array([size(g) for g in gaps]) for size, *_ in MARKS]
+    before, after = values[:2]
+    series = [Series("closed", Mark.BARS, Role.QUIET, after, rows, x2=before, size=0.08)]
     for value, (_, mark, role, name) in zip(values, MARKS, strict=True):
         series.append(Series(name, mark, role, value, rows, size=9.0))
     seen = np.concatenate(values)
@@ -81,7 +80,9 @@ def posterior_chart(effects: Sequence[tuple[str, Sequence[Alternative]]]) -> Cha
     """
     panels = []
     for title, alternatives in effects:
-        shown = _with_none_and_unknown(alternatives)
+        always = [a for a in alternatives if not a.is_effect]
+        likeliest = [a for a in alternatives if a.is_effect][: MOST_BARS - len(always)]
+        shown = sorted([*likeliest, *always], key=lambda a: -a.probability)
         series = []
         for role, name, wanted in ((Role.CORRECTED, "effects", True), (Role.QUIET, "nothing, unknown", False)):
             rows = [i for i, a in enumerate(shown) if a.is_effect == wanted]
@@ -92,13 +93,6 @@ def posterior_chart(effects: Sequence[tuple[str, Sequence[Alternative]]]) -> Cha
         panels.append(Panel("probability [%]", "", series, title=title, rows=labels, x_range=(0.0, 118.0)))
     caption = "What could stand in each effect's place. Grey: nothing, and anything outside the catalogue."
     return Chart(caption, panels, columns=2)
-
-
-def _with_none_and_unknown(alternatives: Sequence[Alternative]) -> list[Alternative]:
-    """Return the most probable ones; nothing and unknown always among them."""
-    fixed = [a for a in alternatives if not a.is_effect]
-    named = [a for a in alternatives if a.is_effect]
-    return sorted([*named[: MOST_BARS - len(fixed)], *fixed], key=lambda a: -a.probability)
 
 
 def waterfall_chart(steps: Sequence[Step]) -> Chart:
@@ -129,7 +123,6 @@ def likeness_chart(correlation: FloatArray, labels: Sequence[str]) -> Chart:
     correlation : (p, p) array
         Cosines.
     labels : sequence of str
-        Of its rows.
     """
     i, j = (grid.ravel() for grid in np.indices(correlation.shape))
     text = [f"{one} and {other}" for one in labels for other in labels]
@@ -153,7 +146,6 @@ def loop_chart(evidence: Evidence, channels: Sequence[tuple[int, Channel]], body
     Parameters
     ----------
     evidence : Evidence
-        Condensed rows.
     channels : sequence of (int, Channel)
         Which ones, with their columns; one of no single joint is drawn against the joint that spreads it most.
     body : Body
@@ -195,19 +187,18 @@ def _loops(evidence: Evidence, x: FloatArray, y: FloatArray, column: int) -> lis
 
 
 def _most_explaining(evidence: Evidence, index: int) -> int:
-    """Return the joint column that explains most of a channel's residual."""
-    return int(np.argmax([_explained(column, evidence.before[:, index]) for column in evidence.motor.T]))
+    """Return the joint column whose deciles explain most of a channel's residual."""
+    good = np.isfinite(evidence.before[:, index])
+    residual = evidence.before[good, index]
 
+    def _explained(position: FloatArray) -> float:
+        edges = np.unique(np.quantile(position, np.linspace(0, 1, 11)))
+        if len(edges) < 3:
+            return 0.0
+        count, total = (np.histogram(position, edges, weights=w)[0] for w in (np.ones(len(residual)), residual))
+        return float((count * (total / np.maximum(count, 1) - residual.mean()) ** 2).sum())
 
-def _explained(position: FloatArray, residual: FloatArray) -> float:
-    good = np.isfinite(residual)
-    edges = np.unique(np.quantile(position[good], np.linspace(0, 1, 11)))
-    if len(edges) < 3:
-        return 0.0
-    code = np.clip(np.searchsorted(edges, position[good], side="right") - 1, 0, len(edges) - 2)
-    count = np.bincount(code)
-    mean = np.bincount(code, residual[good]) / np.maximum(count, 1)
-    return float((count * (mean - residual[good].mean()) ** 2).sum())
+    return int(np.argmax([_explained(column) for column in evidence.motor[good].T]))
 
 
 def _running_median(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -271,31 +262,25 @@ def _edges(values: FloatArray) -> FloatArray:
     return np.linspace(low, max(high, low + 1e-9), CELLS + 1)
 
 
-def _cell(evidence: Evidence, column: int) -> tuple[IntArray, BoolArray]:
-    values, edges = evidence.motor[:, column], _edges(evidence.motor[:, column])
-    code = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, CELLS - 1)
-    return code, (values >= edges[0]) & (values <= edges[-1])
-
-
 def _mean_map(evidence: Evidence, values: FloatArray, pair: tuple[int, int]) -> FloatArray:
     """Means `(CELLS, CELLS)`; NaN where there are too few rows."""
-    (a, inside_a), (b, inside_b) = _cell(evidence, pair[0]), _cell(evidence, pair[1])
-    good = inside_a & inside_b & np.isfinite(values)
-    code = (a * CELLS + b)[good]
-    count = np.bincount(code, minlength=CELLS**2)
-    total = np.bincount(code, values[good], minlength=CELLS**2)
-    return np.where(count >= FEWEST, total / np.maximum(count, 1), np.nan).reshape(CELLS, CELLS)
+    good = np.isfinite(values)
+    x, y = (evidence.motor[good, j] for j in pair)
+    edges = [_edges(evidence.motor[:, j]) for j in pair]
+    count, total = (np.histogram2d(x, y, edges, weights=w)[0] for w in (None, values[good]))
+    return np.where(count >= FEWEST, total / np.maximum(count, 1), np.nan)
 
 
 def _pair(evidence: Evidence, index: int) -> tuple[int, int]:
-    """Columns of the two joints whose cells explain most of the residual; a channel's own joint is one of them."""
+    """Columns of the two joints whose cells explain most of the residual; a channel's own joint is the first."""
     n, own = evidence.motor.shape[1], evidence.joint[index]
     pairs = [p for p in combinations(range(n), 2) if own < 0 or own in p]
     if not pairs:
         return 0, 0
-    best = max(pairs, key=lambda p: _between(_mean_map(evidence, evidence.before[:, index], p)))
+
+    def _between(pair: tuple[int, int]) -> float:
+        image = _mean_map(evidence, evidence.before[:, index], pair)
+        return float(np.nanvar(image)) if np.isfinite(image).sum() > 1 else 0.0
+
+    best = max(pairs, key=_between)
     return best if own < 0 or best[0] == own else (best[1], best[0])
-
-
-def _between(image: FloatArray) -> float:
-    return float(np.nanvar(image)) if np.isfinite(image).sum() > 1 else 0.0

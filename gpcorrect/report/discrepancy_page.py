@@ -15,11 +15,11 @@ from gpcorrect.discrepancy.outcome.words import (
     MEANING,
     channel_words,
     estimate_words,
-    in_reader_units,
     noise_source_words,
     number,
     place,
     region_words,
+    size_words,
     variable_words,
 )
 from gpcorrect.discrepancy.recording.channels import Channel
@@ -47,21 +47,21 @@ def write_discrepancy_report(result: DiscrepancyResult, path: Path) -> None:
     Parameters
     ----------
     result : DiscrepancyResult
-        Of the run.
     path : Path
-        Page to write.
 
     Raises
     ------
     GpCorrectError
         The folder cannot be written.
     """
+    source = result.provenance
+    loops = loop_chart(result.evidence, _worst(result)[:MOST_CHANNELS], machine_of(result.model).body)
     sections = [
         _glance(result),
         _where(result),
         _what(result),
         _how_much(result),
-        _loops(result),
+        Section("Residual against position, by direction of travel", (), (), (loops,)),
         _search(result),
         _next(result),
         _not_nameable(result),
@@ -70,30 +70,23 @@ def write_discrepancy_report(result: DiscrepancyResult, path: Path) -> None:
     page = Page(
         "gpcorrect discrepancy",
         verdict_sentence(result),
-        _facts(result),
+        [
+            ("verdict", f"{result.level}: {MEANING[result.level]}"),
+            ("next", next_step(result)),
+            *(("recording", f"{d.name}, {d.rows} samples") for d in source.data),
+            ("run", f"{source.seconds:.0f} s, seed {source.seed}"),
+        ],
         [section for section in sections if section is not None],
-        [("recording", f"{d.name}, SHA-256 {d.sha256 or 'none: not a file'}") for d in result.provenance.data],
+        [("recording", f"{d.name}, SHA-256 {d.sha256 or 'none: not a file'}") for d in source.data],
     )
     write_page(page, path)
-
-
-def _facts(result: DiscrepancyResult) -> list[tuple[str, str]]:
-    source = result.provenance
-    data = [f"{d.name}, {d.rows} samples" for d in source.data]
-    return [
-        ("verdict", f"{result.level}: {MEANING[result.level]}"),
-        ("next", next_step(result)),
-        *(("recording", words) for words in data),
-        ("run", f"{source.seconds:.0f} s, seed {source.seed}"),
-    ]
 
 
 def _glance(result: DiscrepancyResult) -> Section | None:
     """Every joint, and the tool: what was missing, what is left, what it is called; the largest rest first."""
     rows = []
     for v in result.verdict.places:
-        scale, symbol = in_reader_units(1.0, v.channel.unit)
-        sizes = [_size(scale * value, symbol) for value in (v.before, v.after, v.noise)]
+        sizes = [size_words(value, v.channel.unit) for value in (v.before, v.after, v.noise)]
         here = [e for e in result.effects if e.name in v.effects and (e.joint == v.place or isinstance(e.joint, str))]
         names = ", ".join(map(short_words, here)) or "–"
         left = f"{v.remaining:.2g} times the noise" if v.remaining else "none"
@@ -126,27 +119,28 @@ def _where(result: DiscrepancyResult) -> Section:
             f"{100 * TESTS.equivalence:.0f} % of the noise of the sensors outside: they do not matter, and count only "
             "where an effect explains them."
         )
-    left = () if result.remainder is None else result.remainder.findings
-    after = f"After the named effects, {_left(left)}." if left else "Nothing is left after the named effects."
+    if result.effects and result.remainder is not None and (left := result.remainder.findings):
+        count = "1 test still beats" if len(left) == 1 else f"{len(left)} tests still beat"
+        strongest = f"{channel_words(left[0].channel)} over {_depends(left[0])} ({left[0].nats:.0f} nats)"
+        words.append(f"After the named effects, {count} noise, the strongest {strongest}.")
+    elif result.effects:
+        words.append("Nothing is left after the named effects.")
     machine = machine_of(result.model).body
     figures = [map_chart(result.evidence, i, channel, machine) for i, channel in _worst(result)[:MOST_MAPS]]
-    words += [after] if result.effects else []
     return Section("Where", words, (table,), figures)
 
 
 def _equivalence(result: DiscrepancyResult) -> list[str]:
     return [
-        f"{channel_words(e.channel)[:1].upper()}{channel_words(e.channel)[1:]}: a systematic part is below "
+        f"{_capital(channel_words(e.channel))}: a systematic part is below "
         f"{100 * e.upper:.0f} % of the noise (95 % bound; {100 * e.limit:.0f} % was asked for)."
         for e in (result.remainder or result.localisation).equivalence
         if np.isfinite(e.upper)
     ]
 
 
-def _left(left: Sequence[Finding]) -> str:
-    where = f"{channel_words(left[0].channel)} over {_depends(left[0])}"
-    count = "1 test still beats" if len(left) == 1 else f"{len(left)} tests still beat"
-    return f"{count} noise, the strongest {where} ({left[0].nats:.0f} nats)"
+def _capital(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}"
 
 
 def _nats(value: float) -> str:
@@ -223,45 +217,27 @@ def _how_much(result: DiscrepancyResult) -> Section:
     ]
     head = ["channel", "before", "after", "noise", "closed", "95 % interval", "black box", "permutation control"]
     tail_head = ["channel", "95 %, before", "95 %, after", "maximum, before", "maximum, after"]
+    rows, tails = [], []
+    for g in result.gap:
+        sizes, interval = _sizes(g, g.before, g.after, g.noise), " to ".join(map(_fraction, g.closed_ci95))
+        controls = _fraction(g.black_box_ceiling), _fraction(g.permutation_control)
+        rows.append([channel_words(g.channel), *sizes, _fraction(g.closed), interval, *controls])
+        tails.append([channel_words(g.channel), *_sizes(g, *g.p95, *g.largest)])
     tables = (
-        TableData(
-            head, [_gap_row(g) for g in result.gap], "Root mean squares; intervals by drawing whole trajectories."
-        ),
-        TableData(
-            tail_head,
-            [[channel_words(g.channel), *_sizes(g, *g.p95, *g.largest)] for g in result.gap],
-            "Sizes that 95 % of the samples stay below, and the largest.",
-        ),
+        TableData(head, rows, "Root mean squares; intervals by drawing whole trajectories."),
+        TableData(tail_head, tails, "Sizes that 95 % of the samples stay below, and the largest."),
     )
     return Section("How much", words, tables, (gap_chart(result.gap),))
 
 
-def _gap_row(gap: ChannelGap) -> list[str]:
-    interval = " to ".join(_fraction(end) for end in gap.closed_ci95)
-    controls = [_fraction(gap.black_box_ceiling), _fraction(gap.permutation_control)]
-    sizes = _sizes(gap, gap.before, gap.after, gap.noise)
-    return [channel_words(gap.channel), *sizes, _fraction(gap.closed), interval, *controls]
-
-
 def _sizes(gap: ChannelGap, *values: float) -> list[str]:
-    scale, symbol = in_reader_units(1.0, gap.channel.unit)
-    return [_size(scale * value, symbol) for value in values]
-
-
-def _size(value: float, symbol: str) -> str:
-    return f"{number(value)}{'' if symbol == '°' else ' '}{symbol}"
+    return [size_words(value, gap.channel.unit) for value in values]
 
 
 def _fraction(value: float) -> str:
     if not np.isfinite(value):
         return "–"
     return f"{100 * value:.0f} %" if value > -1 else "< -100 %"
-
-
-def _loops(result: DiscrepancyResult) -> Section:
-    shown = _worst(result)[:MOST_CHANNELS]
-    chart = loop_chart(result.evidence, shown, machine_of(result.model).body)
-    return Section("Residual against position, by direction of travel", (), (), (chart,))
 
 
 def _search(result: DiscrepancyResult) -> Section | None:
@@ -282,7 +258,6 @@ def _next(result: DiscrepancyResult) -> Section:
     if experiment is None:
         return Section(title, ["No two names compete: more trajectories, or another outside signal."])
     first, second = experiment.separates
-    words = f"{experiment.run[:1].upper()}{experiment.run[1:]}."
     gain = (
         f"It should bring {experiment.expected_nats:.0f} nats between {first} and {second}, the rival refitted, in "
         f"{experiment.minutes:.1f} minutes."
@@ -290,21 +265,20 @@ def _next(result: DiscrepancyResult) -> Section:
         else f"The best run of all would bring {experiment.expected_nats:.1f} nats between {first} and {second}; "
         f"{ADVICE.enough:g} are needed."
     )
-    return Section(title, [words, gain])
+    return Section(title, [f"{_capital(experiment.run)}.", gain])
 
 
 def _assumed(result: DiscrepancyResult) -> Section:
-    channels = {g.channel.name: g.channel for g in result.gap}
     rows = []
-    for name, noise in result.provenance.noise.items():
-        scale, symbol = in_reader_units(1.0, channels[name].unit)
+    for channel in (g.channel for g in result.gap):
+        noise = result.provenance.noise[channel.name]
         tail = f"Student t, {noise.tail:.1f}" if np.isfinite(noise.tail) else "normal"
-        sizes = [_size(scale * part, symbol) for part in (noise.white, noise.slow)]
+        sizes = [size_words(part, channel.unit) for part in (noise.white, noise.slow)]
         words = noise_source_words(noise)
-        rows.append([channel_words(channels[name]), *sizes, f"{number(noise.time_constant)} s", tail, words])
+        rows.append([channel_words(channel), *sizes, f"{number(noise.time_constant)} s", tail, words])
     head = ["channel", "white", "slow", "time constant", "tails", "taken from"]
     tables = [TableData(head, rows, "Noise of each channel.", (4, 5))]
-    return Section("What was assumed", [f"{r[:1].upper()}{r[1:]}." for r in result.provenance.remarks], tables)
+    return Section("What was assumed", [f"{_capital(r)}." for r in result.provenance.remarks], tables)
 
 
 def _not_nameable(result: DiscrepancyResult) -> Section | None:

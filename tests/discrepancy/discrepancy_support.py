@@ -11,7 +11,7 @@ import numpy as np
 from gpcorrect.discrepancy.evidence.localise import Equivalence, Finding, Localisation
 from gpcorrect.discrepancy.evidence.variables import Span
 from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level
-from gpcorrect.discrepancy.outcome.origin import DataSource, DecisionThresholds, Provenance
+from gpcorrect.discrepancy.outcome.provenance import DataSource, DecisionThresholds, Provenance
 from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, Evidence, NamedEffect, Verdict
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
@@ -72,7 +72,7 @@ def estimate(value: float, ci95: tuple[float, float] | None, unit: str) -> Estim
 
 def rival(name: str, joint: int, probability: float, family: str = "reversal") -> Alternative:
     """Return another effect in an effect's place."""
-    return Alternative(Explanation.EFFECT, 0.0, f"{name} ({joint})", name, joint, family, probability=probability)
+    return Alternative(Explanation.EFFECT, probability, f"{name} ({joint})", name, joint, family)
 
 
 def named(name: str, joint: int | str, level: str = "EXACT", **more: Any) -> NamedEffect:
@@ -86,8 +86,8 @@ def named(name: str, joint: int | str, level: str = "EXACT", **more: Any) -> Nam
         nats=120.0,
         parameters={"radius": estimate(0.01, (0.009, 0.011), "rad")},
         alternatives=(
-            Alternative(Explanation.NOTHING, 0.0, "nothing", probability=0.01),
-            Alternative(Explanation.UNKNOWN, 0.0, "unknown", probability=0.02),
+            Alternative(Explanation.NOTHING, 0.01, "nothing"),
+            Alternative(Explanation.UNKNOWN, 0.02, "unknown"),
         ),
         rivals=(),
     )

@@ -34,4 +34,4 @@ def test_a_wave_is_as_well_determined_wherever_the_joint_has_its_zero(zero: floa
     numbers = [c.coordinate(x) for c, x in zip(wheel.coordinates, (NOISE, WAVES, phase), strict=True)]
     (fit,) = refine(state.whitener, [], [FittedEffect(wheel, np.array(numbers))], 30)
     state = replace(state, fitted=(fit,))
-    assert undetermined(state, state.whitener, [fit], 0) == ()
+    assert undetermined(state, state.whitener, [fit], fit) == []

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from gpcorrect.discrepancy.naming.posterior import Named, name_effect
-from gpcorrect.discrepancy.naming.weigh import view_of
+from gpcorrect.discrepancy.naming.view import view_of
+from gpcorrect.discrepancy.naming.weigh import own_gain
 from gpcorrect.discrepancy.search.candidates import all_candidates
 from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.discrepancy.search.state import start_search
@@ -48,7 +49,8 @@ def named(size: float, seed: int = 1) -> Named:
     state = search(start_search(prepared.dataset, wanted), rounds=4)
     (fit,) = state.fitted
     assert fit.candidate.name == "dh_error"
-    return name_effect(view_of(state, prepared.tests, prepared.inputs), fit)[0]
+    view = view_of(state, prepared)
+    return name_effect(view, fit, own_gain(view, fit))[0]
 
 
 @pytest.mark.parametrize(("size", "rivals"), [(0.16, {"registration_error"}), (1.0, set())])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from discrepancy_support import nominal
@@ -32,9 +30,9 @@ def candidate(scene: Scene, name: str, joint: int = 1) -> Candidate:
 
 def question(own: Candidate, rival: Candidate | None, level: Level = Level.SET, u: float = 1.0) -> Named:
     """Return an effect of `u` times its start, that cannot be distinguished from a rival (or from nothing)."""
-    nothing = Alternative(Explanation.NOTHING, 0.0, "nothing", probability=0.4)
-    other = nothing if rival is None else replace(Alternative.of(rival, 0.0), extra=0, probability=0.4)
-    mine = replace(Alternative.of(own, 1.0), extra=0, probability=0.6)
+    nothing = Alternative(Explanation.NOTHING, 0.4, "nothing")
+    other = nothing if rival is None else Alternative.of(rival, 0.4)
+    mine = Alternative.of(own, 0.6)
     return Named(FittedEffect(own, u * np.array(own.start)), level, 0.6, 50.0, (mine, other), ())
 
 

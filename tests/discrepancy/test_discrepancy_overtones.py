@@ -9,7 +9,7 @@ from discrepancy_core import NOISE, RUNS, SAMPLES, joint_log, motors
 from discrepancy_support import nominal
 
 from gpcorrect.discrepancy.naming.posterior import overtone_nats
-from gpcorrect.discrepancy.naming.weigh import view_of
+from gpcorrect.discrepancy.naming.view import view_of
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.prepared import prepare_data
@@ -31,7 +31,7 @@ def gains(log: CalibrationLog) -> tuple[float, float]:
     near = candidate.coordinates[0].coordinate(SIZE), candidate.coordinates[1].coordinate(WAVES), 0.3
     (fit,) = refine(state.whitener, [], [FittedEffect(candidate, np.array(near))], 30)
     state = replace(state, fitted=(fit,)).refreshed()
-    view = view_of(state, prepared.tests, prepared.inputs)
+    view = view_of(state, prepared)
     change = state.whitener.whiten(state.residual([]) - state.residual([fit]))
     return 0.5 * float(change @ change), overtone_nats(view, fit)
 

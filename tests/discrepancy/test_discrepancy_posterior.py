@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gpcorrect.discrepancy.naming.posterior import posterior
-from gpcorrect.discrepancy.naming.weigh import Rival, Unknown, Weighed
+from gpcorrect.discrepancy.naming.weigh import Own, Rival, Unknown, Weighed
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates
 from gpcorrect.discrepancy.settings import SETTINGS
@@ -31,9 +31,9 @@ def catalogue() -> dict[str, Candidate]:
 
 def _weighed(own: float, rival: Candidate, nats: float, *, beside: float = 0.0, instead: float = 0.0) -> Weighed:
     fit = FittedEffect(rival, np.array(rival.start))
-    return Weighed(
-        np.array([own]), np.zeros(1), np.ones(2, dtype=np.bool_), (Rival(fit, nats),), Unknown(instead, beside), 1.0
-    )
+    nothing = np.zeros(0)
+    gain = Own((), (nothing, nothing), np.array([own]), np.zeros(1), 1.0)
+    return Weighed(gain, np.ones(2, dtype=np.bool_), (Rival(fit, nats),), Unknown(instead, beside))
 
 
 def test_probabilities_sum_to_one_and_follow_the_evidence(catalogue: dict[str, Candidate]) -> None:

@@ -76,8 +76,8 @@ class Laboratory:
         if fit.candidate.name in self.rivals:
             name, worth = self.rivals[fit.candidate.name]
             rivals = (Rival(Part(Cause(name)), worth),)  # type: ignore[arg-type]
-        mine = Alternative(Explanation.EFFECT, nats, fit.candidate.label, fit.candidate.name, probability=1.0)
-        weighed = Weighed(np.array([nats]), np.zeros(1), np.ones(1, dtype=np.bool_), rivals, Unknown(0.0, 0.0), 1.0)
+        mine = Alternative(Explanation.EFFECT, 1.0, fit.candidate.label, fit.candidate.name)
+        weighed = Weighed(own, np.ones(1, dtype=np.bool_), rivals, Unknown(0.0, 0.0))
         return Named(fit, level, 1.0, nats, (mine,), ()), weighed  # type: ignore[arg-type]
 
     def search(self, state: Found, *, rounds: int, refused: Sequence[Cause]) -> Found:
@@ -99,7 +99,7 @@ def select(monkeypatch: pytest.MonkeyPatch) -> Select:
         monkeypatch.setattr(selection, "own_gain", laboratory.own_gain)
         monkeypatch.setattr(selection, "name_effect", laboratory.name_effect)
         monkeypatch.setattr(selection, "search_on", laboratory.search)
-        search, named, dropped = name_effects(Found(tuple(fitted)), (), ())  # type: ignore[arg-type]
+        search, named, dropped = name_effects(Found(tuple(fitted)), None)  # type: ignore[arg-type]
         assert [n.fit for n in named] == list(search.fitted)
         return [n.fit.candidate.name for n in named], [n.fit.candidate.name for n in dropped]
 

@@ -22,8 +22,27 @@ FEW_BLOCKS = 3  # trajectories a size: there Hotelling's limit is about twice th
 TANGENT = 0.5  # the part of a signature's error that a change of a single number could make
 
 
+def columns_of(fitted: Sequence[FittedEffect], fit: FittedEffect) -> IntArray:
+    """Return the places of an effect's coordinates among all of a set.
+
+    Parameters
+    ----------
+    fitted : sequence of FittedEffect
+        The set.
+    fit : FittedEffect
+        One of it.
+    """
+    index = next(i for i, m in enumerate(fitted) if m is fit)
+    begin = sum(len(m.u) for m in fitted[:index])
+    return np.arange(begin, begin + len(fit.u))
+
+
 def half_widths(
-    search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEffect], index: int
+    search: Search,
+    whitener: DatasetWhitener,
+    fitted: Sequence[FittedEffect],
+    fit: FittedEffect,
+    known: Sequence[int] = (),
 ) -> dict[int, float]:
     """Return the half widths of the 95 % intervals of one effect's coordinates.
 
@@ -33,44 +52,35 @@ def half_widths(
     Parameters
     ----------
     search : Search
-        Data, signatures and the fitted effects.
     whitener : DatasetWhitener
         Data, and the rows and noise to use.
     fitted : sequence of FittedEffect
         The set.
-    index : int
-        Which one of the set.
+    fit : FittedEffect
+        One of it.
+    known : sequence of int
+        Coordinates of its that are taken for known, and left out.
 
     Notes
     -----
     Sandwich with whole trajectories as units: Liang and Zeger 1986, Biometrika 73(1).
     """
-    widths = _half_widths(search, whitener, fitted, index)
-    others = [m for i, m in enumerate(fitted) if i != index]
-    for i, coordinate in enumerate(fitted[index].candidate.coordinates):
-        if coordinate.parameter.change_point:  # no slope says how well an instant is known
-            widths[i] = instant_half_width(whitener, others, fitted[index])
+    own = columns_of(fitted, fit)
+    left = [i for i in range(len(own)) if i not in known]
+    sandwich, plain, freedom = _covariances(whitener, fitted, own[list(known)])
+    variance = np.maximum(np.diag(sandwich), np.diag(plain))
+    variance += (TANGENT * NAMING.shape_error) ** 2 * _energy(search, whitener, fitted, fit) * np.diag(plain)
+    half = (student.ppf(0.975, freedom) * np.sqrt(variance))[own[0] : own[0] + len(left)]
+    widths = dict(zip(left, np.maximum(half, NAMING.finest * np.abs(fit.u[left])).tolist(), strict=True))
+    for i in left:
+        if fit.candidate.coordinates[i].parameter.change_point:  # no slope says how well an instant is known
+            widths[i] = instant_half_width(whitener, [m for m in fitted if m is not fit], fit)
     return widths
 
 
-def _half_widths(
-    search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEffect], index: int, known: Sequence[int] = ()
-) -> dict[int, float]:
-    """Half widths of one effect's coordinates but some, which are taken for known."""
-    own = _own(fitted, index)
-    sandwich, plain, freedom = _covariances(search, whitener, fitted, without=own[list(known)])
-    energy = _energy(search, whitener, fitted, fitted[index])
-    variance = np.maximum(np.diag(sandwich), np.diag(plain))
-    variance += (TANGENT * NAMING.shape_error) ** 2 * energy * np.diag(plain)
-    half = student.ppf(0.975, freedom) * np.sqrt(variance)
-    left = [i for i in range(len(own)) if i not in known]
-    least = NAMING.finest * np.abs(fitted[index].u[left])
-    return dict(zip(left, np.maximum(half[own[0] : own[0] + len(left)], least).tolist(), strict=True))
-
-
 def undetermined(
-    search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEffect], index: int
-) -> tuple[str, ...]:
+    search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEffect], fit: FittedEffect
+) -> list[str]:
     """Return the names of an effect's shape parameters whose 95 % interval is no narrower than a part of their range.
 
     A shape that may be anything is a smooth curve under the effect's name: it says nothing of the machine. Numbers with
@@ -79,34 +89,27 @@ def undetermined(
 
     Parameters
     ----------
-    search : Search
-        Data, signatures and the fitted effects.
-    whitener : DatasetWhitener
-        Data, and the rows and noise to use.
-    fitted : sequence of FittedEffect
-        The set.
-    index : int
-        Which one of the set.
+    search, whitener, fitted, fit
+        As for :func:`half_widths`.
     """
-    candidate = fitted[index].candidate
+    candidate = fit.candidate
     refining = {f.name for f in fields(candidate.kind) if f.default is not MISSING}
-    shapes = [
-        i
+    shapes = {
+        i: c
         for i, c in enumerate(candidate.coordinates)
         if i not in candidate.sizes
         and not c.parameter.change_point
         and np.isfinite(c.width)
         and c.parameter.name not in refining
-    ]
+    }
     if not shapes:
-        return ()
-    phases = [i for i in shapes if candidate.coordinates[i].parameter.period is not None]
-    lengths = [i for i in shapes if i not in phases]
-    widths = half_widths(search, whitener, fitted, index)
-    if phases and lengths:
-        widths |= {i: w for i, w in _half_widths(search, whitener, fitted, index, lengths).items() if i in phases}
-    open_ones = [i for i in shapes if 2.0 * widths[i] > NAMING.determined * candidate.coordinates[i].width]
-    return tuple(candidate.coordinates[i].parameter.name for i in open_ones)
+        return []
+    lengths = [i for i, c in shapes.items() if c.parameter.period is None]
+    widths = half_widths(search, whitener, fitted, fit)
+    if 0 < len(lengths) < len(shapes):
+        alone = half_widths(search, whitener, fitted, fit, lengths)
+        widths |= {i: alone[i] for i in shapes if i not in lengths}
+    return [c.parameter.name for i, c in shapes.items() if 2.0 * widths[i] > NAMING.determined * c.width]
 
 
 def _energy(search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEffect], own: FittedEffect) -> float:
@@ -117,7 +120,7 @@ def _energy(search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEf
     return sum(float((whitener.whiten(change) ** 2).sum()) for change in changes)
 
 
-def away_from_nothing(search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEffect], index: int) -> bool:
+def away_from_nothing(whitener: DatasetWhitener, fitted: Sequence[FittedEffect], fit: FittedEffect) -> bool:
     """Return whether an effect's sizes, together and in its present shape, differ from those of none (5 % level).
 
     Together, because two sizes may trade places: neither is known well alone, and yet not both can be nothing. In its
@@ -125,77 +128,56 @@ def away_from_nothing(search: Search, whitener: DatasetWhitener, fitted: Sequenc
 
     Parameters
     ----------
-    search : Search
-        Data, signatures and the fitted effects.
-    whitener : DatasetWhitener
-        Data, and the rows and noise to use.
-    fitted : sequence of FittedEffect
-        The set.
-    index : int
-        Which one of the set.
+    whitener, fitted, fit
+        As for :func:`half_widths`.
 
     Notes
     -----
     Hotelling's T-squared of the sizes, with either covariance. With fewer than three trajectories a size it is almost
     without power (its limit is in the thousands), and Student's t of the sizes' present mixture is taken.
     """
-    fit, own = fitted[index], _own(fitted, index)
-    sizes = list(fit.candidate.sizes)
-    shape = np.delete(own, sizes)
-    sandwich, plain, freedom = _covariances(search, whitener, fitted, without=shape)
-    places = own[sizes] - np.searchsorted(shape, own[sizes])
-    k = min(len(sizes), freedom)
-    limit = k * freedom / max(freedom - k + 1, 1) * fisher.ppf(0.95, k, max(freedom - k + 1, 1))
+    own, sizes = columns_of(fitted, fit), list(fit.candidate.sizes)
     distance = np.array([fit.u[i] - fit.candidate.coordinates[i].identity for i in sizes])
     if not np.isfinite(distance).all():  # a size that only its logarithm measures has no nothing
         return True
+    shape = np.delete(own, sizes)
+    sandwich, plain, freedom = _covariances(whitener, fitted, shape)
+    places = own[sizes] - np.searchsorted(shape, own[sizes])
     covariances = [v[np.ix_(places, places)] for v in (sandwich, plain)]
     if FEW_BLOCKS * len(sizes) > freedom:  # too few trajectories to know how all sizes scatter: their mixture alone
         along = np.linalg.pinv(covariances[1], hermitian=True) @ distance
         squares = [float(along @ distance) ** 2 / max(float(along @ v @ along), 1e-300) for v in covariances]
         return bool(min(squares) > fisher.ppf(0.95, 1, freedom))
+    k = len(sizes)
+    limit = k * freedom / (freedom - k + 1) * fisher.ppf(0.95, k, freedom - k + 1)
     return bool(min(distance @ np.linalg.pinv(v, hermitian=True) @ distance for v in covariances) > limit)
 
 
 def _covariances(
-    search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEffect], without: IntArray | None = None
+    whitener: DatasetWhitener, fitted: Sequence[FittedEffect], without: IntArray
 ) -> tuple[FloatArray, FloatArray, int]:
-    """Sandwich and Gauss-Newton covariance of all coordinates (but some), and the sandwich's degrees of freedom."""
+    """Sandwich and Gauss-Newton covariance of all coordinates but some, and the sandwich's degrees of freedom."""
     linearised = linearise(whitener, fitted)
-    slopes = linearised.slopes if without is None else np.delete(linearised.slopes, without, axis=1)
-    block = whitener.block
+    slopes, block = np.delete(linearised.slopes, without, axis=1), whitener.block
     n_blocks = int(block.max()) + 1
-    gram: FloatArray = slopes.T @ slopes
-    inverse: FloatArray = np.linalg.pinv(gram, hermitian=True).astype(np.float64)
+    freedom = max(n_blocks - 1, 1)
+    inverse: FloatArray = np.linalg.pinv(slopes.T @ slopes, hermitian=True).astype(np.float64)
     scores = np.stack([slopes[block == b].T @ linearised.z[block == b] for b in range(n_blocks)])
-    meat = scores.T @ scores * n_blocks / max(n_blocks - 1, 1)
-    sandwich: FloatArray = inverse @ meat @ inverse
-    return sandwich, inverse, max(n_blocks - 1, 1)
+    sandwich: FloatArray = inverse @ (scores.T @ scores * n_blocks / freedom) @ inverse
+    return sandwich, inverse, freedom
 
 
-def _own(fitted: Sequence[FittedEffect], index: int) -> IntArray:
-    """Places of one effect's coordinates among all."""
-    begin = sum(len(m.u) for m in fitted[:index])
-    return np.arange(begin, begin + len(fitted[index].u))
-
-
-def explained_by_others(search: Search, fitted: Sequence[FittedEffect], index: int) -> float:
+def explained_by_others(whitener: DatasetWhitener, fitted: Sequence[FittedEffect], fit: FittedEffect) -> float:
     """Return the fraction of an effect's tangent (along its amplitude) that the others' tangents make up.
 
     Parameters
     ----------
-    search : Search
-        Data, signatures and the fitted effects.
-    fitted : sequence of FittedEffect
-        The set.
-    index : int
-        Which one of the set.
+    whitener, fitted, fit
+        As for :func:`half_widths`.
     """
-    slopes = linearise(search.whitener, fitted).slopes
-    ends = np.cumsum([0, *(len(m.u) for m in fitted)])
-    own = slopes[:, ends[index] + fitted[index].candidate.sizes[0]]
-    others = np.delete(slopes, np.arange(ends[index], ends[index + 1]), axis=1)
-    if others.shape[1] == 0 or not own.any():
+    slopes, own = linearise(whitener, fitted).slopes, columns_of(fitted, fit)
+    tangent, others = slopes[:, own[fit.candidate.sizes[0]]], np.delete(slopes, own, axis=1)
+    if others.shape[1] == 0 or not tangent.any():
         return 0.0
-    left: FloatArray = own - others @ solve(others.T @ others, others.T @ own)
-    return 1.0 - float(left @ left / (own @ own))
+    left: FloatArray = tangent - others @ solve(others.T @ others, others.T @ tangent)
+    return 1.0 - float(left @ left / (tangent @ tangent))

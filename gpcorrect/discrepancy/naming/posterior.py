@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 
 from gpcorrect.discrepancy.naming.intervals import away_from_nothing, explained_by_others, undetermined
-from gpcorrect.discrepancy.naming.weigh import Own, View, Weighed, between_effects, smooth_nats, weigh
+from gpcorrect.discrepancy.naming.smooth_model import smooth_nats
+from gpcorrect.discrepancy.naming.view import View
+from gpcorrect.discrepancy.naming.weigh import Own, Weighed, between_effects, weigh
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.state import Search, penalty
 from gpcorrect.discrepancy.settings import NAMING, SEARCH
@@ -43,47 +45,35 @@ class Alternative:
     ----------
     explanation : Explanation
         An effect, nothing, or something outside the catalogue.
-    nats : float
-        Held-out log Bayes factor against nothing, the prior's penalty taken off.
-    label : str
-        The candidate's; "nothing" or "unknown".
-    name : str
-        Canonical name; empty for nothing and unknown.
-    joint : int, str or None
-        Where.
-    family : str
-        Class of the effect.
-    extra : int
-        How many numbers it has beyond the first.
-    paid : bool
-        Whether its nats are an evidence in which those have been paid for.
     probability : float
         Posterior among the alternatives.
+    label : str
+        The candidate's; "nothing" or "unknown".
+    name, family : str
+        Canonical name and class of the effect; empty for nothing and unknown.
+    joint : int, str or None
+        Where.
     """
 
     explanation: Explanation
-    nats: float
+    probability: float
     label: str
     name: str = ""
     joint: int | str | None = None
     family: str = ""
-    extra: int = 0
-    paid: bool = False
-    probability: float = 0.0
 
     @classmethod
-    def of(cls, candidate: Candidate, nats: float) -> Alternative:
+    def of(cls, candidate: Candidate, probability: float) -> Alternative:
         """Return a candidate as an alternative.
 
         Parameters
         ----------
         candidate : Candidate
-            The effect.
-        nats : float
-            Its log Bayes factor against nothing.
+        probability : float
+            Posterior among the alternatives.
         """
         c = candidate
-        return cls(Explanation.EFFECT, nats, c.label, c.name, c.joint, c.family, c.extra)
+        return cls(Explanation.EFFECT, probability, c.label, c.name, c.joint, c.family)
 
     @property
     def is_effect(self) -> bool:
@@ -97,8 +87,6 @@ class Named:
 
     Parameters
     ----------
-    fit : FittedEffect
-        The effect.
     level : Level
         EXACT, CLASS, SET, UNKNOWN or INCONCLUSIVE.
     probability : float
@@ -147,39 +135,33 @@ def posterior(candidate: Candidate, weighed: Weighed, cost: float) -> list[Alter
     list of Alternative
         The effect itself, nothing, unknown, and the rivals that would be called something else; probabilities sum to 1.
     """
-    rivals = [r for r in weighed.rivals if not r.candidate.called_like(candidate)]
-    alternatives = [
-        Alternative.of(candidate, weighed.nats - cost),
-        Alternative(Explanation.NOTHING, 0.0, "nothing"),
-        Alternative(Explanation.UNKNOWN, _unknown_nats(weighed, cost) - cost, "unknown"),
-        *(replace(Alternative.of(r.candidate, r.nats - cost), paid=r.is_general) for r in rivals),
-    ]
-    own = alternatives[0]
-    between = between_effects(weighed.nats, weighed.overdispersion, weighed.unknown, cost)
-    odds = np.array(
-        [
-            (a.nats - own.nats) / (between if a.is_effect else weighed.overdispersion)
-            - (0.0 if a.paid else SEARCH.complexity * (a.extra - own.extra))
-            for a in alternatives
-        ]
-    )
+    own, rivals = weighed.own, [r for r in weighed.rivals if not r.candidate.called_like(candidate)]
+    nats = np.array([own.nats, cost, _unknown_nats(weighed, cost), *(r.nats for r in rivals)]) - cost
+    counts = np.full(len(nats), between_effects(own, weighed.unknown, cost))
+    counts[1:3] = own.overdispersion
+    extra = [candidate.extra, 0, 0, *(candidate.extra if r.is_general else r.candidate.extra for r in rivals)]
+    odds = (nats - nats[0]) / counts - SEARCH.complexity * (np.array(extra) - candidate.extra)
     weight = np.exp(odds - odds.max())
-    return [replace(a, probability=float(w)) for a, w in zip(alternatives, weight / weight.sum(), strict=True)]
+    mine, nothing, unknown, *others = (weight / weight.sum()).tolist()
+    return [
+        Alternative.of(candidate, mine),
+        Alternative(Explanation.NOTHING, nothing, "nothing"),
+        Alternative(Explanation.UNKNOWN, unknown, "unknown"),
+        *(Alternative.of(r.candidate, p) for r, p in zip(rivals, others, strict=True)),
+    ]
 
 
 def _unknown_nats(weighed: Weighed, cost: float) -> float:
-    """Nats of "something outside the catalogue" against this effect.
-
-    Each with the smooth model beside it where that pays.
+    """Nats of "something outside the catalogue" against this effect, each with the smooth model beside it if that pays.
 
     A flexible model can say whatever a simple effect says. It speaks against the effect only when it has much to say
     besides: an effect with strong evidence and a small remainder stands.
     """
-    unknown = weighed.unknown
+    own, unknown = weighed.own, weighed.unknown
     nats = unknown.instead - max(0.0, unknown.beside - cost)
-    strong = weighed.nats > NAMING.strong * weighed.overdispersion
-    if strong and unknown.beside <= NAMING.unknown_fraction * weighed.nats:
-        return min(nats, weighed.nats - 2 * cost * weighed.overdispersion)
+    strong = own.nats > NAMING.strong * own.overdispersion
+    if strong and unknown.beside <= NAMING.unknown_fraction * own.nats:
+        return min(nats, own.nats - 2 * cost * own.overdispersion)
     return nats
 
 
@@ -193,7 +175,6 @@ def fraction_closed(search: Search, fit: FittedEffect) -> float:
     Parameters
     ----------
     search : Search
-        Data, signatures and the fitted effects.
     fit : FittedEffect
         One of the set.
     """
@@ -222,7 +203,6 @@ def overtone_nats(view: View, fit: FittedEffect) -> float:
     Parameters
     ----------
     view : View
-        The search, seen on discovery and confirmation.
     fit : FittedEffect
         One of the set.
     """
@@ -234,72 +214,53 @@ def overtone_nats(view: View, fit: FittedEffect) -> float:
     return smooth_nats(view, view.search.fitted, view.search.touched(fit.candidate), view.whitened(columns))
 
 
-def name_effect(view: View, fit: FittedEffect, own: Own | None = None) -> tuple[Named, Weighed]:
+def name_effect(view: View, fit: FittedEffect, own: Own) -> tuple[Named, Weighed]:
     """Weigh one effect of a finished search, and say at what level it may be named.
 
     Parameters
     ----------
     view : View
-        The search, seen on discovery and confirmation.
     fit : FittedEffect
         One of the set.
-    own : Own, optional
-        What it gains, where that is known.
+    own : Own
+        What it gains.
     """
-    weighed = weigh(view, fit, own)
-    cost = penalty(view.search.n_kinds)
+    weighed, cost = weigh(view, fit, own), penalty(view.search.n_kinds)
     alternatives = posterior(fit.candidate, weighed, cost)
-    doubts, partial = _doubts(view, fit, weighed, cost), _partial(view, fit, weighed, cost)
-    level, more = _level(alternatives, doubts, partial)
+    doubts = [*_doubts_of_evidence(weighed, cost), *_doubts_of_numbers(view, fit, own)]
+    level, more = _level(alternatives, doubts, _partial(view, fit, own, cost))
     ordered = tuple(sorted(alternatives, key=lambda a: -a.probability))
-    nats = weighed.nats / weighed.overdispersion
+    nats = own.nats / own.overdispersion
     return Named(fit, level, alternatives[0].probability, nats, ordered, (*doubts, *more)), weighed
 
 
-def _doubts(view: View, fit: FittedEffect, weighed: Weighed, cost: float) -> list[str]:
-    """Conditions of an exact name that an effect does not meet."""
-    found, confirmed = (
-        weighed.discovery.sum() / weighed.overdispersion,
-        weighed.confirmation.sum() / weighed.overdispersion,
-    )
-    doubts = []
-    if found < cost:
-        doubts.append(f"gains only {found:.1f} nats on the discovery part, {cost:.1f} are needed")
+def _doubts_of_evidence(weighed: Weighed, cost: float) -> list[str]:
+    """Conditions of an exact name that an effect's nats do not meet."""
+    own, doubts = weighed.own, []
+    confirmed = own.confirmation.sum() / own.overdispersion
+    if own.found < cost:
+        doubts.append(f"gains only {own.found:.1f} nats on the discovery part, {cost:.1f} are needed")
     if confirmed < NAMING.confirmed:
         doubts.append(f"not confirmed: {confirmed:.1f} nats on the confirmation part")
-    gains = np.concatenate([weighed.discovery, weighed.confirmation])[weighed.active]
+    gains = np.concatenate([own.discovery, own.confirmation])[weighed.active]
     if len(gains) < NAMING.few:
         doubts.append(f"acts in only {len(gains)} of the trajectories")
     elif (fraction := float((gains > 0).mean())) < NAMING.positive_fraction:
         doubts.append(f"helps in only {100 * fraction:.0f} % of the trajectories in which it acts")
-    return doubts + _doubts_of_numbers(view, fit, weighed)
+    return doubts
 
 
-def _partial(view: View, fit: FittedEffect, weighed: Weighed, cost: float) -> list[str]:
-    """Signs that an effect is but a part of something that is not in the catalogue."""
-    signs = []
-    if (closed := fraction_closed(view.search, fit)) < NAMING.least_closed:
-        signs.append(f"{100 * closed:.0f} % of the gap is closed where it shows, and the rest is no noise")
-    if (more := overtone_nats(view, fit)) > max(NAMING.most_overtones * weighed.nats, cost * weighed.overdispersion):
-        signs.append(
-            f"its overtones gain {more / weighed.overdispersion:.0f} nats more: a part of another periodic error"
-        )
-    return signs
-
-
-def _doubts_of_numbers(view: View, fit: FittedEffect, weighed: Weighed) -> list[str]:
-    search = view.search
+def _doubts_of_numbers(view: View, fit: FittedEffect, own: Own) -> list[str]:
+    """Conditions of an exact name that its numbers do not meet."""
+    search, whitener = view.search, view.search.whitener
     fixed, near = search.parted(search.fitted, fit.candidate)
     fitted = [*fixed, *near]
-    index = next(i for i, m in enumerate(fitted) if m is fit)
     doubts = [f"{name} is at the edge of its physical range" for name in fit.at_edge]
-    if not away_from_nothing(search, search.whitener, fitted, index):
+    if not away_from_nothing(whitener, fitted, fit):
         doubts.append("its size cannot be distinguished from zero")
-    doubts += [
-        f"these data do not determine its {name}" for name in undetermined(search, search.whitener, fitted, index)
-    ]
-    explained = explained_by_others(search, fitted, index)
-    weak = weighed.nats < NAMING.strong * weighed.overdispersion or 1.0 - explained < NAMING.shape_error**2
+    doubts += [f"these data do not determine its {name}" for name in undetermined(search, whitener, fitted, fit)]
+    explained = explained_by_others(whitener, fitted, fit)
+    weak = own.nats < NAMING.strong * own.overdispersion or 1.0 - explained < NAMING.shape_error**2
     if explained > NAMING.explained and weak:
         doubts.append(
             f"{100 * explained:.1f} % of its signature is explained by the others: not nameable from these data"
@@ -307,15 +268,24 @@ def _doubts_of_numbers(view: View, fit: FittedEffect, weighed: Weighed) -> list[
     return doubts
 
 
+def _partial(view: View, fit: FittedEffect, own: Own, cost: float) -> list[str]:
+    """Signs that an effect is but a part of something that is not in the catalogue."""
+    signs = []
+    if (closed := fraction_closed(view.search, fit)) < NAMING.least_closed:
+        signs.append(f"{100 * closed:.0f} % of the gap is closed where it shows, and the rest is no noise")
+    if (more := overtone_nats(view, fit)) > max(NAMING.most_overtones * own.nats, cost * own.overdispersion):
+        signs.append(f"its overtones gain {more / own.overdispersion:.0f} nats more: a part of another periodic error")
+    return signs
+
+
 def _level(alternatives: Sequence[Alternative], doubts: Sequence[str], partial: list[str]) -> tuple[Level, list[str]]:
     if partial:
         return Level.UNKNOWN, partial
-    own, others = alternatives[0], alternatives[1:]
-    stable = [a for a in others if a.is_effect and a.probability >= NAMING.stable]
-    nothing, unknown = others[0].probability, others[1].probability
-    if unknown > 0.5:
+    own, nothing, unknown, *rivals = alternatives
+    stable = [a for a in rivals if a.probability >= NAMING.stable]
+    if unknown.probability > 0.5:
         return Level.UNKNOWN, ["a smooth model outside the catalogue explains more"]
-    if doubts or nothing > NAMING.stable:
+    if doubts or nothing.probability > NAMING.stable:
         return Level.INCONCLUSIVE, []
     if own.probability >= NAMING.exact:
         return Level.EXACT, []

@@ -7,30 +7,27 @@ something else: beside what stays, that is looked for anew, and at once where it
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Hashable, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gpcorrect.discrepancy.evidence.variables import Cells, Covariates
+from gpcorrect.discrepancy.evidence.bursts import Burst, bursts_of
 from gpcorrect.discrepancy.naming.posterior import Named, name_effect
-from gpcorrect.discrepancy.naming.weigh import Own, View, Weighed, own_gain, view_of
-from gpcorrect.discrepancy.search.candidates import FittedEffect
-from gpcorrect.discrepancy.search.state import Search, penalty
+from gpcorrect.discrepancy.naming.view import View, view_of
+from gpcorrect.discrepancy.naming.weigh import Own, Rival, Weighed, own_gain
+from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
+from gpcorrect.discrepancy.search.prepared import PreparedData, in_pieces
+from gpcorrect.discrepancy.search.state import Search, Trace, penalty, start_search
 from gpcorrect.discrepancy.search.stepwise import search as search_on
-from gpcorrect.discrepancy.settings import NAMING, SEARCH
-from gpcorrect.types import Progress
+from gpcorrect.discrepancy.settings import BURSTS, NAMING, SEARCH
+from gpcorrect.types import BoolArray, Progress
 
-Assessment = tuple[Named, Weighed]
 TINY = 1e-12  # odds
 
 
 def name_effects(
-    search: Search,
-    tests: Sequence[Sequence[Cells]],
-    inputs: Sequence[Covariates],
-    *,
-    progress: Progress | None = None,
+    search: Search, prepared: PreparedData, *, progress: Progress | None = None
 ) -> tuple[Search, tuple[Named, ...], tuple[Named, ...]]:
     """Weigh every fit of a finished search; put better rivals in place, and take out what may not be named.
 
@@ -40,8 +37,7 @@ def name_effects(
     ----------
     search : Search
         Finished.
-    tests, inputs : sequences
-        Of each channel, for the unknown.
+    prepared : PreparedData
     progress : Progress, optional
         Reported each pass.
 
@@ -54,7 +50,7 @@ def name_effects(
     dropped : tuple of Named
         The others, with the reasons.
     """
-    selection = _ModelSelection(search, tests, inputs)
+    selection = _ModelSelection(search, prepared)
     total = len(search.fitted)
     while selection.step():
         if progress is not None:
@@ -73,8 +69,6 @@ class _ModelSelection:
     ----------
     search : Search
         With the effects as they are now.
-    tests, inputs : sequences
-        Of each channel, for the unknown.
     assessments : dict
         On each fit, by its identity.
     dropped : list of Named
@@ -90,9 +84,8 @@ class _ModelSelection:
     """
 
     search: Search
-    tests: Sequence[Sequence[Cells]]
-    inputs: Sequence[Covariates]
-    assessments: dict[int, Assessment] = field(default_factory=dict)
+    prepared: PreparedData
+    assessments: dict[int, tuple[Named, Weighed]] = field(default_factory=dict)
     dropped: list[Named] = field(default_factory=list)
     own: dict[int, Own] = field(default_factory=dict)
     replaced: set[Hashable] = field(default_factory=set)
@@ -103,7 +96,7 @@ class _ModelSelection:
         """Change the set once; False when there is nothing to change, or nothing left to name."""
         if not self.search.fitted:
             return False
-        view = view_of(self.search, self.tests, self.inputs)
+        view = view_of(self.search, self.prepared)
         self.own = {id(m): self.own.get(id(m)) or own_gain(view, m) for m in self.search.fitted}
         if self._drop_idle(view):
             return True
@@ -121,16 +114,31 @@ class _ModelSelection:
         return True
 
     def _swap(self) -> bool:
-        """Put the best rival in an effect's place."""
-        out = self.replaced | {n.fit.candidate.key for n in self.dropped}
-        better = _better_rival(self.search, self.assessments, out)
-        if better is None:
+        """Put the rival that gains most in an effect's place, if any explains more, or as much and is more probable."""
+        out = self.replaced | {n.fit.candidate.key for n in self.dropped}  # those stay out
+        pairs = [
+            (self._lead(fit, rival), fit, rival.fit)
+            for fit in self.search.fitted
+            for rival in self.assessments[id(fit)][1].rivals
+            if rival.candidate.key not in out
+        ]
+        lead, place, new = max(pairs, key=lambda pair: pair[0], default=(0.0, None, None))
+        if place is None or new is None or lead <= 0.0:
             return False
-        place, new = better
         self.replaced.add(place.candidate.key)
         rest = (m for m in self.search.fitted if m is not place)
         self._change(self.search.refit((*rest, new), new.candidate))
         return True
+
+    def _lead(self, fit: FittedEffect, rival: Rival) -> float:
+        """Nats by which a rival explains more than a fit, or their log odds where it explains about as much."""
+        named, weighed = self.assessments[id(fit)]
+        own, extra = weighed.own, rival.candidate.extra - fit.candidate.extra
+        gain = (rival.nats - own.nats) / own.overdispersion - (0.0 if rival.is_general else SEARCH.complexity * extra)
+        if own.nats - rival.nats < NAMING.shape_error**2 * own.nats:
+            chance = next((a.probability for a in named.alternatives if a.label == rival.candidate.label), 0.0)
+            gain = max(gain, float(np.log(chance / max(named.probability, TINY) + TINY)))
+        return gain
 
     def _drop(self) -> bool:
         """Take the weakest of those out that may not be named."""
@@ -155,13 +163,13 @@ class _ModelSelection:
             return False
         self.searches.update(holes)
         found = search_on(self.search, rounds=NAMING.search_rounds, refused=[n.fit.candidate for n in self.dropped])
-        found_more = found is not self.search
-        if found_more:
-            self.search, self.assessments, self.own, self.replaced = found, {}, {}, set()
-        return found_more
+        if found is self.search:
+            return False
+        self.search, self.assessments, self.own, self.replaced = found, {}, {}, set()
+        return True
 
     def _change(self, fitted: Sequence[FittedEffect]) -> None:
-        """Go on with another set; assessments stay on fitted that no change can have touched."""
+        """Go on with another set; what is known of a fit stays where no change can have touched it."""
         now = {id(m) for m in fitted}
         moved = [m for m in self.search.fitted if id(m) not in now]
         same = {id(m) for m in fitted if not any(self.search.alike(m.candidate, gone.candidate) for gone in moved)}
@@ -170,22 +178,63 @@ class _ModelSelection:
         self.search = replace(self.search, fitted=tuple(fitted))
 
 
-def _better_rival(
-    search: Search, assessments: dict[int, Assessment], out: Collection[Hashable]
-) -> tuple[FittedEffect, FittedEffect] | None:
-    """Return the fit beyond which a rival gains most, and that rival.
+def name_rare(
+    prepared: PreparedData,
+    state: Search,
+    named: Sequence[Named],
+    candidates: Sequence[Candidate],
+    rng: np.random.Generator,
+    progress: Progress,
+) -> tuple[PreparedData, Search, tuple[Named, ...]] | None:
+    """Look, beside what is named, for effects that act where something rare happens and hardly anywhere else.
 
-    None when no rival gains: explains more, or as much and is more probable. Those that are out stay out.
+    Such as a limit that is reached once. No motion can foretell another's there, so that evidence from motion to motion
+    has nothing to say. But what happens lasts for many samples, and a law with few numbers that is fitted to some of
+    them has to foretell the others.
+
+    Parameters
+    ----------
+    prepared : PreparedData
+        By whole trajectories.
+    state : Search
+        After the naming.
+    named : sequence of Named
+        What was named, in the order of the state's effects.
+    candidates : sequence of Candidate
+        All that these data could show.
+    rng : numpy.random.Generator
+        Deals the pieces.
+    progress : Progress
+
+    Returns
+    -------
+    tuple or None
+        The recording in pieces, the state with the new effects, and all that is named; None when nothing rare gets a
+        name.
     """
-    best, found = 0.0, None
-    for fit in search.fitted:
-        named, weighed = assessments[id(fit)]
-        odds = {a.label: a.probability / max(named.probability, TINY) for a in named.alternatives}
-        for rival in (r for r in weighed.rivals if r.candidate.key not in out):
-            gain = (rival.nats - weighed.nats) / weighed.overdispersion
-            gain -= 0.0 if rival.is_general else SEARCH.complexity * (rival.candidate.extra - fit.candidate.extra)
-            if weighed.nats - rival.nats < NAMING.shape_error**2 * weighed.nats:
-                gain = max(gain, float(np.log(odds.get(rival.candidate.label, 0.0) + TINY)))
-            if gain > best:
-                best, found = gain, (fit, rival.fit)
-    return found
+    found = bursts_of(prepared.dataset, state.whitener.noises, [f.effect for f in state.fitted])
+    bursts = [b for b in found if b.rare]
+    if not bursts:
+        return None
+    cut = in_pieces(prepared, bursts, rng)
+    start = start_search(cut.dataset, candidates, progress)
+    seldom = tuple(t for t in start.traces if _only_there(t, cut, bursts))
+    start = replace(start, traces=seldom, fitted=state.fitted).refreshed()
+    done = search_on(start, rounds=NAMING.search_rounds, progress=progress)
+    if len(done.fitted) == len(start.fitted):
+        return None
+    done, names, _ = name_effects(done, cut, progress=progress)
+    known = {n.fit.candidate.key for n in named}
+    new = tuple(n for n in names if n.fit.candidate.key not in known)
+    if not new:
+        return None
+    return cut, replace(done, fitted=(*state.fitted, *(n.fit for n in new))), (*named, *new)
+
+
+def _only_there(trace: Trace, cut: PreparedData, bursts: Sequence[Burst]) -> bool:
+    """Whether a candidate changes a channel with a burst, and hardly anything in other trajectories."""
+    dataset, change = cut.dataset, np.square(trace.change).sum(axis=2)
+    shown: BoolArray = np.array([c in {b.channel for b in bursts} for c in dataset.scene.channels]) & trace.touched
+    rows = np.isin(dataset.trajectory, [t for b in bursts for t in b.trajectories])
+    energy = change[:, trace.touched].sum(axis=1)
+    return bool(shown.any() and energy[rows].sum() > BURSTS.there * energy.sum())

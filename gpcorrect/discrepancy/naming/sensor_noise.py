@@ -7,17 +7,16 @@ leave, or on the reported values themselves.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import t as student
 
 from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level, Named
-from gpcorrect.discrepancy.naming.speed_noise import SpeedGrowth, speed_growth
-from gpcorrect.discrepancy.recording.channels import Channel
+from gpcorrect.discrepancy.naming.speed_noise import second_differences, speed_growth
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.recording.noise import NORMAL_MAD, ChannelNoise
-from gpcorrect.discrepancy.recording.quantisation import Quantisation, quantisation_of
+from gpcorrect.discrepancy.recording.quantisation import quantisation_of
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.stated_noise import UNIFORM, stated_noises
 from gpcorrect.discrepancy.search.candidates import Candidate, Estimate, FittedEffect
@@ -30,25 +29,15 @@ from gpcorrect.sim.effects.geometry import HomingOffset
 from gpcorrect.sim.effects.noise import EncoderQuantisation, NoiseChange, SpeedNoise
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-NORM = np.sqrt(6.0)  # deviation of a second difference of unit white noise
+Numbers = Mapping[str, tuple[float, tuple[float, float], str]]  # of an effect: value, 95 % interval and unit
 
 
 @dataclass(frozen=True)
 class Growth:
     """Noise beyond what was there before, or beyond what is stated.
 
-    Parameters
-    ----------
-    std : float
-        Of the further noise, unit of the channel.
-    std_ci95 : pair of float
-        By the scatter of the trajectories.
-    since, since_ci95 : float, pair of float
-        Session time from which on it is there, s.
-    nats : float
-        Gain of log-likelihood of the trajectories' levels.
-    chance : float
-        Of a change at least as clear in noise that does not change.
+    Its standard deviation (unit of the channel) by the scatter of the trajectories, the session time from which on it
+    is there (s), and the gain of log-likelihood of the trajectories' levels.
     """
 
     std: float
@@ -56,7 +45,6 @@ class Growth:
     since: float
     since_ci95: tuple[float, float]
     nats: float
-    chance: float
 
 
 def levels_of(residual: FloatArray, trajectory: IntArray, rows: BoolArray) -> tuple[FloatArray, IntArray, FloatArray]:
@@ -73,8 +61,7 @@ def levels_of(residual: FloatArray, trajectory: IntArray, rows: BoolArray) -> tu
     """
     levels, numbers, errors = [], [], []
     for number in np.unique(trajectory[rows]):
-        values = residual[rows & (trajectory == number)]
-        second = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / NORM
+        second = second_differences(residual[rows & (trajectory == number)])
         second = second[np.isfinite(second)]
         scale = float(np.median(np.abs(second))) / NORMAL_MAD if len(second) else 0.0
         inner = second[np.abs(second) < SENSORS.trim * scale]
@@ -82,21 +69,9 @@ def levels_of(residual: FloatArray, trajectory: IntArray, rows: BoolArray) -> tu
             continue
         levels.append(float(np.sqrt(np.mean(inner**2))))
         numbers.append(number)
-        # neighbouring second differences fraction samples: their squares count 35 / 18 times less than independent ones
+        # neighbouring second differences share samples: their squares count 35 / 18 times less than independent ones
         errors.append(float(0.5 * np.std(inner**2) / np.mean(inner**2) * np.sqrt(35.0 / 18.0 / len(inner))))
     return np.array(levels), np.array(numbers, dtype=np.int64), np.array(errors)
-
-
-def roughness(residual: FloatArray) -> float:
-    """Return the root mean square of all second differences, as white noise would have it.
-
-    Parameters
-    ----------
-    residual : (n,) array
-        Single samples, rad or m.
-    """
-    second = (residual[2:] - 2.0 * residual[1:-1] + residual[:-2]) / NORM
-    return float(np.sqrt(np.nanmean(second**2))) if np.isfinite(second).any() else 0.0
 
 
 def stated_level(noise: ChannelNoise, step: float) -> float:
@@ -115,12 +90,7 @@ def stated_level(noise: ChannelNoise, step: float) -> float:
 
 
 def growth_of(
-    levels: FloatArray,
-    errors: FloatArray,
-    start: FloatArray,
-    end: FloatArray,
-    stated: float | None,
-    channels: int,
+    levels: FloatArray, errors: FloatArray, start: FloatArray, end: FloatArray, stated: float | None, channels: int
 ) -> Growth | None:
     """Return by how much noise grew at some moment, or exceeds what is stated; None when neither is beyond doubt.
 
@@ -133,7 +103,7 @@ def growth_of(
     stated : float or None
         Level as the model states it.
     channels : int
-        That are looked at: each has its fraction of the chance of a false alarm.
+        That are looked at: each has its part of the chance of a false alarm.
     """
     grown = _change(np.log(levels), errors, start, end, channels) if len(levels) >= 2 * SENSORS.side else None
     if grown is None and stated is not None and len(levels):
@@ -142,38 +112,29 @@ def growth_of(
 
 
 def _change(height: FloatArray, errors: FloatArray, start: FloatArray, end: FloatArray, channels: int) -> Growth | None:
+    """Return the clearest rise of the levels' logarithms, by Student's test; they scatter as their errors at least."""
     order = np.argsort(start, kind="stable")
     height, start, end = height[order], start[order], end[order]
     splits = np.flatnonzero(np.diff(start) > 0) + 1
     splits = splits[(splits >= SENSORS.side) & (splits <= len(height) - SENSORS.side)]
     if len(splits) == 0:
         return None
-    floor = float(np.median(errors))
-    rises = [_rise(height[:at], height[at:], floor) for at in splits]
-    best = int(np.argmax(rises))
-    chance = min(1.0, len(splits) * float(student.sf(rises[best], len(height) - 2)))
-    at = int(splits[best])
-    before, after = height[:at], height[at:]
-    if chance > SENSORS.chance / channels or after.mean() - before.mean() < SENSORS.least_change:
+    floor, found = float(np.median(errors)), []
+    for at in map(int, splits):
+        before, after = height[:at], height[at:]
+        left = ((before - before.mean()) ** 2).sum() + ((after - after.mean()) ** 2).sum()
+        spread = np.sqrt(max(left / (len(height) - 2), floor**2))
+        width = spread * np.sqrt(1.0 / len(before) + 1.0 / len(after))
+        found.append((float((after.mean() - before.mean()) / width), at, spread, width))
+    rise, at, spread, width = max(found, key=lambda f: f[0])
+    low_level, high_level = float(height[:at].mean()), float(height[at:].mean())
+    chance = min(1.0, len(splits) * float(student.sf(rise, len(height) - 2)))
+    if chance > SENSORS.chance / channels or high_level - low_level < SENSORS.least_change:
         return None
-    spread = np.sqrt(max(_within(before, after), floor**2))
-    half = 1.96 * spread * np.hypot(1.0 / np.sqrt(len(after)), 1.0 / np.sqrt(len(before)))
-    low, high = (_further(float(after.mean()) + side * half, float(before.mean())) for side in (-1.0, 1.0))
+    low, std, high = (_further(high_level + side * 1.96 * width, low_level) for side in (-1.0, 0.0, 1.0))
     total = max(float(np.mean((height - height.mean()) ** 2)), floor**2)
     nats = 0.5 * len(height) * float(np.log(total / spread**2))
-    std = _further(float(after.mean()), float(before.mean()))
-    return Growth(std, (low, high), float(start[at]), (float(start[at - 1]), float(end[at])), nats, chance)
-
-
-def _rise(before: FloatArray, after: FloatArray, floor: float) -> float:
-    """Student's statistic of a rise; trajectories scatter at least as their samples do."""
-    spread = np.sqrt(max(_within(before, after), floor**2) * (1.0 / len(before) + 1.0 / len(after)))
-    return float((after.mean() - before.mean()) / spread)
-
-
-def _within(before: FloatArray, after: FloatArray) -> float:
-    left = ((before - before.mean()) ** 2).sum() + ((after - after.mean()) ** 2).sum()
-    return float(left / (len(before) + len(after) - 2))
+    return Growth(std, (low, high), float(start[at]), (float(start[at - 1]), float(end[at])), nats)
 
 
 def _further(after: float, before: float) -> float:
@@ -185,13 +146,12 @@ def _excess(levels: FloatArray, errors: FloatArray, start: FloatArray, stated: f
     """Return noise beyond the stated one, when nearly every trajectory has it."""
     if float(np.mean(levels > SENSORS.beyond * stated)) < SENSORS.nearly:
         return None
-    height, floor = np.log(levels), float(np.median(errors))
-    spread = max(float(height.std()), floor)
+    height, nominal = np.log(levels), float(np.log(stated))
+    spread, middle = max(float(height.std()), float(np.median(errors))), float(height.mean())
     half = 1.96 * spread / np.sqrt(len(height))
-    middle, nominal = float(height.mean()), float(np.log(stated))
+    low, std, high = (_further(middle + side * half, nominal) for side in (-1.0, 0.0, 1.0))
     nats = 0.5 * float((((height - nominal) / spread) ** 2 - ((height - middle) / spread) ** 2).sum())
-    ends = _further(middle - half, nominal), _further(middle + half, nominal)
-    return Growth(_further(middle, nominal), ends, 0.0, (0.0, float(start.min())), nats, 0.0)
+    return Growth(std, (low, high), 0.0, (0.0, float(start.min())), nats)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +168,6 @@ def noise_effects(dataset: Dataset, effects: Sequence[Effect], level: FloatArray
     Parameters
     ----------
     dataset : Dataset
-        Recording and simulator.
     effects : sequence of Effect
         Named so far.
     level : (c,) array
@@ -248,31 +207,32 @@ def _grown(dataset: Dataset, effects: Sequence[Effect], coarse: set[int | str]) 
                 channels=len(groups),
             )
             if faster is not None:
-                found.append(_speed_noise(joint, faster, len(groups)))
-                own = (
-                    own / faster.times(speeds[:, column])[:, None]
-                )  # of what is left a change at some moment may be seen
+                numbers: Numbers = {"seconds": (faster.seconds, faster.seconds_ci95, "s")}
+                found.append(_noise_effect(SpeedNoise, joint, "R", numbers, faster.nats, len(groups)))
+                # of what is left a change at some moment may be seen
+                own = own / np.hypot(1.0, faster.seconds * speeds[:, [column]] / faster.level)
         growth = _growth(scene, own, seen, indices, len(groups))
         if growth is not None:
-            found.append(_noise_change(scene.channels[indices[0]], joint, growth, len(groups)))
+            unit = scene.channels[indices[0]].unit
+            numbers = {
+                "std": (growth.std, growth.std_ci95, unit),
+                "since": (growth.since, growth.since_ci95, "s"),
+            }
+            joint_type = "P" if unit == "m" else "R"
+            found.append(_noise_effect(NoiseChange, joint, joint_type, numbers, growth.nats, len(groups)))
     return found
+
+
+def _stated_step(scene: Scene, column: int) -> float:
+    """Step of a joint's encoder as the model's [noise] states it, rad or m; 0 where it does not."""
+    stated = scene.model.noise.encoder_step if scene.model.noise is not None else ()
+    return max(stated[column : column + 1], default=0.0)
 
 
 def _rounding(scene: Scene, column: int) -> float:
     """Return the standard deviation of the rounding of a motor's path, as stated or as its values show it, rad or m."""
     counts = quantisation_of(scene.motor_path()[:, column]) if scene.measured else None
-    stated = scene.model.noise.encoder_step if scene.model.noise is not None else ()
-    step = max([*stated[column : column + 1], *([] if counts is None else [counts.step])], default=0.0)
-    return step / float(UNIFORM)
-
-
-def _speed_noise(joint: int, growth: SpeedGrowth, channels: int) -> NoiseEffect:
-    (seconds,) = SpeedNoise.about.parameters
-    coordinate = coordinate_of(seconds, "R", amplitude=True)
-    u = (growth.seconds / coordinate.typical,)
-    candidate = Candidate(SpeedNoise, joint, (), (coordinate,), u)
-    numbers = {"seconds": Estimate(growth.seconds, growth.seconds_ci95, "s")}
-    return NoiseEffect(_named(FittedEffect(candidate, np.array(u)), growth.nats, channels), numbers)
+    return max(_stated_step(scene, column), 0.0 if counts is None else counts.step) / float(UNIFORM)
 
 
 def _growth(
@@ -294,64 +254,54 @@ def _growth(
     return growth_of(levels, errors, start, end, nominal, channels)
 
 
-def _noise_change(channel: Channel, joint: int | str, growth: Growth, channels: int) -> NoiseEffect:
-    kind = "P" if channel.unit == "m" else "R"
-    parameters = {p.name: p for p in NoiseChange.about.parameters}
-    coordinates = tuple(coordinate_of(parameters[name], kind, amplitude=True) for name in ("std", "since"))
-    u = (growth.std / coordinates[0].typical, growth.since / coordinates[1].typical)
-    candidate = Candidate(NoiseChange, joint, (), coordinates, u)
-    numbers = {
-        "std": Estimate(growth.std, growth.std_ci95, channel.unit),
-        "since": Estimate(growth.since, growth.since_ci95, "s"),
-    }
-    return NoiseEffect(_named(FittedEffect(candidate, np.array(u)), growth.nats, channels), numbers)
-
-
 def _rounded(scene: Scene, column: int, level: FloatArray) -> NoiseEffect | None:
     """Return the encoder of one joint, when it counts in steps that matter."""
     if not scene.measured:
         return None
     counts = quantisation_of(scene.motor_path()[:, column])
-    if counts is None or not _matters(scene, column, counts, level):
+    if counts is None or not _matters(scene, column, counts.step, level):
         return None
-    joint, kind = scene.joints[column], scene.machine.body.types[column]
-    (step,) = [p for p in EncoderQuantisation.about.parameters if p.name == "step"]
-    coordinate = coordinate_of(step, kind, amplitude=True)
-    u = (counts.step / coordinate.typical,)
-    candidate = Candidate(EncoderQuantisation, joint, (), (coordinate,), u)
+    joint_type = scene.machine.body.types[column]
     ends = (counts.step - counts.error, counts.step + counts.error)
-    numbers = {"step": Estimate(counts.step, ends, "m" if kind == "P" else "rad")}
+    numbers: Numbers = {"step": (counts.step, ends, "m" if joint_type == "P" else "rad")}
     # Each visited count beyond those that fix step and remainder agrees by chance in one of a hundred cases.
     nats = (counts.visited - 2) * float(np.log(100.0))
-    return NoiseEffect(_named(FittedEffect(candidate, np.array(u)), nats, len(scene.joints)), numbers)
+    return _noise_effect(EncoderQuantisation, scene.joints[column], joint_type, numbers, nats, len(scene.joints))
 
 
-def _matters(scene: Scene, column: int, counts: Quantisation, level: FloatArray) -> bool:
+def _matters(scene: Scene, column: int, step: float, level: FloatArray) -> bool:
     """Whether rounding is coarser than the model says, and large enough to be seen from outside."""
     joint = scene.joints[column]
-    stated = scene.model.noise.encoder_step if scene.model.noise is not None else ()
-    known = [e.step for e in scene.model.effects if isinstance(e, EncoderQuantisation) and e.joint == joint]
-    if counts.step < SENSORS.coarser * max([*stated[column : column + 1], *known], default=0.0):
+    known = [e.step for e in of_kind(scene.model.effects, EncoderQuantisation) if e.joint == joint]
+    if step < SENSORS.coarser * max([_stated_step(scene, column), *known]):
         return False
     outside = np.array([c.signal != "measured_jp" for c in scene.channels])
     try:
         whole = scene.strict()
-        change = whole.predict([HomingOffset(joint, counts.step / UNIFORM)]) - whole.predict()
+        change = whole.predict([HomingOffset(joint, step / UNIFORM)]) - whole.predict()
     except DataError:
         return False
     size = np.sqrt(np.nanmean(change[:, outside] ** 2, axis=0))
-    raw = np.array([roughness(r) for r in scene.residual()[:, outside].T])  # an outside sensor may be coarse as well
-    return bool((size > SENSORS.rounding_matters * np.maximum(level[outside], raw)).any())
+    second = second_differences(scene.residual()[:, outside]).T  # an outside sensor may be coarse as well
+    rough = [np.sqrt(np.nanmean(s**2)) if np.isfinite(s).any() else 0.0 for s in second]
+    return bool((size > SENSORS.rounding_matters * np.maximum(level[outside], rough)).any())
 
 
-def _named(fit: FittedEffect, nats: float, tried: int) -> Named:
-    """Named effect; against it stands only that nothing is there."""
-    gain = nats - penalty(tried)
-    probability = float(1.0 / (1.0 + np.exp(-np.clip(gain, -50.0, 50.0))))
+def _noise_effect(
+    kind: type[Effect], joint: int | str, joint_type: str, numbers: Numbers, nats: float, tried: int
+) -> NoiseEffect:
+    """Return an effect with its numbers; against it stands only that nothing is there."""
+    parameters = kind.about.parameters
+    coordinates = tuple(coordinate_of(p, joint_type, amplitude=True) for p in parameters if p.name in numbers)
+    u = tuple(numbers[c.parameter.name][0] / c.typical for c in coordinates)
+    fit = FittedEffect(Candidate(kind, joint, (), coordinates, u), np.array(u))
+    probability = float(1.0 / (1.0 + np.exp(-np.clip(nats - penalty(tried), -50.0, 50.0))))
     alternatives = (
-        replace(Alternative.of(fit.candidate, gain), extra=0, probability=probability),
-        Alternative(Explanation.NOTHING, 0.0, "nothing", probability=1.0 - probability),
+        Alternative.of(fit.candidate, probability),
+        Alternative(Explanation.NOTHING, 1.0 - probability, "nothing"),
         Alternative(Explanation.UNKNOWN, 0.0, "unknown"),
     )
     level = Level.EXACT if probability >= NAMING.exact else Level.INCONCLUSIVE
-    return Named(fit, level, probability, nats, alternatives, ())
+    return NoiseEffect(
+        Named(fit, level, probability, nats, alternatives, ()), {name: Estimate(*n) for name, n in numbers.items()}
+    )

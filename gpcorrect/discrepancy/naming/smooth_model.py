@@ -1,6 +1,4 @@
-"""What no effect of the catalogue says.
-
-A smooth model of the residual, additive in all variables plus its strongest pairs.
+"""What no effect of the catalogue says: a smooth model of the residual, in all variables and its strongest pairs.
 
 Piecewise linear in each variable, with a ridge whose strength is chosen on held-out trajectories: the additive-plus-
 pairwise Gaussian process of the method note, in a basis that is cheap to refit. It is fitted together with the effects'
@@ -10,13 +8,14 @@ tangents, so that what it gains beside a set is orthogonal to it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from gpcorrect.discrepancy.evidence.linear import fold_of, held_out_nats, solve
-from gpcorrect.discrepancy.evidence.variables import Cells, Covariates
-from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener
+from gpcorrect.discrepancy.evidence.variables import Cells
+from gpcorrect.discrepancy.naming.view import View
+from gpcorrect.discrepancy.search.candidates import FittedEffect
+from gpcorrect.discrepancy.search.linearisation import linearise
 from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.types import BoolArray, FloatArray
 
@@ -24,70 +23,35 @@ KNOTS = {1: 8, 2: 5}
 PRECISIONS = (1.0, 10.0, 100.0)  # of a column's size, in units of the residual's mean square
 
 
-@dataclass(frozen=True)
-class SmoothFit:
-    """Gain of the smooth model, beyond the set it was put beside.
+def smooth_columns(view: View, fitted: Sequence[FittedEffect], channels: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Return whitened columns `(M, k)` of the smooth model on discovery and confirmation.
+
+    Of all single variables, states with a memory, and the pairs that explain most of what a set leaves.
 
     Parameters
     ----------
-    discovery : float
-        Held-out nats on the discovery part.
-    confirmation : float
-        Nats on the confirmation part, fitted on discovery.
-    """
-
-    discovery: float
-    confirmation: float
-
-    @property
-    def nats(self) -> float:
-        """Both."""
-        return self.discovery + self.confirmation
-
-
-def smooth_columns(
-    inputs: Sequence[Covariates],
-    tests: Sequence[Sequence[Cells]],
-    channels: BoolArray,
-    residual: FloatArray,
-    rows: BoolArray,
-) -> FloatArray:
-    """Columns `(m, c, k)` of the smooth model of these channels.
-
-    All single variables, states with a memory, and the pairs that explain most of a residual.
-
-    Parameters
-    ----------
-    inputs : sequence of Covariates
-        Variables of each channel.
-    tests : sequence of sequences of Cells
-        Of each channel; its pairs are those that may be chosen.
+    view : View
+    fitted : sequence of FittedEffect
+        The set.
     channels : (c,) bool array
-        Which channels the model speaks of.
-    residual : (m, c) array
-        By which the pairs are chosen.
-    rows : (m,) bool array
-        On which they are chosen.
+        Those that the model speaks of.
     """
-    m, c = residual.shape
-    parts: list[FloatArray] = []
-    for i in map(int, np.flatnonzero(channels)):
-        pairs = [t for t in tests[i] if len(t.variables) == 2]
-        strength = [_explained(t, residual[:, i], rows) for t in pairs]
-        chosen = [pairs[k].variables for k in np.argsort(strength)[::-1][: NAMING.smooth_pairs]]
-        for variables in (*((name,) for name in inputs[i].values), *chosen):
-            basis = _basis([inputs[i].values[v] for v in variables])
-            parts.append(_in_channel(basis, i, c))
-        if inputs[i].memory:
-            states = np.stack(inputs[i].memory, axis=1)
-            parts.append(_in_channel(states / states.std(axis=0), i, c))
-    return np.concatenate(parts, axis=2) if parts else np.zeros((m, c, 0))
-
-
-def _in_channel(basis: FloatArray, channel: int, n_channels: int) -> FloatArray:
-    columns = np.zeros((len(basis), n_channels, basis.shape[1]))
-    columns[:, channel] = basis
-    return columns
+    residual, rows = view.search.residual(fitted), view.search.dataset.discovery
+    parts = [np.zeros((*residual.shape, 0))]
+    for i in np.flatnonzero(channels).tolist():
+        inputs = view.prepared.inputs[i]
+        pairs = [t for t in view.prepared.tests[i] if len(t.variables) == 2]
+        strongest = np.argsort([_explained(t, residual[:, i], rows) for t in pairs])[::-1][: NAMING.smooth_pairs]
+        chosen = [*((name,) for name in inputs.values), *(pairs[k].variables for k in strongest)]
+        bases = [_basis([inputs.values[v] for v in variables]) for variables in chosen]
+        if inputs.memory:
+            states = np.stack(inputs.memory, axis=1)
+            bases.append(states / states.std(axis=0))
+        for basis in bases:
+            columns = np.zeros((*residual.shape, basis.shape[1]))
+            columns[:, i] = basis
+            parts.append(columns)
+    return view.whitened(np.concatenate(parts, axis=2))
 
 
 def _basis(values: Sequence[FloatArray]) -> FloatArray:
@@ -100,10 +64,7 @@ def _basis(values: Sequence[FloatArray]) -> FloatArray:
 
 
 def _hats(values: FloatArray, n_knots: int) -> FloatArray:
-    """Piecewise linear functions `(m, k)`, each one at one quantile and zero at the others.
-
-    Few values have one each.
-    """
+    """Piecewise linear functions `(m, k)`, each one at one quantile (of few values: at one of them), zero at others."""
     distinct = np.unique(values)
     knots = distinct if len(distinct) <= n_knots else np.unique(np.quantile(values, np.linspace(0, 1, n_knots)))
     columns: FloatArray = np.stack([np.interp(values, knots, unit) for unit in np.eye(len(knots))], axis=1)
@@ -119,47 +80,38 @@ def _explained(cells: Cells, residual: FloatArray, rows: BoolArray) -> float:
     return float((count * (mean - value.mean()) ** 2).sum() / max(((value - value.mean()) ** 2).sum(), 1e-300))
 
 
-def smooth_fit(
-    discovery: DatasetWhitener,
-    z: tuple[FloatArray, FloatArray],
-    slopes: tuple[FloatArray, FloatArray],
-    white: tuple[FloatArray, FloatArray],
-    size: float,
-) -> SmoothFit:
-    """Fit the smooth model beside a set's tangents, which take up what they can.
-
-    What is left to it is orthogonal to them.
+def smooth_nats(
+    view: View, fitted: Sequence[FittedEffect], channels: BoolArray, columns: tuple[FloatArray, FloatArray]
+) -> float:
+    """Return the log Bayes factor of smooth columns beyond a set, on discovery (held out) and confirmation.
 
     Parameters
     ----------
-    discovery : DatasetWhitener
-        How that part is seen.
-    z : pair of arrays
-        Whitened residual of the set on each part.
-    slopes : pair of arrays
-        Whitened tangents of the set.
-    white : pair of (M, k) arrays
-        Whitened columns of the smooth model on each part.
-    size : float
-        Root mean square of the residual: scale of a column's size.
+    view : View
+    fitted : sequence of FittedEffect
+        The set; the tangents of its effects take up what they can.
+    channels : (c,) bool array
+        Those that the columns speak of.
+    columns : pair of (M, k) arrays
+        Whitened on both parts.
     """
-    k = white[0].shape[1]
+    search, k = view.search, columns[0].shape[1]
     if k == 0:
-        return SmoothFit(0.0, 0.0)
-    seen = np.concatenate([slopes[0], white[0]], axis=1)
-    sums = discovery.grams(seen, z[0])
-    p = slopes[0].shape[1]
+        return 0.0
+    touching = [m for m in fitted if (search.touched(m.candidate) & channels).any()]
+    others = [m for m in fitted if not any(m is t for t in touching)]
+    discovery = linearise(search.whitener, touching, others)
+    confirmation = linearise(view.confirmation, touching, others)
+    size = float(np.sqrt(np.nanmean(search.residual(fitted)[search.dataset.discovery][:, channels] ** 2)))
+    p = discovery.slopes.shape[1]
+    sums = search.whitener.grams(np.concatenate([discovery.slopes, columns[0]], axis=1), discovery.z)
     fold = fold_of(len(sums.gram))
-    own = held_out_nats(sums.take(list(range(p))), fold).sum() if p else 0.0
-    best, precision = -np.inf, np.zeros(0)
-    for strength in PRECISIONS:
-        prior = np.r_[np.zeros(p), np.full(k, strength / size**2)]
-        nats = float(held_out_nats(sums, fold, prior).sum())
-        if nats > best:
-            best, precision = nats, prior
-    beta = solve(sums.gram.sum(axis=0) + np.diag(precision), sums.moment.sum(axis=0))
-    shift = np.concatenate([slopes[1], white[1]], axis=1) @ beta
+    own = held_out_nats(sums.take(list(range(p))), fold).sum()
+    priors = [np.r_[np.zeros(p), np.full(k, strength / size**2)] for strength in PRECISIONS]
+    nats = [float(held_out_nats(sums, fold, prior).sum()) for prior in priors]
+    best = int(np.argmax(nats))
     gram, moment = sums.gram.sum(axis=0), sums.moment.sum(axis=0)
-    own_shift = slopes[1] @ solve(gram[:p, :p], moment[:p]) if p else np.zeros(len(z[1]))
-    gain = 0.5 * (((z[1] - own_shift) ** 2).sum() - ((z[1] - shift) ** 2).sum())
-    return SmoothFit(best - float(own), float(gain))
+    without = confirmation.z - confirmation.slopes @ solve(gram[:p, :p], moment[:p])
+    both = np.concatenate([confirmation.slopes, columns[1]], axis=1)
+    left = confirmation.z - both @ solve(gram + np.diag(priors[best]), moment)
+    return nats[best] - float(own) + 0.5 * float((without**2).sum() - (left**2).sum())

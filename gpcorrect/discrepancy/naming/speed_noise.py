@@ -23,35 +23,30 @@ REWEIGHTED = 4
 """Rounds of the regression: its weights come from the line of the round before, and stand still after three."""
 
 
+def second_differences(values: FloatArray) -> FloatArray:
+    """Return second differences `(n - 2, ...)` over the root of 6: of white noise, they have its standard deviation.
+
+    Parameters
+    ----------
+    values : (n, ...) array
+        Single samples in their order.
+    """
+    second: FloatArray = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / np.sqrt(6.0)
+    return second
+
+
 @dataclass(frozen=True)
 class SpeedGrowth:
     """Variance of noise that goes with the square of the speed.
 
-    Parameters
-    ----------
-    seconds, seconds_ci95 : float, pair of float
-        Root of the slope: that of the instants, s; the interval by the scatter of stretches.
-    level : float
-        Standard deviation of the noise at rest, rad or m.
-    nats : float
-        Half the square of the slope's standard score.
+    The root of its slope is the spread of the instants (s), with an interval by the scatter of stretches; `level` is
+    the noise at rest (rad or m), `nats` half the square of the slope's standard score.
     """
 
     seconds: float
     seconds_ci95: tuple[float, float]
     level: float
     nats: float
-
-    def times(self, speed: FloatArray) -> FloatArray:
-        """Return how many times noisier than at rest the sensor is `(n,)`.
-
-        Parameters
-        ----------
-        speed : (n,) array
-            rad/s or m/s.
-        """
-        factor: FloatArray = np.hypot(1.0, self.seconds * speed / self.level)
-        return factor
 
 
 def speed_growth(
@@ -164,23 +159,16 @@ def _samples(
     residual: FloatArray, laws: FloatArray, trajectory: IntArray, rows: BoolArray, stated: float
 ) -> tuple[FloatArray, FloatArray, IntArray, IntArray]:
     """Laws, variance beyond what is stated by the first, trajectory and stretch of every sample with a variance."""
-    followed, variances = list[FloatArray](), list[FloatArray]()
-    groups, stretches = list[IntArray](), list[IntArray]()
-    last = 0
+    parts = [(np.empty((0, laws.shape[1])), np.empty(0), np.empty(0, np.int64), np.empty(0, np.int64))]
     for number in np.unique(trajectory[rows]):
         mine = rows & (trajectory == number)
-        values, law = residual[mine], laws[mine]
-        second = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / np.sqrt(6.0)
+        second, law = second_differences(residual[mine]), laws[mine]
         between = 0.5 * (law[1:-2] + law[2:-1])
         variance = NEIGHBOURS * second[1:] * second[:-1] - stated**2 * between[:, 0]
         known = np.isfinite(variance) & np.isfinite(between).all(axis=1)
-        if known.sum() < SENSORS.fewest:
-            continue
-        followed.append(between[known])
-        variances.append(variance[known])
-        groups.append(np.full(known.sum(), len(groups)))
-        stretches.append(last + np.arange(known.sum()) // SENSORS.fewest)
-        last = int(stretches[-1][-1]) + 1
-    if not groups:
-        return np.empty((0, laws.shape[1])), np.empty(0), np.empty(0, np.int64), np.empty(0, np.int64)
+        count = int(known.sum())
+        if count >= SENSORS.fewest:
+            stretch = parts[-1][3].max(initial=-1) + 1 + np.arange(count) // SENSORS.fewest
+            parts.append((between[known], variance[known], np.full(count, len(parts) - 1), stretch))
+    followed, variances, groups, stretches = zip(*parts, strict=True)
     return np.concatenate(followed), np.concatenate(variances), np.concatenate(groups), np.concatenate(stretches)

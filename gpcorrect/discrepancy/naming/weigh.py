@@ -1,20 +1,20 @@
-"""Evidence for an effect and for what could stand in its place.
+"""Evidence for one effect of a set: what it gains, and what could stand in its place.
 
-Rivals in the catalogue, something outside it, nothing.
+Rivals are other effects, refitted there; the unknown is a smooth model there and beside it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
 
-from gpcorrect.discrepancy.evidence.variables import Cells, Covariates
-from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener, whitener_on
-from gpcorrect.discrepancy.naming.more_general import more_general
-from gpcorrect.discrepancy.naming.smooth_model import smooth_columns, smooth_fit
+from gpcorrect.discrepancy.evidence.linear import solve
+from gpcorrect.discrepancy.naming.intervals import columns_of
+from gpcorrect.discrepancy.naming.smooth_model import smooth_columns, smooth_nats
+from gpcorrect.discrepancy.naming.view import View
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.linearisation import held_out, linearise
 from gpcorrect.discrepancy.search.state import Search, penalty
@@ -24,66 +24,16 @@ from gpcorrect.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class View:
-    """Both parts as they are seen: discovery and confirmation."""
-
-    search: Search
-    confirmation: DatasetWhitener
-    tests: Sequence[Sequence[Cells]]
-    inputs: Sequence[Covariates]
-
-    def whitened_residuals(self, fitted: Sequence[FittedEffect]) -> tuple[FloatArray, FloatArray]:
-        """Return the whitened residual of a set on discovery and confirmation.
-
-        Parameters
-        ----------
-        fitted : sequence of FittedEffect
-            The set.
-        """
-        discovery, confirmation = self.whitened(self.search.residual(fitted)[:, :, None])
-        return discovery[:, 0], confirmation[:, 0]
-
-    def whitened(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return columns whitened on discovery and confirmation.
-
-        Parameters
-        ----------
-        columns : (m, c, k) array
-            Of every channel.
-        """
-        return self.search.whitener.whiten_columns(columns), self.confirmation.whiten_columns(columns)
-
-
-def view_of(search: Search, tests: Sequence[Sequence[Cells]], inputs: Sequence[Covariates]) -> View:
-    """Whiten the confirmation part with the noise of discovery.
-
-    Parameters
-    ----------
-    search : Search
-        Data, signatures and the fitted effects.
-    tests : sequence
-        Small tests of each channel.
-    inputs : sequence of Covariates
-        Variables of each channel.
-    """
-    residual = search.residual(search.fitted)
-    confirmation = whitener_on(search.dataset, residual, search.dataset.confirmation, search.whitener.noises)
-    return View(search, confirmation, tests, inputs)
-
-
-@dataclass(frozen=True, eq=False)
 class Rival:
     """Another candidate in an effect's place, and its nats.
 
     Parameters
     ----------
-    fit : FittedEffect
-        With its numbers.
     nats : float
         Beyond the set without either.
     is_general : bool
-        Whether the effect is a special case of it: its nats are then those of :func:`more_general`, in which its
-        further numbers are paid for.
+        Whether the effect is a special case of it: its nats are then an evidence in which its further numbers are
+        paid for.
     """
 
     fit: FittedEffect
@@ -102,37 +52,6 @@ class Unknown:
 
     instead: float
     beside: float
-
-
-@dataclass(frozen=True, eq=False)
-class Weighed:
-    """Evidence for one effect, in nats beyond the set without it.
-
-    Parameters
-    ----------
-    discovery, confirmation : (b,) arrays
-        Its own, of each trajectory of either part.
-    active : (b,) bool array
-        Trajectories of discovery, then confirmation, in which it acts: a slip does not before it happens.
-    rivals : tuple of Rival
-        Those like it and those that it is a special case of, best first.
-    unknown : Unknown
-        The smooth model's.
-    overdispersion : float
-        By how much evidence counts less, because the residual is still larger than noise.
-    """
-
-    discovery: FloatArray
-    confirmation: FloatArray
-    active: BoolArray
-    rivals: tuple[Rival, ...]
-    unknown: Unknown
-    overdispersion: float
-
-    @property
-    def nats(self) -> float:
-        """Own nats of both parts."""
-        return float(self.discovery.sum() + self.confirmation.sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,13 +87,30 @@ class Own:
         return float(self.discovery.sum()) / self.overdispersion
 
 
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """Evidence for one effect, and for what could stand in its place.
+
+    Parameters
+    ----------
+    active : (b,) bool array
+        Trajectories of discovery, then confirmation, in which it acts: a slip does not before it happens.
+    rivals : tuple of Rival
+        Those like it and those that it is a special case of, best first.
+    """
+
+    own: Own
+    active: BoolArray
+    rivals: tuple[Rival, ...]
+    unknown: Unknown
+
+
 def own_gain(view: View, fit: FittedEffect) -> Own:
     """Weigh an effect of the set against nothing in its place.
 
     Parameters
     ----------
     view : View
-        The search, seen on discovery and confirmation.
     fit : FittedEffect
         One of the set.
     """
@@ -186,38 +122,31 @@ def own_gain(view: View, fit: FittedEffect) -> Own:
     return Own(rest, reference, *gains, max(left, size_overdispersion(search, fit)))
 
 
-def weigh(view: View, fit: FittedEffect, own: Own | None = None) -> Weighed:
+def weigh(view: View, fit: FittedEffect, own: Own) -> Weighed:
     """Weigh an effect of the set against what could stand in its place.
 
     Parameters
     ----------
     view : View
-        The search, seen on discovery and confirmation.
     fit : FittedEffect
         One of the set.
-    own : Own, optional
-        What it gains, where that is known.
+    own : Own
+        What it gains.
     """
-    own = own_gain(view, fit) if own is None else own
-    unknown = _unknown(view, own.rest, _strongest_channels(view, fit, view.search.touched(fit.candidate)))
-    counts = between_effects(own.nats, own.overdispersion, unknown, penalty(view.search.n_kinds))
-    rivals = _rivals(view, own, fit, NAMING.hopeless * counts)
-    general = [
-        Rival(wider, nats + own.nats, is_general=True)
-        for wider, nats in more_general(view.search, own.rest, fit, own.overdispersion)
+    search, channels = view.search, _strongest_channels(view, fit)
+    columns = smooth_columns(view, own.rest, channels)
+    unknown = Unknown(*(smooth_nats(view, fitted, channels, columns) for fitted in (own.rest, search.fitted)))
+    general = _more_general(search, own, fit)
+    counts = between_effects(own, unknown, penalty(search.n_kinds))
+    rivals = [
+        r
+        for r in _rivals(view, own, fit, NAMING.hopeless * counts)
+        if not any(r.candidate.called_like(g.candidate) for g in general)
     ]
-    rivals = [r for r in rivals if not any(r.candidate.called_like(g.candidate) for g in general)] + general
-    return Weighed(
-        own.discovery,
-        own.confirmation,
-        _active(view, fit),
-        tuple(sorted(rivals, key=lambda r: -r.nats)),
-        unknown,
-        own.overdispersion,
-    )
+    return Weighed(own, _active(view, fit), tuple(sorted([*rivals, *general], key=lambda r: -r.nats)), unknown)
 
 
-def between_effects(nats: float, overdispersion: float, unknown: Unknown, cost: float) -> float:
+def between_effects(own: Own, unknown: Unknown, cost: float) -> float:
     """Return by how much nats between two effects count less while something else is still missing.
 
     What neither explains, and the smooth model sees beside them, may favour either by as much as it is: a lead of that
@@ -226,17 +155,15 @@ def between_effects(nats: float, overdispersion: float, unknown: Unknown, cost: 
 
     Parameters
     ----------
-    nats : float
-        Of the effect.
-    overdispersion : float
-        By how much its evidence counts less anyway.
+    own : Own
+        What the effect gains.
     unknown : Unknown
         The smooth model's nats.
     cost : float
         Prior nats that any effect costs.
     """
-    tolerated = max(unknown.beside - cost, NAMING.shape_error**2 * nats)
-    return max(overdispersion, tolerated / float(-np.log(NAMING.stable)))
+    tolerated = max(unknown.beside - cost, NAMING.shape_error**2 * own.nats)
+    return max(own.overdispersion, tolerated / float(-np.log(NAMING.stable)))
 
 
 def size_overdispersion(search: Search, fit: FittedEffect) -> float:
@@ -249,17 +176,12 @@ def size_overdispersion(search: Search, fit: FittedEffect) -> float:
     Parameters
     ----------
     search : Search
-        Data, signatures and the fitted effects.
     fit : FittedEffect
         One of the set.
     """
     linearised = search.linearise_near(search.fitted, fit.candidate)
-    begin, near = 0, search.parted(search.fitted, fit.candidate)[1]
-    for other in near:
-        if other is fit:
-            break
-        begin += len(other.u)
-    own = linearised.slopes[:, [begin + i for i in fit.candidate.sizes]].sum(axis=1)
+    near = search.parted(search.fitted, fit.candidate)[1]
+    own = linearised.slopes[:, columns_of(near, fit)[list(fit.candidate.sizes)]].sum(axis=1)
     block = search.whitener.block
     energy, score = np.bincount(block, own**2), np.bincount(block, own * linearised.z)
     active = energy > NAMING.active * energy.max(initial=0.0)
@@ -271,22 +193,20 @@ def size_overdispersion(search: Search, fit: FittedEffect) -> float:
 def _active(view: View, fit: FittedEffect) -> BoolArray:
     """Trajectories of both parts in which an effect changes the channels by more than a little of what it can."""
     without = view.whitened_residuals([m for m in view.search.fitted if m is not fit])
-    parts = zip(
-        without, view.whitened_residuals(view.search.fitted), (view.search.whitener, view.confirmation), strict=True
-    )
-    energy = np.concatenate([np.bincount(whitener.block, (a - b) ** 2) for a, b, whitener in parts])
+    whole = view.whitened_residuals(view.search.fitted)
+    blocks = view.search.whitener.block, view.confirmation.block
+    energy = np.concatenate([np.bincount(k, (a - b) ** 2) for a, b, k in zip(without, whole, blocks, strict=True)])
     return np.asarray(energy > NAMING.active * energy.max(initial=0.0), dtype=np.bool_)
 
 
 def _gains(
     view: View, reference: tuple[FloatArray, FloatArray], fitted: Sequence[FittedEffect], candidate: Candidate
 ) -> tuple[FloatArray, FloatArray]:
-    search = view.search
-    linearised = search.linearise_near(fitted, candidate)
-    discovery = held_out(search.whitener, reference[0], linearised.z, linearised.slopes)
+    """Nats of each trajectory, of discovery and of confirmation, that a set gains over a reference residual."""
+    linearised = view.search.linearise_near(fitted, candidate)
+    discovery = held_out(view.search.whitener, reference[0], linearised.z, linearised.slopes)
     change = 0.5 * (reference[1] ** 2 - view.whitened_residuals(fitted)[1] ** 2)
-    block = view.confirmation.block
-    return discovery, np.bincount(block, change).astype(np.float64) if len(block) else np.zeros(0)
+    return discovery, np.bincount(view.confirmation.block, change).astype(np.float64)
 
 
 def _rivals(view: View, own: Own, fit: FittedEffect, margin: float) -> list[Rival]:
@@ -307,10 +227,9 @@ def _rivals(view: View, own: Own, fit: FittedEffect, margin: float) -> list[Riva
         if _likeness(first, change, bare.slopes) < NAMING.likeness:
             continue
         fitted = search.refit((*rest, leader.fit), leader.candidate, worth)
-        if fitted[-1].at_edge:
-            continue
-        gains = _gains(view, reference, fitted, leader.candidate)
-        found.append(Rival(fitted[-1], float(gains[0].sum() + gains[1].sum())))
+        if not fitted[-1].at_edge:
+            gains = _gains(view, reference, fitted, leader.candidate)
+            found.append(Rival(fitted[-1], float(gains[0].sum() + gains[1].sum())))
     return found
 
 
@@ -328,54 +247,75 @@ def _likeness(a: FloatArray, b: FloatArray, slopes: FloatArray) -> float:
     return float(abs(a @ b) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-300))
 
 
-def _strongest_channels(view: View, fit: FittedEffect, channels: BoolArray) -> BoolArray:
-    """Return the few channels in which an effect is largest beside the noise."""
+def _more_general(search: Search, own: Own, fit: FittedEffect) -> list[Rival]:
+    """Return look-alikes in the catalogue of which an effect is a special case.
+
+    An error of the first row of a kinematic table is an error of the registration. No data rule such a one out, unless
+    they would show its further numbers, were those as large as the ones that are seen. So both are weighed by their
+    evidence as linear models (Bishop 2006, Eq. 3.86) whose numbers have a normal prior of one size, in units of what is
+    typical of each: that of the effect's own numbers. Effects that do not grow with every number are no such models.
+    """
+    if not _is_linear(fit.candidate):
+        return []
+    alike, rest, noisier = fit.candidate.kind.about.neighbours, own.rest, own.overdispersion
+    narrow = _Linear.of(search, rest, fit)
+    change = narrow.slopes @ fit.u
+    found: dict[Hashable, Rival] = {}
+    for trace in search.traces:
+        other = trace.candidate
+        wider = other.extra > fit.candidate.extra and other.name in alike and _is_linear(other)
+        if not wider or other.key in found or any(other.key == m.candidate.key for m in rest):
+            continue
+        columns = search.whitener.whiten_columns(trace.change)
+        factors = _factors(columns, change)
+        left = change - columns @ factors
+        if left @ left > NAMING.general * (change @ change):
+            continue
+        fitted = search.refit((*rest, FittedEffect(other, other.scaled(factors))), other)
+        if not fitted[-1].at_edge:
+            wide = _Linear.of(search, rest, fitted[-1])
+            nats = noisier * (wide.evidence(change, noisier) - narrow.evidence(change, noisier))
+            found[other.key] = Rival(fitted[-1], nats + own.nats, is_general=True)
+    return list(found.values())
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """Whitened tangents `(M, p)` of an effect and the residual `(M,)` without it, less what others can take up."""
+
+    slopes: FloatArray
+    z: FloatArray
+
+    @classmethod
+    def of(cls, search: Search, rest: Sequence[FittedEffect], fit: FittedEffect) -> _Linear:
+        at = linearise(search.whitener, [fit], rest)
+        others = search.linearise_near(rest, fit.candidate).slopes
+        basis = np.linalg.qr(others)[0] if others.shape[1] else others
+        own = np.column_stack([at.slopes, at.z + at.slopes @ fit.u])
+        own -= basis @ (basis.T @ own)
+        return cls(own[:, :-1], own[:, -1])
+
+    def evidence(self, change: FloatArray, noisier: float) -> float:
+        """Log evidence with a normal prior of its numbers, of the mean square that their part in a change has."""
+        size = float(np.mean(_factors(self.slopes, change) ** 2))
+        precision = self.slopes.T @ self.slopes / noisier + np.eye(self.slopes.shape[1]) / size
+        moment = self.slopes.T @ self.z / noisier
+        return 0.5 * float(moment @ np.linalg.solve(precision, moment) - np.linalg.slogdet(size * precision)[1])
+
+
+def _is_linear(candidate: Candidate) -> bool:
+    return all(c.amplitude and c.identity == 0.0 for c in candidate.coordinates)
+
+
+def _factors(columns: FloatArray, change: FloatArray) -> FloatArray:
+    return solve(columns.T @ columns, columns.T @ change)
+
+
+def _strongest_channels(view: View, fit: FittedEffect) -> BoolArray:
+    """Mask of the few channels in which an effect is largest beside the noise."""
     search = view.search
+    touched = search.touched(fit.candidate)
     change = search.dataset.predict([fit.effect]) - search.dataset.predict()
     size = np.sqrt(np.mean(change**2, axis=0)) / search.whitener.std
-    few = np.argsort(np.where(channels, size, -1.0))[::-1][: NAMING.smooth_channels]
-    mask = np.zeros(len(channels), dtype=np.bool_)
-    mask[few] = channels[few]
-    return mask
-
-
-def _unknown(view: View, rest: Sequence[FittedEffect], channels: BoolArray) -> Unknown:
-    columns = _smooth_columns(view, rest, channels)
-    return Unknown(smooth_nats(view, rest, channels, columns), smooth_nats(view, view.search.fitted, channels, columns))
-
-
-def _smooth_columns(view: View, fitted: Sequence[FittedEffect], channels: BoolArray) -> tuple[FloatArray, FloatArray]:
-    left = view.search.residual(fitted)
-    return view.whitened(smooth_columns(view.inputs, view.tests, channels, left, view.search.dataset.discovery))
-
-
-def smooth_nats(
-    view: View,
-    fitted: Sequence[FittedEffect],
-    channels: BoolArray,
-    columns: tuple[FloatArray, FloatArray] | None = None,
-) -> float:
-    """Return the log Bayes factor of the smooth model beyond a set, on discovery (held out) and confirmation.
-
-    Parameters
-    ----------
-    view : View
-        The search, seen on discovery and confirmation.
-    fitted : sequence of FittedEffect
-        The set.
-    channels : (c,) bool array
-        Those that the smooth model speaks of.
-    columns : pair of (M, k) arrays, optional
-        Of the smooth model, whitened on both parts; made where not given.
-    """
-    search = view.search
-    left, discovery = search.residual(fitted), search.dataset.discovery
-    if columns is None:
-        columns = _smooth_columns(view, fitted, channels)
-    touching = [m for m in fitted if (search.touched(m.candidate) & channels).any()]
-    others = [m for m in fitted if not any(m is t for t in touching)]
-    first = linearise(search.whitener, touching, others)
-    second = linearise(view.confirmation, touching, others)
-    size = float(np.sqrt(np.nanmean(left[discovery][:, channels] ** 2)))
-    fit = smooth_fit(search.whitener, (first.z, second.z), (first.slopes, second.slopes), columns, size)
-    return fit.nats
+    few = np.argsort(np.where(touched, size, -1.0))[::-1][: NAMING.smooth_channels]
+    return touched & np.isin(np.arange(len(touched)), few)

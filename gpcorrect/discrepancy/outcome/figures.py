@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from gpcorrect.discrepancy.evidence.variables import travel_direction
-from gpcorrect.discrepancy.outcome.result import ChannelGap, Evidence, GapFigures
+from gpcorrect.discrepancy.outcome.result import ChannelGap, Evidence
+from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.search.prepared import PreparedData
@@ -20,70 +21,85 @@ BLACK_BOX_ROWS = 250  # of the exact process, for time: its cost grows with thei
 RIDGE = 1e-6  # of the signatures' energy: only keeps alike signatures solvable
 
 
+def gaps_of(
+    prepared: PreparedData, fitted: Sequence[FittedEffect], noises: Sequence[ChannelNoise], rng: np.random.Generator
+) -> tuple[ChannelGap, ...]:
+    """Return the figures of every channel on the test set.
+
+    Parameters
+    ----------
+    prepared : PreparedData
+    fitted : sequence of FittedEffect
+        Named effects.
+    noises : sequence of ChannelNoise
+    rng : numpy.random.Generator
+        For bootstrap and controls.
+    """
+    dataset = prepared.dataset.strict()
+    before, after = dataset.residual(), dataset.residual([f.effect for f in fitted])
+    signatures, test, train = _signatures(dataset, fitted), dataset.test, dataset.training
+    gaps = []
+    for i, channel in enumerate(dataset.scene.channels):
+        noise, inputs = noises[i].std, np.stack(list(prepared.inputs[i].values.values()), axis=1)
+        seen = test & np.isfinite(before[:, i]) & np.isfinite(after[:, i])
+        own = np.stack([before[seen, i], after[seen, i]])
+        interval = _closed_ci95(own, noise, dataset.block[seen], rng)
+        sizes = np.abs(own) if seen.any() else np.full((2, 1), np.nan)
+        rms = np.sqrt(np.mean(sizes**2, axis=1))
+        boxed = black_box(inputs, before[:, i], train, rng)
+        columns = signatures[:, i, signatures[:, i].any(axis=0)]
+        control = np.nan
+        if columns.shape[1]:
+            left = _permutation_control(columns, before[:, i], dataset.block, train, rng)
+            control = float(_closed(rms[0], _rms(left[test]), noise))
+        gaps.append(
+            ChannelGap(
+                channel=channel,
+                before=float(rms[0]),
+                after=float(rms[1]),
+                noise=noise,
+                p95=(float(np.percentile(sizes[0], 95)), float(np.percentile(sizes[1], 95))),
+                largest=(float(sizes[0].max()), float(sizes[1].max())),
+                closed=float(_closed(rms[0], rms[1], noise)),
+                closed_ci95=interval,
+                black_box_ceiling=float(_closed(rms[0], _rms(boxed[test]), noise)),
+                permutation_control=control,
+            )
+        )
+    return tuple(gaps)
+
+
 def _rms(values: FloatArray) -> float:
     """Root mean square of the finite values; NaN when there is none."""
     good = values[np.isfinite(values)]
     return float(np.sqrt(np.mean(good**2))) if len(good) else float("nan")
 
 
-def closed_gap(before: float | FloatArray, after: float | FloatArray, noise: float) -> FloatArray:
-    """Return the fraction of the mean square beyond noise that is gone; NaN where there was none.
-
-    Parameters
-    ----------
-    before, after : float or array
-        Root mean squares.
-    noise : float
-        Standard deviation.
-    """
-    gap = np.asarray(before, dtype=np.float64) ** 2 - noise**2
-    left = np.asarray(after, dtype=np.float64) ** 2 - noise**2
+def _closed(before: float | FloatArray, after: float | FloatArray, noise: float) -> FloatArray:
+    """Return the fraction of the mean square beyond noise that is gone; NaN where there was none."""
+    gap, left = np.square(before) - noise**2, np.square(after) - noise**2
     fraction: FloatArray = np.where(gap > 0, 1.0 - left / np.where(gap > 0, gap, 1.0), np.nan)
     return fraction
 
 
-def gap_figures(
-    before: FloatArray, after: FloatArray, noise: float, block: IntArray, rng: np.random.Generator
-) -> GapFigures:
-    """Return the figures of one channel.
-
-    Parameters
-    ----------
-    before, after : (n,) arrays
-        Residuals of the test set; NaN is missing.
-    noise : float
-        Standard deviation of the channel's noise.
-    block : (n,) int array
-        Trajectory of each row: the bootstrap draws whole ones.
-    rng : numpy.random.Generator
-    """
-    good = np.isfinite(before) & np.isfinite(after)
-    before, after = before[good], after[good]
-    if len(before) == 0:
-        nan = float("nan")
-        return GapFigures(nan, nan, noise, (nan, nan), (nan, nan), nan, (nan, nan))
-    _, index = np.unique(block[good], return_inverse=True)
-    count = np.bincount(index)
-    sums = np.bincount(index, before**2), np.bincount(index, after**2)
+def _closed_ci95(residuals: FloatArray, noise: float, block: IntArray, rng: np.random.Generator) -> tuple[float, float]:
+    """Bootstrap interval of what is closed from the first row of residuals `(2, n)` to the second, by whole blocks."""
+    if not len(block):
+        return float("nan"), float("nan")
+    _, index, count = np.unique(block, return_inverse=True, return_counts=True)
     draw = rng.integers(len(count), size=(DRAWS, len(count)))
     total = count[draw].sum(axis=1)
-    drawn = closed_gap(np.sqrt(sums[0][draw].sum(axis=1) / total), np.sqrt(sums[1][draw].sum(axis=1) / total), noise)
+    before, after = (np.sqrt(np.bincount(index, r**2)[draw].sum(axis=1) / total) for r in residuals)
+    drawn = _closed(before, after, noise)
     drawn = drawn[np.isfinite(drawn)]
     low, high = np.quantile(drawn, [0.025, 0.975]) if len(drawn) else (np.nan, np.nan)
-    sizes = np.abs(before), np.abs(after)
-    return GapFigures(
-        before=_rms(before),
-        after=_rms(after),
-        noise=noise,
-        p95=(float(np.percentile(sizes[0], 95)), float(np.percentile(sizes[1], 95))),
-        largest=(float(sizes[0].max()), float(sizes[1].max())),
-        closed=float(closed_gap(_rms(before), _rms(after), noise)),
-        closed_ci95=(float(low), float(high)),
-    )
+    return float(low), float(high)
 
 
 def black_box(inputs: FloatArray, residual: FloatArray, train: BoolArray, rng: np.random.Generator) -> FloatArray:
     """Return a residual `(n,)` once a Gaussian process on its inputs is taken off.
+
+    The package's own exact process: squared-exponential kernel with one length scale an input, on at most 250 rows.
 
     Parameters
     ----------
@@ -95,10 +111,6 @@ def black_box(inputs: FloatArray, residual: FloatArray, train: BoolArray, rng: n
         Rows to fit to.
     rng : numpy.random.Generator
         Chooses among them.
-
-    Notes
-    -----
-    The package's own exact process: squared-exponential kernel with one length scale an input, on at most 250 rows.
     """
     rows = np.flatnonzero(train & np.isfinite(residual))
     if len(rows) > BLACK_BOX_ROWS:
@@ -108,31 +120,19 @@ def black_box(inputs: FloatArray, residual: FloatArray, train: BoolArray, rng: n
     return left
 
 
-def permutation_control(
+def _permutation_control(
     signatures: FloatArray, residual: FloatArray, block: IntArray, train: BoolArray, rng: np.random.Generator
 ) -> FloatArray:
     """Return a residual `(n,)` once the effects' signatures, fitted to exchanged trajectories, are taken off.
 
     Least squares of the signatures' sizes on a residual whose whole trajectories are dealt to the motion of others:
     nothing true can be learned, so what it closes is what any fit of this freedom closes.
-
-    Parameters
-    ----------
-    signatures : (n, k) array
-        Change of the channel by each effect.
-    residual : (n,) array
-        NaN is missing.
-    block : (n,) int array
-        Trajectory of each row.
-    train : (n,) bool array
-        Rows to fit to.
-    rng : numpy.random.Generator
     """
     shuffled = exchanged(residual, block, train, rng)
     rows = train & np.isfinite(shuffled)
     x = signatures[rows]
-    energy = np.diag(x.T @ x) + 1e-300
-    sizes = np.linalg.solve(x.T @ x + RIDGE * np.diag(energy), x.T @ shuffled[rows])
+    gram = x.T @ x
+    sizes = np.linalg.solve(gram + RIDGE * np.diag(np.diag(gram) + 1e-300), x.T @ shuffled[rows])
     left: FloatArray = residual - signatures @ sizes
     return left
 
@@ -161,47 +161,11 @@ def exchanged(values: FloatArray, block: IntArray, train: BoolArray, rng: np.ran
     return result
 
 
-def gaps_of(
-    prepared: PreparedData, fitted: Sequence[FittedEffect], noises: Sequence[ChannelNoise], rng: np.random.Generator
-) -> tuple[ChannelGap, ...]:
-    """Return the figures of every channel on the test set.
-
-    Parameters
-    ----------
-    prepared : PreparedData
-        The recording.
-    fitted : sequence of FittedEffect
-        Named effects.
-    noises : sequence of ChannelNoise
-    rng : numpy.random.Generator
-        For bootstrap and controls.
-    """
-    dataset = prepared.dataset.strict()
-    before, after = dataset.residual(), dataset.residual([f.effect for f in fitted])
-    changes = _changes(prepared, fitted)
-    test, train = dataset.test, dataset.training
-    gaps = []
-    for i, channel in enumerate(dataset.scene.channels):
-        noise = noises[i].std
-        figures = gap_figures(before[test, i], after[test, i], noise, dataset.block[test], rng)
-        inputs = np.stack(list(prepared.inputs[i].values.values()), axis=1)
-        boxed = black_box(inputs, before[:, i], train, rng)
-        columns = [c[:, i] for c in changes if c[:, i].any()]
-        control = float("nan")
-        if columns:
-            left = permutation_control(np.stack(columns, axis=1), before[:, i], dataset.block, train, rng)
-            control = float(closed_gap(figures.before, _rms(left[test]), noise))
-        ceiling = float(closed_gap(figures.before, _rms(boxed[test]), noise))
-        gap = ChannelGap(**vars(figures), channel=channel, black_box_ceiling=ceiling, permutation_control=control)
-        gaps.append(gap)
-    return tuple(gaps)
-
-
-def _changes(prepared: PreparedData, fitted: Sequence[FittedEffect]) -> list[FloatArray]:
-    """Change of the channels `(m, c)` by each effect alone."""
-    dataset = prepared.dataset.strict()
+def _signatures(dataset: Dataset, fitted: Sequence[FittedEffect]) -> FloatArray:
+    """Change of the channels `(m, c, k)` by each effect alone."""
     nominal = dataset.predict()
-    return [dataset.predict([f.effect]) - nominal for f in fitted]
+    changes = [dataset.predict([f.effect]) - nominal for f in fitted]
+    return np.stack(changes, axis=2) if changes else np.zeros((*nominal.shape, 0))
 
 
 def evidence_of(prepared: PreparedData, state: Search, fitted: Sequence[FittedEffect]) -> Evidence:
@@ -210,7 +174,6 @@ def evidence_of(prepared: PreparedData, state: Search, fitted: Sequence[FittedEf
     Parameters
     ----------
     prepared : PreparedData
-        The recording.
     state : Search
         After the naming.
     fitted : sequence of FittedEffect
@@ -219,11 +182,8 @@ def evidence_of(prepared: PreparedData, state: Search, fitted: Sequence[FittedEf
     dataset, scene = prepared.dataset.strict(), prepared.dataset.scene
     motor, run = scene.motor_path(), scene.run_of_row()
     direction = np.stack([travel_direction(c, run) for c in motor.T], axis=1)
-    correlation = np.zeros((0, 0))
-    if fitted:
-        white = state.whitener.whiten_columns(np.stack(_changes(prepared, fitted), axis=2))
-        size = np.linalg.norm(white, axis=0)
-        correlation = white.T @ white / np.maximum(np.outer(size, size), 1e-300)
+    white = state.whitener.whiten_columns(_signatures(dataset, fitted))
+    size = np.linalg.norm(white, axis=0)
     return Evidence(
         before=dataset.residual(),
         after=dataset.residual([f.effect for f in fitted]),
@@ -231,7 +191,7 @@ def evidence_of(prepared: PreparedData, state: Search, fitted: Sequence[FittedEf
         direction=dataset.means(direction),
         joint=tuple(c.index if c.joint else -1 for c in scene.channels),
         test=dataset.test,
-        correlation=correlation,
+        correlation=white.T @ white / np.maximum(np.outer(size, size), 1e-300),
         labels=tuple(f.candidate.label for f in fitted),
         waterfall=state.waterfall,
     )

@@ -1,18 +1,18 @@
-"""Where a result comes from: data hashes, seed, versions, thresholds, and what had to be assumed."""
+"""Where a result comes from: recordings, seed, versions, thresholds, and what had to be assumed."""
 
 from __future__ import annotations
 
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib.metadata import version
 
 import numpy as np
 import scipy
 
-from gpcorrect.discrepancy.evidence.bursts import bursts_of
+from gpcorrect.discrepancy.evidence.bursts import Burst, bursts_of
 from gpcorrect.discrepancy.evidence.localise import Localisation
-from gpcorrect.discrepancy.outcome.origin import DataSource, DecisionThresholds, Provenance
-from gpcorrect.discrepancy.recording.noise import NoiseSource
+from gpcorrect.discrepancy.recording.noise import ChannelNoise, NoiseSource
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.search.needs import Lack, lacks_of_traces, limits_of
 from gpcorrect.discrepancy.search.prepared import PreparedData
@@ -20,6 +20,64 @@ from gpcorrect.discrepancy.search.state import Search, penalty
 from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.sim.resolve import robot_of
 from gpcorrect.types import CalibrationLog
+
+
+@dataclass(frozen=True)
+class DataSource:
+    """A recording that was used: its name, its file's SHA-256 (empty for no file), and its rows."""
+
+    name: str
+    sha256: str
+    rows: int
+
+
+@dataclass(frozen=True)
+class DecisionThresholds:
+    """What evidence was held against: nats of a test and of an effect, and the probabilities of a name and a rival."""
+
+    localisation_nats: float
+    effect_nats: float
+    exact_probability: float
+    rival_probability: float
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a result comes from, and what had to be assumed.
+
+    Parameters
+    ----------
+    seed : int
+        Of the split and of everything drawn.
+    versions : dict
+        Of this package, Python and the numerical libraries.
+    seconds : float
+        Time of the run.
+    noise : dict of str to ChannelNoise
+        By the channel's name.
+    tolerated : dict of str to float
+        What is put down to tolerances of a table, over each channel's noise.
+    bursts : tuple of Burst
+        Rare moments far above the noise, where nothing is named.
+    remarks : tuple of str
+        Assumptions, for people.
+    no_trace : tuple of str
+        Labels of candidates that leave no trace in these channels.
+    not_nameable : tuple of Lack
+        Effects that these data cannot show.
+    """
+
+    data: tuple[DataSource, ...]
+    seed: int
+    versions: Mapping[str, str]
+    thresholds: DecisionThresholds
+    seconds: float
+    noise: Mapping[str, ChannelNoise]
+    tolerated: Mapping[str, float]
+    bursts: tuple[Burst, ...]
+    remarks: tuple[str, ...]
+    no_trace: tuple[str, ...]
+    not_nameable: tuple[Lack, ...]
 
 
 def provenance_of(
@@ -38,9 +96,7 @@ def provenance_of(
     log : CalibrationLog
         As it was given.
     seed : int
-        Of the run.
     prepared : PreparedData
-        The recording.
     state : Search
         After the naming.
     before : Localisation

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from gpcorrect.discrepancy.evidence.localise import Finding
 from gpcorrect.discrepancy.naming.posterior import Alternative
-from gpcorrect.discrepancy.outcome.origin import Provenance
+from gpcorrect.discrepancy.outcome.provenance import Provenance
 from gpcorrect.discrepancy.outcome.words import noise_source_words, region_words
 from gpcorrect.plain import json_ready
 
@@ -20,10 +20,9 @@ def report_of(result: DiscrepancyResult) -> dict[str, Any]:
     Parameters
     ----------
     result : DiscrepancyResult
-        Of a run.
     """
     experiment, remainder = result.next_experiment, result.remainder
-    report: dict[str, Any] = {
+    report = {
         "version": 2,
         "verdict": {
             "level": str(result.level),
@@ -33,14 +32,7 @@ def report_of(result: DiscrepancyResult) -> dict[str, Any]:
         },
         "localisation": [_finding(f) for f in result.localisation.findings],
         "gap": {g.channel.name: _gap(g) for g in result.gap},
-        "next_experiment": None
-        if experiment is None
-        else {
-            "run": experiment.run,
-            "separates": list(experiment.separates),
-            "expected_nats": experiment.expected_nats,
-            "minutes": experiment.minutes,
-        },
+        "next_experiment": experiment and _fields(experiment, "run", "separates", "expected_nats", "minutes"),
         "provenance": {
             **_provenance(result.provenance),
             "remainder": [] if remainder is None else [_finding(f) for f in remainder.findings],
@@ -49,13 +41,7 @@ def report_of(result: DiscrepancyResult) -> dict[str, Any]:
                 for e in (remainder or result.localisation).equivalence
             ],
             "not_named": [
-                {
-                    "label": n.label,
-                    "level": str(n.level),
-                    "probability": n.probability,
-                    "nats": n.nats,
-                    "why": list(n.reasons),
-                }
+                {"label": n.label, "level": str(n.level), **_fields(n, "probability", "nats"), "why": n.reasons}
                 for n in result.not_named
             ],
         },
@@ -64,14 +50,18 @@ def report_of(result: DiscrepancyResult) -> dict[str, Any]:
     return plain
 
 
+def _fields(value: object, *names: str) -> dict[str, Any]:
+    """Return what has the same name in the report."""
+    return {name: getattr(value, name) for name in names}
+
+
 def _effect(effect: NamedEffect) -> dict[str, Any]:
     return {
-        "name": effect.name,
-        "joint": effect.joint,
+        **_fields(effect, "name", "joint"),
         "class": effect.family,
         "level": str(effect.level),
         "probability": effect.probability,
-        "parameters": {k: {"value": e.value, "ci95": e.ci95, "unit": e.unit} for k, e in effect.parameters.items()},
+        "parameters": {k: _fields(e, "value", "ci95", "unit") for k, e in effect.parameters.items()},
         "rivals": [_alternative(a) for a in effect.rivals],
         "alternatives": [_alternative(a) for a in effect.alternatives],
         "nats": effect.nats,
@@ -85,9 +75,7 @@ def _place(verdict: PlaceVerdict) -> dict[str, Any]:
         "place": verdict.place,
         "level": str(verdict.level),
         "channel": verdict.channel.name,
-        "before": verdict.before,
-        "after": verdict.after,
-        "noise": verdict.noise,
+        **_fields(verdict, "before", "after", "noise"),
         "unit": verdict.channel.unit,
         "remaining_over_noise": verdict.remaining,
         "effects": verdict.effects,
@@ -95,37 +83,24 @@ def _place(verdict: PlaceVerdict) -> dict[str, Any]:
 
 
 def _alternative(entry: Alternative) -> dict[str, Any]:
-    return {
-        "label": entry.label,
-        "name": entry.name,
-        "joint": entry.joint,
-        "class": entry.family,
-        "probability": entry.probability,
-    }
+    return {**_fields(entry, "label", "name", "joint"), "class": entry.family, "probability": entry.probability}
 
 
 def _finding(finding: Finding) -> dict[str, Any]:
-    bounds = [{"variable": str(s.variable), "low": s.low, "high": s.high, "unit": s.unit} for s in finding.region]
     return {
         "channel": finding.channel.name,
         "variables": [str(v) for v in finding.variables],
         "region": region_words(finding.region),
-        "bounds": bounds,
-        "nats": finding.nats,
-        "size": finding.size,
-        "counts": finding.counts,
+        "bounds": [{"variable": str(s.variable), **_fields(s, "low", "high", "unit")} for s in finding.region],
+        **_fields(finding, "nats", "size", "counts"),
     }
 
 
 def _gap(gap: ChannelGap) -> dict[str, Any]:
     return {
-        "before": gap.before,
-        "after": gap.after,
-        "noise": gap.noise,
+        **_fields(gap, "before", "after", "noise"),
         "unit": gap.channel.unit,
-        "closed": gap.closed,
-        "closed_ci95": gap.closed_ci95,
-        "black_box_ceiling": gap.black_box_ceiling,
+        **_fields(gap, "closed", "closed_ci95", "black_box_ceiling"),
         "placebo": gap.permutation_control,
         "p95": gap.p95,
         "max": gap.largest,
@@ -135,32 +110,18 @@ def _gap(gap: ChannelGap) -> dict[str, Any]:
 def _provenance(source: Provenance) -> dict[str, Any]:
     return {
         "data": [vars(d) for d in source.data],
-        "seed": source.seed,
-        "versions": source.versions,
+        **_fields(source, "seed", "versions"),
         "thresholds": vars(source.thresholds),
         "seconds": source.seconds,
         "noise": {
-            name: {
-                "white": n.white,
-                "slow": n.slow,
-                "time_constant": n.time_constant,
-                "tail": n.tail,
-                "basis": noise_source_words(n),
-            }
+            name: {**_fields(n, "white", "slow", "time_constant", "tail"), "basis": noise_source_words(n)}
             for name, n in source.noise.items()
         },
         "tolerated": source.tolerated,
         "bursts": [
-            {
-                "channel": b.channel.name,
-                "trajectories": b.trajectories,
-                "largest": b.largest,
-                "noise": b.noise,
-                "unit": b.channel.unit,
-            }
+            {"channel": b.channel.name, **_fields(b, "trajectories", "largest", "noise"), "unit": b.channel.unit}
             for b in source.bursts
         ],
-        "remarks": source.remarks,
-        "no_trace": source.no_trace,
-        "not_nameable": [{"effect": k.effect, "why": k.why} for k in source.not_nameable],
+        **_fields(source, "remarks", "no_trace"),
+        "not_nameable": [vars(lack) for lack in source.not_nameable],
     }

@@ -8,7 +8,7 @@ from typing import Any
 
 from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.naming.posterior import Alternative, Level, Named
-from gpcorrect.discrepancy.outcome.origin import Provenance
+from gpcorrect.discrepancy.outcome.provenance import Provenance
 from gpcorrect.discrepancy.outcome.report import report_of
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.search.candidates import Estimate
@@ -73,7 +73,6 @@ class NamedEffect:
         Parameters
         ----------
         named : Named
-            The effect.
         numbers : mapping of str to Estimate
             Of its parameters.
         size : float
@@ -82,7 +81,6 @@ class NamedEffect:
             Whether it shows most in a motor's channel.
         """
         candidate = named.fit.candidate
-        fixed = {k: Estimate(v, None, "") for k, v in candidate.fixed}
         return cls(
             candidate.name,
             candidate.joint,
@@ -90,7 +88,7 @@ class NamedEffect:
             named.level,
             named.probability,
             named.nats,
-            {**numbers, **fixed},
+            {**numbers, **{k: Estimate(v, None, "") for k, v in candidate.fixed}},
             named.alternatives,
             named.rivals,
             size,
@@ -117,8 +115,6 @@ class PlaceVerdict:
     ----------
     place : int or str
         Number of the joint; "tool" for what a tracker alone sees.
-    level : Level
-        There.
     channel : Channel
         In which the gap was largest over its noise.
     before, after, noise : float
@@ -145,8 +141,6 @@ class Verdict:
 
     Parameters
     ----------
-    level : Level
-        Of the whole.
     effects : tuple of NamedEffect
         Named, and in the model.
     places : tuple of PlaceVerdict
@@ -162,7 +156,7 @@ class Verdict:
 
 
 @dataclass(frozen=True)
-class GapFigures:
+class ChannelGap:
     """One channel on the test set, in its unit; NaN for what does not exist.
 
     Parameters
@@ -175,6 +169,8 @@ class GapFigures:
         1 - (after^2 - noise^2) / (before^2 - noise^2); NaN where there is no gap to close.
     closed_ci95 : pair of float
         Bootstrap over trajectories.
+    black_box_ceiling, permutation_control : float
+        Fractions that a black box and a permutation control close.
     """
 
     before: float
@@ -184,12 +180,6 @@ class GapFigures:
     largest: tuple[float, float]
     closed: float
     closed_ci95: tuple[float, float]
-
-
-@dataclass(frozen=True)
-class ChannelGap(GapFigures):
-    """The same with the channel, and what a black box and a permutation control close (fractions)."""
-
     channel: Channel
     black_box_ceiling: float
     permutation_control: float
@@ -235,7 +225,7 @@ class Evidence:
     test : (m,) bool array
         Rows of the test set.
     correlation : (p, p) array
-        Of the named effects' signatures and their rivals'.
+        Of the named effects' signatures.
     labels : tuple of str
         Its rows.
     waterfall : tuple of Step
@@ -259,8 +249,6 @@ class DiscrepancyResult:
 
     Parameters
     ----------
-    verdict : Verdict
-        Level and named effects.
     not_named : tuple of UnnamedEffect
         What helped in the search but may not be named.
     localisation : Localisation
@@ -271,8 +259,6 @@ class DiscrepancyResult:
         Each channel on the test set.
     next_experiment : Experiment or None
         What to record next; None when nothing is open.
-    provenance : Provenance
-        Data, seed, versions, thresholds, assumptions.
     model : Model
         With the named effects.
     evidence : Evidence

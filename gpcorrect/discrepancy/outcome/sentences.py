@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,7 +18,6 @@ from gpcorrect.discrepancy.outcome.words import (
     place,
     region_words,
 )
-from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.search.candidates import Estimate
 from gpcorrect.discrepancy.settings import NOISE, TESTS, VERDICT
 from gpcorrect.sim.effects import Family
@@ -39,7 +37,6 @@ def next_step(result: DiscrepancyResult) -> str:
     Parameters
     ----------
     result : DiscrepancyResult
-        Of a run.
     """
     experiment, found = result.next_experiment, result.localisation.findings
     if experiment is not None and not experiment.decisive:
@@ -65,32 +62,25 @@ def next_step(result: DiscrepancyResult) -> str:
             return "record more trajectories, or with another outside sensor"
 
 
-@dataclass(frozen=True)
-class Closed:
-    """The channel with the largest gap of some, the fraction of it that is closed, and its size over the noise."""
-
-    channel: Channel
-    fraction: float
-    excess: float
-
-
-def closed_by(gaps: Sequence[ChannelGap], joint: int | str | None = None) -> Closed | None:
-    """Return the channel that had the largest gap over its noise, and how much of it is closed.
+def closed_by(gaps: Sequence[ChannelGap], joint: int | str | None = None) -> ChannelGap | None:
+    """Return the channel that had the largest gap over its noise, of those where it is known how much of it is closed.
 
     Outside sensors come first: motor encoders see the transmission only through the servo's tiny answer to the load.
 
     Parameters
     ----------
     gaps : sequence of ChannelGap
-        Of a result.
     joint : int, str or None
         Only channels of this joint, where it has any.
     """
     known = [g for g in gaps if np.isfinite(g.closed) and g.noise]
     chosen = [g for g in known if isinstance(joint, int) and g.channel.joint == joint] or known
     outside = [g for g in chosen if g.channel.signal != "measured_jp" and g.before > VISIBLE * g.noise]
-    found = [Closed(g.channel, g.closed, g.before / g.noise) for g in outside or chosen]
-    return max(found, key=lambda c: c.excess, default=None)
+    return max(outside or chosen, key=_excess, default=None)
+
+
+def _excess(gap: ChannelGap | None) -> float:
+    return 0.0 if gap is None else gap.before / gap.noise
 
 
 def verdict_sentence(result: DiscrepancyResult) -> str:
@@ -99,7 +89,6 @@ def verdict_sentence(result: DiscrepancyResult) -> str:
     Parameters
     ----------
     result : DiscrepancyResult
-        Of a run.
     """
     if result.level == Level.NONE:
         return _nothing(result)
@@ -117,36 +106,27 @@ def _by_place(result: DiscrepancyResult) -> str:
     groups: dict[int | str, list[NamedEffect]] = {}
     for effect in result.effects:
         groups.setdefault(effect.joint, []).append(effect)
-    sizes = {where: closed_by(result.gap, where) for where in groups}
-    excess = {where: 0.0 if size is None else size.excess for where, size in sizes.items()}
-    order = sorted(groups, key=lambda where: -excess[where])
-    words = [_group_words(groups[where], sizes[where]) for where in order[:SHOWN]]
+    gaps = {where: closed_by(result.gap, where) for where in groups}
+    order = sorted(groups, key=lambda where: -_excess(gaps[where]))
+    words = [_group_words(groups[where], gaps[where]) for where in order[:SHOWN]]
     others = sum(len(groups[where]) for where in order[SHOWN:])
     minor = len(result.verdict.minor)
     less = f"; {minor} below {_percent(TESTS.equivalence)} of the noise, listed as minor" if minor else ""
     return "; ".join(words) + (f"; and {others} smaller elsewhere" if others else "") + less
 
 
-def _group_words(effects: Sequence[NamedEffect], closed: Closed | None) -> str:
+def _group_words(effects: Sequence[NamedEffect], gap: ChannelGap | None) -> str:
     where = place(effects[0].joint).removeprefix("the ").capitalize()
-    fraction = "" if closed is None else f"{_percent(min(closed.fraction, 1.0))} of the gap"
+    fraction = "" if gap is None else f"{_percent(min(gap.closed, 1.0))} of the gap"
     if all(e.family == Family.NOISE for e in effects):
         return f"{where}: {' + '.join(_named(e, interval=len(effects) == 1) for e in effects)}, noise: no gap to close"
     if len(effects) == 1:
-        return f"{where}: {_effect_words(effects[0])}" + (f", closes {fraction}" if fraction else "")
+        (effect,) = effects
+        words = _named(effect, interval=True) if effect.level == Level.EXACT else _either(effect)
+        kind = f"a {effect.family} effect, " if effect.level == Level.CLASS else ""
+        return f"{where}: {kind}{words}" + (f", closes {fraction}" if fraction else "")
     names = " + ".join(map(short_words, effects))
     return f"{where}: {names}, close {fraction}" if fraction else f"{where}: {names}"
-
-
-def _effect_words(effect: NamedEffect) -> str:
-    """Return an effect with its first number and its interval; rivals that remain are named with it."""
-    match effect.level:
-        case Level.EXACT:
-            return _named(effect, interval=True)
-        case Level.CLASS:
-            return f"a {effect.family} effect, {_either(effect)}"
-        case _:
-            return _either(effect)
 
 
 def _named(effect: NamedEffect, *, interval: bool, sized: bool = True) -> str:
@@ -169,7 +149,6 @@ def short_words(effect: NamedEffect) -> str:
     Parameters
     ----------
     effect : NamedEffect
-        Of a verdict.
     """
     if effect.level != Level.EXACT:
         return _either(effect, chances=False)

@@ -15,19 +15,15 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from gpcorrect.atomic import atomic_path, write_file
-from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level, Named
+from gpcorrect.discrepancy.naming.posterior import Alternative, Level, Named
 from gpcorrect.discrepancy.outcome.result import DiscrepancyResult, Evidence
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.state import Search, Step
 from gpcorrect.sim.model import model_from_dict
 
 ARRAYS = ("before", "after", "motor", "direction", "test", "correlation")
-APART = (
-    "model",
-    "evidence",
-    "advised_plans",
-    "read_back",
-)  # fields of a result with a form of their own, or without one
+APART = ("model", "evidence", "advised_plans", "read_back")  # of a result: with a form of their own, or without one
+ALTERNATIVES = TypeAdapter(tuple[Alternative, ...])
 Names = tuple[Search, tuple[Named, ...], tuple[Named, ...]]  # with the named effects only, those, and the others
 
 
@@ -97,7 +93,6 @@ class StageStore:
         Parameters
         ----------
         evidence : Evidence
-            Of a run.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
         waterfall = [asdict(s) for s in evidence.waterfall]
@@ -116,13 +111,8 @@ class StageStore:
             return None
         if header.get("key") != self.key:
             return None
-        steps: Sequence[Mapping[str, Any]] = header["waterfall"]
-        return Evidence(
-            **arrays,
-            joint=tuple(header["joint"]),
-            labels=tuple(header["labels"]),
-            waterfall=tuple(Step(s["label"], s["nats"]) for s in steps),
-        )
+        waterfall = tuple(Step(**s) for s in header["waterfall"])
+        return Evidence(**arrays, joint=tuple(header["joint"]), labels=tuple(header["labels"]), waterfall=waterfall)
 
     def save_result(self, result: DiscrepancyResult) -> None:
         """Store a finished run, all but the plans of the advised one.
@@ -130,7 +120,6 @@ class StageStore:
         Parameters
         ----------
         result : DiscrepancyResult
-            Of the run.
         """
         self.save_evidence(result.evidence)
         content = {n: a.dump_python(getattr(result, n), mode="json") for n, a in _adapters().items()}
@@ -174,8 +163,7 @@ def load_or_search(
     stored = None if store is None else store.load("search")
     if stored is not None:
         fitted = tuple(_fit_of(f, candidates) for f in stored["fitted"])
-        steps = tuple(Step(s["label"], s["nats"]) for s in stored["waterfall"])
-        return replace(state, fitted=fitted, waterfall=steps).refreshed()
+        return replace(state, fitted=fitted, waterfall=tuple(Step(**s) for s in stored["waterfall"])).refreshed()
     done = run(state)
     if store is not None:
         fits = [_plain_fit(f, candidates) for f in done.fitted]
@@ -207,25 +195,14 @@ def load_or_name(
 
 
 def _plain_named(named: Named, candidates: Sequence[Candidate]) -> dict[str, Any]:
-    return {
-        "fit": _plain_fit(named.fit, candidates),
-        "level": named.level,
-        "probability": named.probability,
-        "nats": named.nats,
-        "alternatives": [asdict(a) for a in named.alternatives],
-        "reasons": list(named.reasons),
-    }
+    alternatives = ALTERNATIVES.dump_python(named.alternatives, mode="json")
+    return {**vars(named), "fit": _plain_fit(named.fit, candidates), "alternatives": alternatives}
 
 
 def _named_of(stored: dict[str, Any], candidates: Sequence[Candidate]) -> Named:
-    return Named(
-        _fit_of(stored["fit"], candidates),
-        Level(stored["level"]),
-        stored["probability"],
-        stored["nats"],
-        tuple(Alternative(**{**a, "explanation": Explanation(a["explanation"])}) for a in stored["alternatives"]),
-        tuple(stored["reasons"]),
-    )
+    alternatives, reasons = ALTERNATIVES.validate_python(stored["alternatives"]), tuple(stored["reasons"])
+    fit, level = _fit_of(stored["fit"], candidates), Level(stored["level"])
+    return Named(fit, level, stored["probability"], stored["nats"], alternatives, reasons)
 
 
 def _plain_fit(fit: FittedEffect, candidates: Sequence[Candidate]) -> dict[str, Any]:

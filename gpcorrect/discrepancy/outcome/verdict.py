@@ -9,7 +9,8 @@ import numpy as np
 from gpcorrect.discrepancy.evidence.bursts import Burst, bursts_of
 from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.naming.posterior import Level, Named
-from gpcorrect.discrepancy.naming.weigh import smooth_nats, view_of
+from gpcorrect.discrepancy.naming.smooth_model import smooth_columns, smooth_nats
+from gpcorrect.discrepancy.naming.view import view_of
 from gpcorrect.discrepancy.outcome.result import ChannelGap, NamedEffect, PlaceVerdict
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.search.candidates import FittedEffect
@@ -33,7 +34,6 @@ def verdict_level(
     Parameters
     ----------
     prepared : PreparedData
-        The recording.
     state : Search
         After the naming.
     before : Localisation
@@ -55,9 +55,10 @@ def verdict_level(
     if effects and (fitted or not before.something):
         return _least_sure(effects)
     joints = {e.joint for e in effects}  # of effects on noise, which say what is odd there
-    elsewhere = np.array([c.joint not in joints for c in prepared.dataset.scene.channels])
-    left = smooth_nats(view_of(state, prepared.tests, prepared.inputs), fitted, elsewhere)
-    channels = {c for c, other in zip(prepared.dataset.scene.channels, elsewhere, strict=True) if other}
+    channels = {c for c in prepared.dataset.scene.channels if c.joint not in joints}
+    elsewhere = np.array([c in channels for c in prepared.dataset.scene.channels])
+    view = view_of(state, prepared)
+    left = smooth_nats(view, fitted, elsewhere, smooth_columns(view, fitted, elsewhere))
     rare = any(b.lasts for b in bursts_of(state.dataset, state.whitener.noises, [f.effect for f in fitted]))
     if left > penalty(max(state.n_kinds, 1)) or is_plain(before, channels, dropped) or rare:
         return Level.UNKNOWN

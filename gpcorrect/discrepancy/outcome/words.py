@@ -69,6 +69,19 @@ def number(value: float) -> str:
     return text if 1e-4 <= abs(value) < 1e6 else f"{value:.2e}"
 
 
+def size_words(value: float, unit: str) -> str:
+    """Return a value in the reader's unit: "1.2 mm", "0.4°".
+
+    Parameters
+    ----------
+    value : float
+        SI.
+    unit : str
+    """
+    shown, symbol = in_reader_units(value, unit)
+    return f"{number(shown)}{'' if symbol == '°' else ' '}{symbol}".strip()
+
+
 def region_words(spans: Sequence[Span]) -> str:
     """Return where a residual is largest: "joint 2 moving back, load of joint 1 from 1 to 2 N m".
 
@@ -89,13 +102,10 @@ def _span_words(span: Span) -> str:
             return f"a tone between {number(span.low)} and {number(span.high)} {span.unit}"
         case Quantity.SESSION:
             return f"session {span.low + 1:.0f}"
-    name = variable_words(span.variable)
-    low, symbol = in_reader_units(span.low, span.unit)
-    high, _ = in_reader_units(span.high, span.unit)
-    gap = "" if symbol == "°" else " "
+    name, high = variable_words(span.variable), size_words(span.high, span.unit)
     if span.low == span.high:
-        return f"{name} at {number(low)}{gap}{symbol}".rstrip()
-    return f"{name} from {number(low)} to {number(high)}{gap}{symbol}".rstrip()
+        return f"{name} at {high}"
+    return f"{name} from {number(in_reader_units(span.low, span.unit)[0])} to {high}"
 
 
 def variable_words(variable: Variable) -> str:
@@ -104,7 +114,6 @@ def variable_words(variable: Variable) -> str:
     Parameters
     ----------
     variable : Variable
-        Of a test.
     """
     return str(variable.quantity) if variable.joint is None else f"{variable.quantity} of joint {variable.joint}"
 
@@ -128,7 +137,6 @@ def channel_words(channel: Channel) -> str:
     Parameters
     ----------
     channel : Channel
-        Of a recording.
     """
     signals = {
         "external_jp": "outside sensor of joint",
@@ -159,19 +167,17 @@ def estimate_words(estimate: Estimate, *, interval: bool = True) -> str:
     Parameters
     ----------
     estimate : Estimate
-        The parameter.
     interval : bool
         Whether its 95 % interval is shown.
     """
     value, ci95, unit = estimate.value, estimate.ci95, estimate.unit
     values = value if isinstance(value, tuple) else (value,)
     if not unit and ci95 is None:
-        return ", ".join(str(v) for v in values)
+        return ", ".join(map(str, values))
     intervals: Sequence[object] = [None] * len(values)
     if ci95 is not None:
         intervals = ci95 if isinstance(value, tuple) else [ci95]
-    nothings = estimate.nothing or [None] * len(values)
-    entries = zip(values, intervals, nothings, strict=True)
+    entries = zip(values, intervals, estimate.nothing or [None] * len(values), strict=True)
     return "; ".join(_one(v, ends, nothing, unit, interval=interval) for v, ends, nothing in entries)
 
 
@@ -180,14 +186,9 @@ def _one(value: float | str, ends: object, nothing: float | None, unit: str, *, 
         return str(value)
     if isinstance(ends, tuple) and nothing is not None:
         stiff = np.isinf(nothing)
-        return f"{'above' if stiff else 'below'} {_in_units(ends[0] if stiff else max(map(abs, ends)), unit)}"
-    text = _in_units(value, unit)
+        return f"{'above' if stiff else 'below'} {size_words(ends[0] if stiff else max(map(abs, ends)), unit)}"
+    text = size_words(value, unit)
     if not isinstance(ends, tuple) or not interval:
         return text
     low, high = (number(in_reader_units(float(end), unit)[0]) for end in ends)
     return f"{text} ({low} to {high})"
-
-
-def _in_units(value: float, unit: str) -> str:
-    shown, symbol = in_reader_units(value, unit)
-    return f"{number(shown)}{'' if symbol == '°' else ' '}{symbol}".strip()

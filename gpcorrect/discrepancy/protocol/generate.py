@@ -66,15 +66,7 @@ class SpecTable(Settings):
 
 @dataclass(frozen=True)
 class Spec:
-    """What to generate.
-
-    Parameters
-    ----------
-    model : Model
-        Nominal machine, which the workflow will be given.
-    table : SpecTable
-        The rest of the file.
-    """
+    """The nominal machine, which the workflow will be given, and the rest of a spec file."""
 
     model: Model
     table: SpecTable
@@ -82,17 +74,7 @@ class Spec:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """One recording with its truth.
-
-    Parameters
-    ----------
-    name : str
-    log : CalibrationLog
-    effects : tuple of Effect
-        Hidden ones.
-    effect_to_noise : float or None
-        How far they stand out, where they were drawn.
-    """
+    """A recording, the effects hidden in it, and how far these stand out of the noise where they were drawn."""
 
     name: str
     log: CalibrationLog
@@ -132,9 +114,7 @@ def generate(spec: Spec, progress: Progress | None = None) -> Iterator[Case]:
     Parameters
     ----------
     spec : Spec
-        What to simulate.
     progress : Progress, optional
-        Reported every step.
 
     Yields
     ------

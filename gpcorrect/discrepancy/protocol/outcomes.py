@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
+
+import numpy as np
 
 from gpcorrect.discrepancy.outcome.result import ChannelGap
 from gpcorrect.discrepancy.outcome.sentences import closed_by
@@ -96,7 +99,7 @@ def case_outcome(name: str, label: Mapping[str, Any], report: Mapping[str, Any])
         unknown=report["verdict"]["level"] == "UNKNOWN" and not false,
         probabilities=tuple((float(e["probability"]), _key(_flat(e)) in allowed) for e in single),
         covered=_covered(label["effects"], single),
-        closed=None if closed is None else closed.fraction,
+        closed=None if closed is None else closed.closed,
         seconds=float(report["provenance"]["seconds"]),
     )
 
@@ -105,16 +108,11 @@ def _gap_of(name: str, gap: Mapping[str, Any]) -> ChannelGap:
     """Return a channel's gap as report.json has it, perhaps of an older version."""
     signal, _, place = name.rpartition("_")  # a channel's name in JSON is its signal and its joint, or axis
     joint = int(place) if place.isdigit() else 0
-    (before, after, noise, closed, ceiling, control) = (
-        _number(gap[key]) for key in ("before", "after", "noise", "closed", "black_box_ceiling", "placebo")
-    )
-    p95, largest, ends = ((_number(gap[key][0]), _number(gap[key][1])) for key in ("p95", "max", "closed_ci95"))
+    single = [gap[key] for key in ("before", "after", "noise", "closed", "black_box_ceiling", "placebo")]
+    before, after, noise, closed, ceiling, control = np.array(single, dtype=np.float64).tolist()  # NaN for None
+    p95, largest, ends = (tuple(np.array(gap[k], dtype=np.float64).tolist()) for k in ("p95", "max", "closed_ci95"))
     channel = Channel(name, signal, joint - 1 if joint else "xyz".index(place), joint, gap["unit"])
     return ChannelGap(before, after, noise, p95, largest, closed, ends, channel, ceiling, control)
-
-
-def _number(value: float | None) -> float:
-    return float("nan") if value is None else float(value)
 
 
 def _flat(effect: Mapping[str, Any]) -> dict[str, Any]:
@@ -152,20 +150,16 @@ def _answer(
 
 
 def _covered(truth: Sequence[Mapping[str, Any]], named: Sequence[Mapping[str, Any]]) -> tuple[bool, ...]:
+    """Whether the intervals of the rightly named hold the truth, a period to either side where there is one."""
     found = []
-    for effect in truth:
-        for answer in named:
-            if _key(_flat(answer)) != _key(effect):
-                continue
-            periods = {p.name: p.period for p in EFFECTS[answer["name"]].about.parameters}
-            for parameter, reported in answer["parameters"].items():
-                value = effect.get(parameter)
-                if (
-                    isinstance(value, float)
-                    and isinstance(reported["value"], float)
-                    and None not in (reported["ci95"] or [None])
-                ):
-                    if period := periods.get(parameter):  # the turn nearest to what is reported
-                        value += period * round((reported["value"] - value) / period)
-                    found.append(bool(reported["ci95"][0] <= value <= reported["ci95"][1]))
+    for effect, answer in product(truth, named):
+        if _key(_flat(answer)) != _key(effect):
+            continue
+        periods = {p.name: p.period for p in EFFECTS[answer["name"]].about.parameters}
+        for parameter, reported in answer["parameters"].items():
+            value, estimate, ends = effect.get(parameter), reported["value"], reported["ci95"] or [None]
+            if isinstance(value, float) and isinstance(estimate, float) and None not in ends:
+                if period := periods.get(parameter):  # the turn nearest to what is reported
+                    value += period * round((estimate - value) / period)
+                found.append(bool(ends[0] <= value <= ends[1]))
     return tuple(found)

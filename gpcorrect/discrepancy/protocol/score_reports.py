@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import binomtest
@@ -30,7 +32,7 @@ class Proportion:
 
     @property
     def value(self) -> float:
-        """K / n."""
+        """The fraction."""
         return self.k / self.n if self.n else float("nan")
 
     @property
@@ -46,18 +48,8 @@ class Proportion:
 class Target:
     """One line of the target table.
 
-    Parameters
-    ----------
-    what : str
-        Set and measure.
-    n : int
-        Cases (or names, or numbers) that it is taken over.
-    value : float
-        Measured.
-    interval : pair of float
-        95 % Wilson interval of a fraction, else NaN.
-    low, high : float
-        Range that was asked for.
+    What was measured over n cases, names or numbers, with the 95 % Wilson interval of a fraction (else NaN), and the
+    range that was asked for.
     """
 
     what: str
@@ -80,7 +72,7 @@ class Score:
     Parameters
     ----------
     targets : tuple of Target
-        Table of the protocol, of the sets that there are.
+        Of the sets that there are.
     confusion : dict of dict
         For each truth (effects, "nothing", and what is outside the catalogue) how often each answer was given.
     limits : dict
@@ -146,10 +138,8 @@ def read_reports(folders: Iterable[Path]) -> list[tuple[str, dict[str, Any]]]:
     for folder in folders:
         paths = [folder / "report.json"] if (folder / "report.json").is_file() else sorted(folder.glob("*/report.json"))
         if not paths:
-            raise DataError(
-                f"{folder} holds no report.json.",
-                hint="Give the output folders of `discrepancy run`, or a folder of them.",
-            )
+            hint = "Give the output folders of `discrepancy run`, or a folder of them."
+            raise DataError(f"{folder} holds no report.json.", hint=hint)
         for path in paths:
             try:
                 found.append((path.parent.name, json.loads(path.read_text(encoding="utf-8"))))
@@ -192,35 +182,16 @@ def score_cases(outcomes: Sequence[CaseOutcome], missing: tuple[str, ...] = ()) 
     Parameters
     ----------
     outcomes : sequence of CaseOutcome
-        One a case.
     missing : tuple of str
         Labels without a report.
     """
     return Score(tuple(_targets(outcomes)), _confusion(outcomes), _limits(outcomes), missing)
 
 
-def _targets(outcomes: Sequence[CaseOutcome]) -> list[Target]:
-    singles = [
-        Measure("single", f"single, effect/noise {ratio:g}", what, hit, low, high, ratio)
-        for ratio, exact in EXACT_TARGETS.items()
-        for what, hit, low, high in (("exact", _exact, exact, 1.0), ("wrong name", _misnamed, 0.0, 0.02))
-    ]
-    rows = []
-    for m in (*NULL_TARGETS, *singles, *SET_TARGETS):
-        part = [o for o in outcomes if o.group == m.group]
-        if m.ratio is not None:
-            part = [o for o in part if o.ratio is not None and _nearest(o.ratio) == m.ratio]
-        if part:
-            rows.append(_row(f"{m.words}: {m.what}", [m.hit(o) for o in part], m.low, m.high))
-    return [*rows, *_honesty(outcomes), *_numbers(outcomes)]
-
-
-@dataclass(frozen=True)
-class Measure:
+class Measure(NamedTuple):
     """A fraction of the cases of a set that should lie in a range; of one effect-to-noise ratio where it is given."""
 
     group: str
-    words: str
     what: str
     hit: Callable[[CaseOutcome], bool]
     low: float
@@ -228,92 +199,87 @@ class Measure:
     ratio: float | None = None
 
 
-def _misnamed(outcome: CaseOutcome) -> bool:
-    return outcome.wrong
-
-
-def _exact(outcome: CaseOutcome) -> bool:
-    return outcome.exact
-
-
-NULL_TARGETS = (
-    Measure("null", "null", "any name", _misnamed, 0.0, 0.01),
-    Measure("null", "null", "said NONE", lambda o: o.answers == ("none",), 0.0, 1.0),
-    Measure("awkward_null", "awkward null", "any name", _misnamed, 0.0, 0.03),
-)
-SET_TARGETS = (
-    Measure("zigzag", "zigzag", "right class or set", lambda o: o.right_or_set, 0.95, 1.0),
-    Measure("zigzag", "zigzag", "wrong name", _misnamed, 0.0, 0.02),
-    Measure("pair", "pair", "both exact", _exact, 0.85, 1.0),
-    Measure("pair", "pair", "wrong name", _misnamed, 0.0, 0.02),
-    Measure("triple", "triple", "all exact", _exact, 0.70, 1.0),
-    Measure("triple", "triple", "wrong name", _misnamed, 0.0, 0.02),
-    Measure("outside", "outside", "UNKNOWN", lambda o: o.unknown, 0.90, 1.0),
-    Measure("outside", "outside", "misnamed", _misnamed, 0.0, 0.05),
-    Measure("advised", "advised", "resolved by the run", _exact, 0.90, 1.0),
-    Measure("advised", "advised", "wrong name", _misnamed, 0.0, 0.02),
+WRONG, EXACT = attrgetter("wrong"), attrgetter("exact")
+MEASURES = (
+    Measure("null", "any name", WRONG, 0.0, 0.01),
+    Measure("null", "said NONE", lambda o: o.answers == ("none",), 0.0, 1.0),
+    Measure("awkward_null", "any name", WRONG, 0.0, 0.03),
+    *(
+        Measure("single", what, hit, low, high, ratio)
+        for ratio, exact in EXACT_TARGETS.items()
+        for what, hit, low, high in (("exact", EXACT, exact, 1.0), ("wrong name", WRONG, 0.0, 0.02))
+    ),
+    Measure("zigzag", "right class or set", attrgetter("right_or_set"), 0.95, 1.0),
+    Measure("zigzag", "wrong name", WRONG, 0.0, 0.02),
+    Measure("pair", "both exact", EXACT, 0.85, 1.0),
+    Measure("pair", "wrong name", WRONG, 0.0, 0.02),
+    Measure("triple", "all exact", EXACT, 0.70, 1.0),
+    Measure("triple", "wrong name", WRONG, 0.0, 0.02),
+    Measure("outside", "UNKNOWN", attrgetter("unknown"), 0.90, 1.0),
+    Measure("outside", "misnamed", WRONG, 0.0, 0.05),
+    Measure("advised", "resolved by the run", EXACT, 0.90, 1.0),
+    Measure("advised", "wrong name", WRONG, 0.0, 0.02),
 )
 
 
-def _row(what: str, hits: Sequence[bool], low: float, high: float) -> Target:
-    fraction = Proportion(sum(hits), len(hits))
-    return Target(what, fraction.n, fraction.value, fraction.interval, low, high)
-
-
-def _honesty(outcomes: Sequence[CaseOutcome]) -> list[Target]:
-    names = [right for o in outcomes for p, right in o.probabilities if SURE[0] <= p <= SURE[1]]
-    covered = [c for o in outcomes for c in o.covered]
-    rows = [_row(f"names of posterior {SURE[0]:g} to {SURE[1]:g}: right", names, 0.88, 0.98)] if names else []
-    return rows + ([_row("95 % intervals: hold the truth", covered, 0.92, 0.98)] if covered else [])
-
-
-def _numbers(outcomes: Sequence[CaseOutcome]) -> list[Target]:
-    nan = (float("nan"), float("nan"))
-    closed = [o.closed for o in outcomes if o.closed is not None and o.exact and o.ratio is not None and o.ratio >= 1]
+def _targets(outcomes: Sequence[CaseOutcome]) -> list[Target]:
+    """Return the lines of which there are cases: sets, honesty of the probabilities and intervals, gaps and times."""
     rows = []
-    if closed:
-        rows = [
-            Target(
-                "gap closed, effect/noise at least 1: median", len(closed), float(np.median(closed)), nan, 0.95, np.inf
-            ),
-            Target("gap closed: 5th percentile", len(closed), float(np.percentile(closed, 5)), nan, 0.80, np.inf),
-        ]
-    if outcomes:
-        seconds = [o.seconds for o in outcomes]
-        rows.append(Target("seconds a run: median", len(seconds), float(np.median(seconds)), nan, 0.0, SECONDS))
-        rows.append(Target("seconds a run: longest", len(seconds), max(seconds), nan, 0.0, SECONDS))
+    for m in MEASURES:
+        part = [o for o in outcomes if o.group == m.group and m.ratio in (None, _nearest(o.ratio))]
+        words = m.group.replace("_", " ") + ("" if m.ratio is None else f", effect/noise {m.ratio:g}")
+        rows += _fraction(f"{words}: {m.what}", [m.hit(o) for o in part], m.low, m.high)
+    sure = [right for o in outcomes for p, right in o.probabilities if SURE[0] <= p <= SURE[1]]
+    rows += _fraction(f"names of posterior {SURE[0]:g} to {SURE[1]:g}: right", sure, 0.88, 0.98)
+    rows += _fraction("95 % intervals: hold the truth", [c for o in outcomes for c in o.covered], 0.92, 0.98)
+    closed = [o.closed for o in outcomes if o.closed is not None and o.exact and o.ratio is not None and o.ratio >= 1]
+    rows += _quantile("gap closed, effect/noise at least 1: median", closed, 0.5, 0.95, np.inf)
+    rows += _quantile("gap closed: 5th percentile", closed, 0.05, 0.80, np.inf)
+    seconds = [o.seconds for o in outcomes]
+    rows += _quantile("seconds a run: median", seconds, 0.5, 0.0, SECONDS)
+    rows += _quantile("seconds a run: longest", seconds, 1.0, 0.0, SECONDS)
     return rows
 
 
-def _nearest(ratio: float) -> float:
-    return min(EXACT_TARGETS, key=lambda r: abs(np.log(r / ratio)))
+def _fraction(what: str, hits: Sequence[bool], low: float, high: float) -> list[Target]:
+    """One line, or none where nothing was counted."""
+    fraction = Proportion(sum(hits), len(hits))
+    return [Target(what, fraction.n, fraction.value, fraction.interval, low, high)] if hits else []
+
+
+def _quantile(what: str, values: Sequence[float], level: float, low: float, high: float) -> list[Target]:
+    """One line, or none where nothing was measured."""
+    nan = (float("nan"), float("nan"))
+    return [Target(what, len(values), float(np.quantile(values, level)), nan, low, high)] if values else []
+
+
+def _nearest(ratio: float | None) -> float | None:
+    """Return the ratio among the targets that is nearest."""
+    return None if ratio is None else min(EXACT_TARGETS, key=lambda r: abs(np.log(r / ratio)))
 
 
 def _confusion(outcomes: Sequence[CaseOutcome]) -> dict[str, dict[str, int]]:
-    counts: dict[str, dict[str, int]] = {}
+    counts: defaultdict[str, Counter[str]] = defaultdict(Counter)
     for outcome in outcomes:
         for truth, answer in zip(outcome.truth or ("nothing",), outcome.answers, strict=True):
-            row = counts.setdefault(truth, {})
-            row[answer] = row.get(answer, 0) + 1
+            counts[truth][answer] += 1
     names = sorted({a for row in counts.values() for a in row} - set(NO_NAME))
-    columns = [*names, *NO_NAME]
-    return {truth: {c: counts[truth].get(c, 0) for c in columns} for truth in sorted(counts)}
+    return {truth: {c: counts[truth][c] for c in (*names, *NO_NAME)} for truth in sorted(counts)}
 
 
 def _limits(outcomes: Sequence[CaseOutcome]) -> dict[str, float | None]:
     """Smallest ratio of each effect such that at it and above, enough are exact."""
-    tried: dict[str, dict[float, list[bool]]] = {}
+    tried: defaultdict[str, defaultdict[float, list[bool]]] = defaultdict(lambda: defaultdict(list))
     for o in outcomes:
-        if o.group == "single" and o.ratio is not None:
-            tried.setdefault(o.truth[0], {}).setdefault(_nearest(o.ratio), []).append(o.exact)
-    limits: dict[str, float | None] = {}
-    for name, by_ratio in sorted(tried.items()):
-        limit = None
-        for ratio in sorted(by_ratio, reverse=True):
-            if np.mean(by_ratio[ratio]) < DETECTED:
+        ratio = _nearest(o.ratio)
+        if o.group == "single" and ratio is not None:
+            tried[o.truth[0]][ratio].append(o.exact)
+    limits: dict[str, float | None] = dict.fromkeys(sorted(tried))
+    for name in limits:
+        for ratio in sorted(tried[name], reverse=True):
+            if np.mean(tried[name][ratio]) < DETECTED:
                 break
-            limit = ratio
-        limits[name] = limit
+            limits[name] = ratio
     return limits
 
 
@@ -323,7 +289,6 @@ def score_text(score: Score) -> str:
     Parameters
     ----------
     score : Score
-        Of cases.
     """
     parts = [_table([["target", "n", "measured", "95 % interval", "asked for", "met"], *map(_target, score.targets)])]
     if score.confusion:
@@ -343,30 +308,19 @@ def _target(target: Target) -> list[str]:
     fraction = np.isfinite(target.interval[0])
     value = f"{100 * target.value:.1f} %" if fraction else f"{target.value:.3g}"
     interval = " to ".join(f"{100 * end:.1f}" for end in target.interval) if fraction else ""
-    return [
-        target.what,
-        str(target.n),
-        value,
-        interval,
-        _asked(target, fraction=bool(fraction)),
-        "yes" if target.met else "no",
-    ]
-
-
-def _asked(target: Target, *, fraction: bool) -> str:
     low, high = (f"{100 * v:g} %" if fraction else f"{v:g}" for v in (target.low, target.high))
-    unbounded = target.high == 1.0 if fraction else np.isinf(target.high)
-    if target.low == 0.0:
-        return "" if unbounded else f"at most {high}"
-    return f"at least {low}" if unbounded else f"{low} to {high}"
+    if target.high == 1.0 if fraction else np.isinf(target.high):
+        asked = f"at least {low}" if target.low else ""
+    else:
+        asked = f"{low} to {high}" if target.low else f"at most {high}"
+    return [target.what, str(target.n), value, interval, asked, "yes" if target.met else "no"]
 
 
 def _table(rows: Sequence[Sequence[str]]) -> str:
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    """Align columns, the first to the left, under the underlined head."""
+    first, *others = ([*map(len, column)] for column in zip(*rows, strict=True))
     lines = [
-        "  ".join(
-            cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(zip(row, widths, strict=True))
-        )
+        "  ".join([row[0].ljust(max(first)), *(c.rjust(max(w)) for c, w in zip(row[1:], others, strict=True))])
         for row in rows
     ]
     return "\n".join([lines[0], "-" * len(lines[0]), *lines[1:]])

@@ -23,11 +23,10 @@ SHAPE_SPREAD = 0.5  # standard deviation of the logarithm of a shape parameter a
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """An effect with the candidate that it came from, and how far it stands out of the noise."""
+    """An effect, and the candidate that it came from."""
 
     candidate: Candidate
     effect: Effect
-    ratio: float
 
 
 def noise_of(model: Model, scene: Scene) -> FloatArray:
@@ -36,9 +35,7 @@ def noise_of(model: Model, scene: Scene) -> FloatArray:
     Parameters
     ----------
     model : Model
-        What is known of the machine.
     scene : Scene
-        Recording and simulator.
 
     Raises
     ------
@@ -67,7 +64,6 @@ def effect_to_noise(scene: Scene, std: FloatArray, effects: Sequence[Effect]) ->
     Parameters
     ----------
     scene : Scene
-        Recording and simulator.
     std : (c,) array
         Noise of each channel; NaN for those that do not count.
     effects : sequence of Effect
@@ -111,22 +107,24 @@ def drawn_effect(
     scene = build_scene(scout, model, np.ones(len(scout), dtype=np.bool_)).strict()
     std = noise_of(model, scene)
     taken = {d.candidate.key for d in besides}
-    candidates = all_candidates(scene)
-    open_ones = [c for c in candidates if c.key not in taken and (not names or c.name in names)]
+    open_ones = [c for c in all_candidates(scene) if c.key not in taken and (not names or c.name in names)]
     keys = list(dict.fromkeys(c.name for c in open_ones))
     for _ in range(TRIES if keys else 0):
         name = keys[int(rng.integers(len(keys)))]
         same = [c for c in open_ones if c.name == name]
-        found = _sized(same[int(rng.integers(len(same)))], scene, std, ratio, rng)
-        if found is not None:
-            return found
+        candidate = same[int(rng.integers(len(same)))]
+        effect = _sized(candidate, scene, std, ratio, rng)
+        if effect is not None:
+            return Drawn(candidate, effect)
     raise DataError(
         f"no effect of {', '.join(names) or 'the catalogue'} can stand out of the noise by {ratio:g} in this machine.",
         hint="Ask for other names, or give the model less noise.",
     )
 
 
-def _sized(candidate: Candidate, scene: Scene, std: FloatArray, ratio: float, rng: np.random.Generator) -> Drawn | None:
+def _sized(
+    candidate: Candidate, scene: Scene, std: FloatArray, ratio: float, rng: np.random.Generator
+) -> Effect | None:
     """Scale a candidate's amplitudes by secants; None when its physical range ends before the ratio is reached."""
     shape = np.array(candidate.start) + np.array(
         [0.0 if c.amplitude or c.kind != "log" else SHAPE_SPREAD * rng.standard_normal() for c in candidate.coordinates]
@@ -141,7 +139,7 @@ def _sized(candidate: Candidate, scene: Scene, std: FloatArray, ratio: float, rn
         except DataError:
             return None
         if abs(reached / ratio - 1.0) < CLOSE:
-            return Drawn(candidate, effect, reached)
+            return effect
         factor *= float(np.clip(ratio / max(reached, 1e-12), 1e-2, 1e2))
     return None
 
