@@ -32,12 +32,11 @@ class Moment:
 
     Parameters
     ----------
-    machine, body : Machine, Body
+    machine, body : Machine, body
         The machine, and its body as it really is.
     motion : Motion
         The motors, and what they carry: one sample of one run.
-    torque : (1, 1, dof) array
-        Commanded by the controllers, joint units.
+    torque : (1, 1, dof) array, commanded by the controllers, joint units
     q : (1, 1, dof) array
         True joints, when outside sensors see them.
     """
@@ -71,10 +70,8 @@ class LiveArm:
     ----------
     machine : Machine
         Arm, drives and effects; noise and faults of its sensors are not used here.
-    q : (dof,) array
-        Where it starts, rad or m.
-    start : float
-        Seconds since the session began.
+    q : (dof,) array, where it starts, rad or m
+    start : float, seconds since the session began
     block : int
         Servo steps for which the load is taken as constant, and after which the effects behind the motors are brought
         up to date.
@@ -111,8 +108,7 @@ class LiveArm:
 
         Parameters
         ----------
-        desired : (m, dof) array
-            A row a servo step, rad or m.
+        desired : (m, dof) array, A row a servo step, rad or m
         """
         path = np.concatenate([self._desired[0], np.asarray(desired, dtype=np.float64)])
         for first in range(0, len(desired), self._block):

@@ -37,12 +37,9 @@ class Reading:
 
     Parameters
     ----------
-    time : float
-        Session time, s.
-    position, velocity, effort : (dof,) arrays
-        As the robot reports them, rad or m.
-    external : (dof,) array
-        True joints as outside encoders see them.
+    time : float, session time, s
+    position, velocity, effort : (dof,) arrays, as the robot reports them, rad or m
+    external : (dof,) array, true joints as outside encoders see them
     tracker : (4, 4) array or None
         Marker pose in the tracker's frame; None for bare joints, and where the tracker was not asked.
     """
@@ -60,10 +57,8 @@ class LiveRobot:
 
     Parameters
     ----------
-    machine : Machine
-        Arm, drives, effects and sensors.
-    rng : numpy.random.Generator
-        Of the sensors' noise.
+    machine : Machine, arm, drives, effects and sensors
+    rng : numpy.random.Generator, of the sensors' noise
     block : int
         Servo steps between two looks at where the arm is; see :class:`~gpcorrect.sim.live.LiveArm`.
     """
@@ -137,8 +132,7 @@ class LiveRobot:
 
         Parameters
         ----------
-        q : (n, dof) array
-            Joints, rad or m.
+        q : (n, dof) array, joints, rad or m
         """
         return self.machine.body.forward(q)
 
@@ -148,7 +142,6 @@ class LiveRobot:
         Parameters
         ----------
         command : str
-            One of those.
 
         Raises
         ------
@@ -180,8 +173,7 @@ class LiveRobot:
 
         Parameters
         ----------
-        q : (dof,) array
-            rad or m.
+        q : (dof,) array, rad or m
 
         Raises
         ------
@@ -209,8 +201,7 @@ class LiveRobot:
 
         Parameters
         ----------
-        q : (dof,) array
-            rad or m.
+        q : (dof,) array, rad or m
 
         Raises
         ------
@@ -228,8 +219,7 @@ class LiveRobot:
 
         Parameters
         ----------
-        T : (4, 4) array
-            Tool pose, base frame.
+        T : (4, 4) array, tool pose, base frame
 
         Raises
         ------
@@ -243,8 +233,7 @@ class LiveRobot:
 
         Parameters
         ----------
-        T : (4, 4) array
-            Tool pose, base frame.
+        T : (4, 4) array, tool pose, base frame
 
         Raises
         ------

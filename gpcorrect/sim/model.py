@@ -84,16 +84,12 @@ class Model(Settings):
         Where the arm's other joints are held, rad or m; at home when absent.
     theta_offset_deg : tuple of float
         Joint value to DH theta, degrees, of revolute joints; the arm's own when absent.
-    gravity : (3,) tuple
-        m/s^2, base frame.
-    payload : float
-        kg at the tip.
-    log_rate_hz : float
-        Of recordings.
+    gravity : (3,) tuple, m/s^2, base frame
+    payload : float, kg at the tip
+    log_rate_hz : float, of recordings
     T_tracker_base, T_tip_marker : Pose
         Base in the tracker frame, and tracked marker in the tip frame.
     controller, transmission, links, noise, faults : tables
-        See each.
     effects : tuple of Effect
         What the model already has beyond the nominal machine.
     """
@@ -249,8 +245,7 @@ def preset(name: str) -> Model:
 
     Parameters
     ----------
-    name : str
-        One of :func:`preset_names`.
+    name : str, one of :func:`preset_names`
 
     Raises
     ------

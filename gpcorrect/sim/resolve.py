@@ -9,11 +9,11 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.arms import Arm, Chain, Robot, arm_named, read_robot
 from gpcorrect.errors import DataError
-from gpcorrect.sim.body import Body, Links
+from gpcorrect.sim.body import Body, Drive, Links
 from gpcorrect.sim.dynamics import mean_inertia
 from gpcorrect.sim.effects import ChainEffect, LoadEffect, TipEffect
 from gpcorrect.sim.effects.geometry import HomingOffset
-from gpcorrect.sim.machine import Drive, Machine
+from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Controller, Model, Pose
 from gpcorrect.sim.settings import Noise, TrackerFaults
 from gpcorrect.types import FloatArray

@@ -16,11 +16,11 @@ import numpy as np
 from numba import njit
 
 from gpcorrect.errors import DataError
+from gpcorrect.sim.body import Drive
 from gpcorrect.sim.dynamics import in_parts
 from gpcorrect.sim.effects.base import SIDES, Effect, FrictionEffect, TorqueEffect
+from gpcorrect.sim.effects.catalogue import of_kind
 from gpcorrect.sim.effects.laws import FrictionLaw, TorqueLaw, contact, resisting
-from gpcorrect.sim.effects.registry import of_kind
-from gpcorrect.sim.machine import Drive
 from gpcorrect.types import FloatArray, IntArray
 
 Sides = tuple[float, float]  # before the transmission and behind it
@@ -41,8 +41,7 @@ class Clock:
 
         Parameters
         ----------
-        rate_hz, log_rate_hz : float
-            Of the loop, and of the log.
+        rate_hz, log_rate_hz : float, of the loop, and of the log
         """
         stride = max(1, int(np.ceil(rate_hz / log_rate_hz - 1e-9)))
         return cls(step=1.0 / (log_rate_hz * stride), stride=stride)
@@ -93,9 +92,7 @@ class Loop:
     Parameters
     ----------
     drive : Drive
-        Gains and feedforward.
-    joints : tuple of int
-        Joint numbers of the columns.
+    joints : tuple of int, joint numbers of the columns
     effects : sequence of Effect
         Of the machine; those that act in the loop are used.
     """
@@ -173,13 +170,10 @@ def follow(
     Parameters
     ----------
     drive : Drive
-        Gains and feedforward.
-    reference, clock : Reference, Clock
+    reference, clock : Reference, clock
         What the loop is given, and its steps.
-    joints : tuple of int
-        Joint numbers of the columns.
+    joints : tuple of int, joint numbers of the columns
     effects : sequence of Effect
-        Of the machine.
 
     Raises
     ------

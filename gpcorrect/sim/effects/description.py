@@ -70,7 +70,6 @@ class Ladder:
     per : Per
         What the rungs are counted in.
     rungs : tuple of float
-        Values.
     absent : bool
         Whether the effect is also tried without the parameter: at its field's default. Shapes with two such parameters
         at once are left out.
@@ -91,8 +90,7 @@ class Range:
 
     Parameters
     ----------
-    unit : str
-        SI unit.
+    unit : str, SI unit
     low, high : float
         Values outside are not physical for a surgical cable-driven arm.
     typical : float
@@ -158,8 +156,7 @@ class Parameter:
 
         Parameters
         ----------
-        joint_type : str
-            "R" or "P".
+        joint_type : str, "R" or "P"
         """
         return self.prismatic if joint_type == "P" and self.prismatic is not None else self.revolute
 
@@ -168,13 +165,23 @@ class Parameter:
 
         Parameters
         ----------
-        joint_type : str
-            "R" or "P".
+        joint_type : str, "R" or "P"
         """
         typical = self.range(joint_type).typical
         if self.positive:
             return stats.lognorm(s=np.log(self.factor), scale=typical)
         return stats.norm(loc=0.0, scale=typical)
+
+
+PHASE = Parameter(
+    "phase",
+    "phase at zero",
+    Range("rad", -np.pi, np.pi, 1.0),
+    positive=False,
+    ladder=Ladder(Per.VALUE, (0.0, np.pi / 2)),
+    period=2 * np.pi,
+)
+"""Of a wave: every effect that has one."""
 
 
 @dataclass(frozen=True)
@@ -183,16 +190,13 @@ class Description:
 
     Parameters
     ----------
-    name : str
-        Canonical name.
+    name : str, canonical name
     number : int
         Place in the catalogue: effects of one stage act in this order.
     family : Family
-        Its class in the catalogue.
     equation, source : str
         Minimal equation, and where it comes from.
     parameters : tuple of Parameter
-        Its numbers.
     neighbours : tuple of str
         Names of its look-alikes; docs/simulator.md says what separates them.
     separating_runs : tuple of Run
