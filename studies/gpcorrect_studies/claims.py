@@ -59,10 +59,8 @@ class Claim:
 
     Parameters
     ----------
-    says : str
-        The claim, as a sentence.
-    where : str
-        Table, figure or section that prints it.
+    says : str, the claim, as a sentence
+    where : str, table, figure or section that prints it
     of, against : str
         Places of the number, and of what it is divided by, in the figures (:func:`number_at`). A ratio claims an
         order too: below 1, the first is less.
@@ -101,9 +99,7 @@ class Claim:
         ----------
         printed : float
         ours : float or None
-            None is not measured.
         tolerance : float
-            As :class:`CompareSettings` has it.
         """
         if ours is None:
             return Verdict.NOT_MEASURED
@@ -193,8 +189,7 @@ class Comparison:
 
         Parameters
         ----------
-        factor : float
-            Times the tolerance.
+        factor : float, times the tolerance
         """
         tolerance = factor * self.settings.tolerance
         found = [row.claim.verdict(row.printed, row.ours, tolerance) for row in self.rows]
@@ -254,8 +249,7 @@ class ClaimTable:
 
         Parameters
         ----------
-        study : str
-            Folder beside this module.
+        study : str, folder beside this module
         """
         table = tomllib.loads((files("gpcorrect_studies") / study / "claims.toml").read_text(encoding="utf-8"))
         claims = [Claim(**{**row, "better": Better(row.get("better", Better.LOWER))}) for row in table["claim"]]
@@ -319,12 +313,9 @@ class StudyResult(ABC):
 
     Parameters
     ----------
-    scope : dataclass
-        How much was done.
+    scope : dataclass, how much was done
     seed : int
-        Of everything random.
-    seconds : float
-        Of the whole study.
+    seconds : float, of the whole study
     """
 
     CLAIMS: ClassVar[ClaimTable]
@@ -360,8 +351,7 @@ def number_at(figures: Any, place: str) -> float | None:
 
     Parameters
     ----------
-    figures : mapping or sequence
-        Tables and lists inside each other.
+    figures : mapping or sequence, tables and lists inside each other
     place : str
         Keys, or places in a list, with "/" between. Keys with "," between stand for the root of the sum of their
         squares: the norm of a mean vector, as the papers' norms are made.

@@ -26,16 +26,13 @@ def write_study_page(
 
     Parameters
     ----------
-    study : str
-        Its name on the command line.
+    study : str, its name on the command line
     result : StudyResult
-        The whole study.
     verdict : str
         Its own first sentences; of a run of less than the whole study, the page says so before anything else.
     facts, sections : sequences
         What else the page shows.
     path : Path
-        HTML file.
 
     Raises
     ------

@@ -27,8 +27,7 @@ class Parts:
     ----------
     path : Path, optional
         File of JSON lines; nothing is written without one.
-    run : mapping, optional
-        What is run: study, scope, seed.
+    run : mapping, optional, what is run: study, scope, seed
     """
 
     def __init__(self, path: Path | None = None, run: Mapping[str, Any] | None = None) -> None:
@@ -69,8 +68,7 @@ class Parts:
         Parameters
         ----------
         name : str
-        value : Any
-            What JSON can hold.
+        value : Any, what JSON can hold
         """
         value = self._values[name] = json_ready(value)
         spent, self._clock = time.perf_counter() - self._clock, time.perf_counter()

@@ -23,8 +23,7 @@ def path_charts(scene: Scene, conditions: Sequence[Condition]) -> list[Chart]:
     Parameters
     ----------
     scene : Scene
-    conditions : sequence of Condition
-        Their names are the keys.
+    conditions : sequence of Condition, their names are the keys
     """
     space, above = {}, {}
     for condition in conditions:

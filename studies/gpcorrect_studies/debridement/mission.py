@@ -23,18 +23,15 @@ class Fetched:
     Parameters
     ----------
     arm : str
-    fragment : (3,) array
-        Where it lay, tracker frame.
+    fragment : (3,) array, where it lay, tracker frame
     removed : bool
     attempts : int
     seconds : float
         From finding it to having dropped it, or given it up.
-    clock : float
-        Task time at that end, s.
+    clock : float, task time at that end, s
     misses_mm : tuple of float
         How far the tool was from the fragment at each closing of the jaws.
-    looks : int
-        Pictures of the tool.
+    looks : int, pictures of the tool
     replanned : int
         Grasps that were left because their correction was not sure enough.
     careful : bool
@@ -60,10 +57,8 @@ class ArmRecord:
     Parameters
     ----------
     name : str
-    trace : (n, 4) array
-        Task time (s) and true tool position (m, tracker frame).
-    seconds : float
-        When the arm was done.
+    trace : (n, 4) array, task time (s) and true tool position (m, tracker frame)
+    seconds : float, when the arm was done
     waited : float
         Seconds of it in which the other arm had the middle.
     """
@@ -122,18 +117,15 @@ class Mission:
     Parameters
     ----------
     scene : Scene
-    stations : tuple of Station
-        One or two arms.
-    fragments : (n, 3) array
-        Tracker frame.
+    stations : tuple of Station, one or two arms
+    fragments : (n, 3) array, tracker frame
     gripper : Gripper
     times : Times
     attempts : int
         Most grasps at one fragment before it is given up.
     sight : float
         Standard deviation of a fragment's place as the camera finds it, along each axis, m.
-    start : float
-        Session time at which it begins, s.
+    start : float, session time at which it begins, s
     """
 
     scene: Scene
@@ -178,10 +170,8 @@ def debride(
     Parameters
     ----------
     mission : Mission
-    strategies : sequence of Strategy
-        One an arm, in the order of the stations.
-    rng : numpy.random.Generator
-        Of the camera's noise.
+    strategies : sequence of Strategy, one an arm, in the order of the stations
+    rng : numpy.random.Generator, of the camera's noise
     progress : Progress, optional
         Receives a step after each fragment.
     stage : str
@@ -236,8 +226,7 @@ class _Worker:
 
         Parameters
         ----------
-        fragment : (3,) array
-            m, tracker frame.
+        fragment : (3,) array, m, tracker frame
         """
         begin = self.robot.clock
         tries: list[_Try] = []

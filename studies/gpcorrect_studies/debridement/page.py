@@ -20,11 +20,9 @@ def write_debride_page(scene: Scene, conditions: Sequence[Condition], facts: dic
     Parameters
     ----------
     scene, conditions
-        What was done.
     facts : mapping
         As `gpcorrect debride --json` prints them.
     path : Path
-        HTML file.
     """
     knowing = facts["conditions"][1]
     page = Page(

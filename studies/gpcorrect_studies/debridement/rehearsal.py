@@ -47,12 +47,9 @@ def rehearsal_log(
     station : Station
     fragments : int
         Rehearsed places; each is one trajectory, with a random one of the grasps.
-    speed : float
-        m/s, the task's own.
-    rng : numpy.random.Generator
-        Of places and grasps.
-    seed : int
-        Of the tracker's noise and faults.
+    speed : float, m/s, the task's own
+    rng : numpy.random.Generator, of places and grasps
+    seed : int, of the tracker's noise and faults
 
     Raises
     ------
@@ -118,9 +115,7 @@ def learn(scene: Scene, place: Station, folder: Path, rehearsals: int, speed: fl
     folder : Path
         The model is `<name of the place>.gpc` in it.
     rehearsals : int
-        Fragments.
-    speed : float
-        m/s.
+    speed : float, m/s
     seed : int
 
     Returns

@@ -27,9 +27,7 @@ class SimulatedRobot:
     Parameters
     ----------
     station : Station
-        Arm and place.
-    rng : numpy.random.Generator
-        Of the tracker's noise.
+    rng : numpy.random.Generator, of the tracker's noise
     start : float
         Session time at which the task begins, s: the arm has drifted since its recording.
     """
@@ -71,10 +69,8 @@ class SimulatedRobot:
 
         Parameters
         ----------
-        times : (n,) array
-            Seconds.
-        T : (n, 4, 4) array
-            Base frame.
+        times : (n,) array, seconds
+        T : (n, 4, 4) array, base frame
 
         Raises
         ------

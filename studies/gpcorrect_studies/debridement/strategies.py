@@ -28,12 +28,9 @@ class Approach:
 
     Parameters
     ----------
-    grasp : Grasp
-        The one that was chosen.
-    looks : int
-        Pictures of the tool that were taken.
-    doubts : tuple of Doubt
-        Why others were not chosen.
+    grasp : Grasp, the one that was chosen
+    looks : int, pictures of the tool that were taken
+    doubts : tuple of Doubt, why others were not chosen
     careful : bool
         Whether no correction was sure enough, so that the arm went by pictures.
     """
@@ -61,8 +58,7 @@ class Strategy(Protocol):
         Parameters
         ----------
         robot : SimulatedRobot
-        ways : sequence of Grasp
-            Best first.
+        ways : sequence of Grasp, best first
         """
 
     def carry(self, robot: SimulatedRobot, approach: Approach, *, to_bowl: bool) -> None:
@@ -82,8 +78,7 @@ class LookAndMove:
 
     Parameters
     ----------
-    speed : float
-        m/s.
+    speed : float, m/s
     leg : float
         Longest way between two pictures, m; chosen by hand, like the others below.
     tolerance : float
@@ -157,10 +152,8 @@ class OpenLoop:
 
     Parameters
     ----------
-    corrector : Corrects
-        Of this arm.
-    speed : float
-        m/s.
+    corrector : Corrects, of this arm
+    speed : float, m/s
     margins : Margins
         How sure the correction must be at the fragment; otherwise another tilt is planned.
     mode : "full" or "endpoints"

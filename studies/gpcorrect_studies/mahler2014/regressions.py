@@ -98,14 +98,11 @@ def training_sizes(
     ----------
     experiment : Experiment
         Gives registration, features, cleaned training and held-out samples.
-    fractions : tuple of float
-        Of the training states, 0 to 1.
+    fractions : tuple of float, of the training states, 0 to 1
     settings : FitSettings
         Seed, also of which states are taken, and number of inducing points.
     progress : Progress
-        Receives a step after each fit.
     parts : Parts
-        What an earlier run has done.
 
     Returns
     -------
@@ -165,7 +162,6 @@ def limits(reaches: int, settings: FitSettings, progress: Progress) -> tuple[Lim
     settings : FitSettings
         Of all fits; the clock and cleaning are left out.
     progress : Progress
-        Receives how far it is.
 
     Returns
     -------

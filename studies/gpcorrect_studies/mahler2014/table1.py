@@ -68,9 +68,7 @@ class TableOne:
         Parameters
         ----------
         which : "clean" or "dirty"
-            Samples that pass cleaning, or all.
-        method : str
-            One of :data:`METHODS`.
+        method : str, one of :data:`METHODS`
 
         Returns
         -------
@@ -86,7 +84,6 @@ class TableOne:
         Parameters
         ----------
         which : "clean" or "dirty"
-            Samples that pass cleaning, or all.
         """
         errors = self.errors[which]
         without, with_it = errors[WITH_GPR], errors[WITH_VELOCITY]
@@ -98,7 +95,6 @@ class TableOne:
         Parameters
         ----------
         which : "clean" or "dirty"
-            Samples that pass cleaning, or all.
         """
         errors = self.errors[which]
         without, with_it = errors[WITH_VELOCITY], errors[FULL]
@@ -111,11 +107,8 @@ def table_one(log: CalibrationLog, settings: FitSettings, progress: Progress, pa
     Parameters
     ----------
     log : CalibrationLog
-        The simulated recording.
-    settings : FitSettings
-        What all fits have in common.
+    settings : FitSettings, what all fits have in common
     progress : Progress
-        Receives a step after each fit.
     parts : Parts
         What an earlier run has done; the fit of the paper's last column is always made, for further figures need it.
 
@@ -173,12 +166,9 @@ def component_errors(residual: FloatArray, test: CalibrationLog, rows: IntArray)
 
     Parameters
     ----------
-    residual : (n, 6) array
-        Commanded minus given, m and rad.
+    residual : (n, 6) array, commanded minus given, m and rad
     test : CalibrationLog
-        That they are of.
-    rows : (n,) int array
-        Of the log.
+    rows : (n,) int array, of the log
     """
     position, turns = 1e3 * residual[:, :3], np.rad2deg(_euler_errors(residual[:, 3:], test, rows))
     columns = dict(zip(COMPONENTS, [*position.T, *turns.T[::-1]], strict=True))

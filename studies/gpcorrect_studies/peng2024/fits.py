@@ -28,28 +28,21 @@ class PengScope:
 
     Parameters
     ----------
-    directions : tuple of str
-        Zig-zags of Table I.
+    directions : tuple of str, Zig-zags of Table I
     sparsities : tuple of int
         n of the sparsities 1/n of Fig. 5, rising; Table I has the one in the middle.
-    minutes : float
-        Of a test run.
-    hours : tuple of float
-        Of Fig. 6.
-    homings : int
-        Of Fig. 9, after the first.
+    minutes : float, of a test run
+    hours : tuple of float, of Fig. 6
+    homings : int, of Fig. 9, after the first
     repeats, network_repeats : int
         Training recordings with other noise and other seeds, for every method and for the network.
-    inducing : int
-        Points of the Gaussian process.
+    inducing : int, points of the Gaussian process
     search_samples : int or None
         That the Gaussian process learns its hyperparameters from; its own number when None.
-    epochs : int
-        Of the network; the paper's by default.
+    epochs : int, of the network; the paper's by default
     later : str
         Direction of the zig-zag of all parts after Table I; the paper's is J2-J3.
-    ablations : tuple of str or None
-        Which are done; None does all.
+    ablations : tuple of str or None, which are done; None does all
     """
 
     directions: tuple[str, ...] = DIRECTIONS
@@ -97,8 +90,7 @@ class Run:
 
     Parameters
     ----------
-    direction, sparsity
-        Of the zig-zag.
+    direction, sparsity, Of the zig-zag
     homings_seen : int
         How many homings after the first are in the training, a zig-zag each.
     state : bool
@@ -121,13 +113,9 @@ class StudyFits:
     Parameters
     ----------
     study : RavenStudy
-        The simulated arm.
     scope : PengScope
-        How much is done.
     progress : Progress
-        Receives how far each part is.
     parts : Parts
-        What an earlier run has done.
     """
 
     study: RavenStudy
@@ -143,8 +131,7 @@ class StudyFits:
         Parameters
         ----------
         run : Run
-        repeat : int
-            Of its noise.
+        repeat : int, of its noise
         """
         key = run.direction, run.sparsity, run.homings_seen, repeat
         if key not in self._logs:
@@ -172,8 +159,7 @@ class StudyFits:
         ----------
         run : Run
         method : str
-        repeat : int
-            Its seed.
+        repeat : int, its seed
         """
         return FitSettings(
             method=method,
@@ -199,8 +185,7 @@ class StudyFits:
 
         Parameters
         ----------
-        run : Run
-            That it learns from.
+        run : Run, that it learns from
         method : str
         test : CalibrationLog
         """
@@ -211,8 +196,7 @@ class StudyFits:
 
         Parameters
         ----------
-        run : Run
-            That they learn from.
+        run : Run, that they learn from
         test : CalibrationLog
         """
         linear = self.models(run, "linear")
@@ -224,11 +208,9 @@ class StudyFits:
 
         Parameters
         ----------
-        stage : str
-            Name of the part.
+        stage : str, name of the part
         items : sequence
-        make : callable
-            Returns what JSON can hold.
+        make : callable, returns what JSON can hold
         """
         made = {}
         for done, item in enumerate(items):
@@ -244,8 +226,7 @@ def rmse(model: JointCorrector, log: CalibrationLog, name: str = "corrected") ->
     Parameters
     ----------
     model : JointCorrector
-    log : CalibrationLog
-        With external joints.
+    log : CalibrationLog, with external joints
     name : str
         Of `raw`, `fixed_offset` or `corrected` positions.
     """

@@ -42,14 +42,11 @@ class RavenStudy:
 
     Parameters
     ----------
-    seed : int
-        Of noise, homings and random motion.
-    homings : int
-        Homings after the first.
+    seed : int, of noise, homings and random motion
+    homings : int, homings after the first
     as_published : bool
         Drive the zig-zag along J1-J2-J3 as the study's files do, not as its Eq. (3) says.
-    machine : Model, optional
-        Another than the packaged one.
+    machine : Model, optional, another than the packaged one
     """
 
     seed: int = 0
@@ -64,14 +61,10 @@ class RavenStudy:
 
         Parameters
         ----------
-        direction : str
-            Joints that move together, such as "J1-J2".
-        sparsity : int
-            n of the sparsity 1/n.
-        sessions : sequence of int
-            Homings before each zig-zag, less one.
-        repeat : int
-            Another repeat has other noise.
+        direction : str, joints that move together, such as "J1-J2"
+        sparsity : int, n of the sparsity 1/n
+        sessions : sequence of int, homings before each zig-zag, less one
+        repeat : int, another repeat has other noise
         """
         corners = zigzag(direction_named(direction), sparsity, LIMITS, as_published=self.as_published)
         path = timed(corners, SPEED, self._rate()).q
@@ -83,10 +76,8 @@ class RavenStudy:
         Parameters
         ----------
         minutes : float
-        session : int
-            Homings before it, less one.
-        salt : int
-            Another one has other sweeps and other noise.
+        session : int, homings before it, less one
+        salt : int, another one has other sweeps and other noise
         """
         return self._log([self._from_home(self._sweeps(minutes, salt), session, SETTLED)], salt)
 
@@ -98,10 +89,8 @@ class RavenStudy:
         Parameters
         ----------
         hours : sequence of float
-        minutes : float
-            Of each run.
-        payload : float or None
-            kg at the tool.
+        minutes : float, of each run
+        payload : float or None, kg at the tool
         idle : bool
             Whether the arm idled meanwhile; idling changes nothing, by assumption.
         """
@@ -157,8 +146,7 @@ def whole_state(log: CalibrationLog, seed: int = 0) -> CalibrationLog:
     ----------
     log : CalibrationLog
         With `measured_jp`, `setpoint_jp` and `measured_jf` of the first three joints.
-    seed : int
-        Of the resting arm's jitter.
+    seed : int, of the resting arm's jitter
 
     Returns
     -------

@@ -54,14 +54,10 @@ class Peng2024(StudyResult):
 
     Parameters
     ----------
-    table1, table2, table4, table5 : mappings
-        By direction; by method; by test run; by method.
-    fig5, fig9 : lists
-        A sparsity, and a number of homings, an entry.
-    fig6, fig8 : mappings
-        By use; few features and the whole state.
-    ablations : mapping
-        Figures of the ablations, by name.
+    table1, table2, table4, table5 : mappings, by direction; by method; by test run; by method
+    fig5, fig9 : lists, A sparsity, and a number of homings, an entry
+    fig6, fig8 : mappings, by use; few features and the whole state
+    ablations : mapping, figures of the ablations, by name
     as_published : bool
         Whether the zig-zag along J1-J2-J3 was that of the study's files.
     """
@@ -154,12 +150,9 @@ def reproduce_peng2024(
     Parameters
     ----------
     scope : PengScope
-        How much is done.
-    seed : int
-        Of the recordings.
+    seed : int, of the recordings
     progress : Progress, optional
     parts : Parts, optional
-        What an earlier run has done of it.
     as_published : bool
         Drive the zig-zag along J1-J2-J3 as the study's files do, not as its Eq. (3) says.
     """
