@@ -8,6 +8,7 @@ from pathlib import Path
 from gpcorrect.report.page import Page, Section, TableData, write_page
 from gpcorrect_studies.claims import Compared, Comparison, StudyResult, Verdict
 
+# What the verdicts of claims mean, under each table of them.
 LEGEND = (
     "Beyond: better than printed by more than the tolerance. Reversed: the order of the two things that are compared "
     "is the other one here, or a gain is a loss, whichever is better."

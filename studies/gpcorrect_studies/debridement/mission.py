@@ -137,24 +137,13 @@ class Mission:
     sight: float = 0.0005
     start: float = 0.0
 
-    def fragments_of(self, station: Station) -> list[int]:
-        """Return the numbers of the fragments on this arm's side.
-
-        Parameters
-        ----------
-        station : Station
-        """
+    def _fragments_of(self, station: Station) -> list[int]:
+        """Return the numbers of the fragments on this arm's side."""
         x = self.scene.along(self.fragments)[:, 0]
         return [i for i in range(len(x)) if station.side == 0.0 or (x[i] >= 0) == (station.side > 0)]
 
-    def in_the_middle(self, number: int) -> bool:
-        """Return whether a fragment lies where both arms could meet.
-
-        Parameters
-        ----------
-        number : int
-            Of the fragment.
-        """
+    def _in_the_middle(self, number: int) -> bool:
+        """Return whether a fragment lies where both arms could meet."""
         return len(self.stations) > 1 and abs(float(self.scene.along(self.fragments[number])[0])) < MIDDLE
 
 
@@ -185,15 +174,15 @@ def debride(
     while any(worker.left for worker in workers):
         worker = min((w for w in workers if w.left), key=lambda w: w.robot.clock)
         # A fragment in the middle comes next only when the middle is free or nothing else is left.
-        free = [n for n in worker.left if worker.robot.clock >= middle_free or not mission.in_the_middle(n)]
+        free = [n for n in worker.left if worker.robot.clock >= middle_free or not mission._in_the_middle(n)]
         number = (free or worker.left)[0]
         worker.left.remove(number)
-        if mission.in_the_middle(number):
+        if mission._in_the_middle(number):
             seconds = max(0.0, middle_free - worker.robot.clock)
             worker.robot.wait(seconds)
             worker.waited += seconds
         fetched.append(worker.fetch(mission.fragments[number]))
-        if mission.in_the_middle(number):
+        if mission._in_the_middle(number):
             middle_free = worker.robot.clock
         if progress is not None:
             progress.step(stage, len(fetched) / len(mission.fragments))
@@ -217,7 +206,7 @@ class _Worker:
     def __init__(self, mission: Mission, station: Station, strategy: Strategy, rng: np.random.Generator) -> None:
         self._mission, self._strategy, self._rng = mission, strategy, rng
         self.robot = SimulatedRobot(station, rng, mission.start)
-        self.left = mission.fragments_of(station)
+        self.left = mission._fragments_of(station)
         self.waited = 0.0
         strategy.begin(self.robot)
 

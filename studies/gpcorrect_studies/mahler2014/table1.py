@@ -16,7 +16,7 @@ from gpcorrect.errors import LogError
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, Progress
 from gpcorrect_studies.parts import Parts
 
-OFFSET = "fixed offset"
+OFFSET = "fixed offset"  # a column's name, as printed
 WITH_GPR, WITH_VELOCITY = f"{OFFSET} + GPR", f"{OFFSET} + GPR + velocity"
 FULL = f"{WITH_VELOCITY} + cleaning"  # the paper's last column
 GPR_ALONE, MEMORY = "GPR alone", f"{FULL} + memory"  # not in the paper
@@ -69,11 +69,6 @@ class TableOne:
         ----------
         which : "clean" or "dirty"
         method : str, one of :data:`METHODS`
-
-        Returns
-        -------
-        dict
-            %, of `position_mm` and `rotation_deg`.
         """
         errors = self.errors[which]
         return {norm: 100 * errors[method][norm]["mean"] / errors["no correction"][norm]["mean"] for norm in NORMS}
@@ -85,9 +80,7 @@ class TableOne:
         ----------
         which : "clean" or "dirty"
         """
-        errors = self.errors[which]
-        without, with_it = errors[WITH_GPR], errors[WITH_VELOCITY]
-        return {norm: 100 * (1 - with_it[norm]["mean"] / without[norm]["mean"]) for norm in NORMS}
+        return self._gain(which, WITH_GPR, WITH_VELOCITY, "mean")
 
     def gain_of_cleaning(self, which: str) -> dict[str, float]:
         """Percentage by which cleaning the training data reduces the SD of the error's length.
@@ -96,9 +89,11 @@ class TableOne:
         ----------
         which : "clean" or "dirty"
         """
-        errors = self.errors[which]
-        without, with_it = errors[WITH_VELOCITY], errors[FULL]
-        return {norm: 100 * (1 - with_it[norm]["sd"] / without[norm]["sd"]) for norm in NORMS}
+        return self._gain(which, WITH_VELOCITY, FULL, "sd")
+
+    def _gain(self, which: str, without: str, with_it: str, leaf: str) -> dict[str, float]:
+        before, after = self.errors[which][without], self.errors[which][with_it]
+        return {norm: 100 * (1 - after[norm][leaf] / before[norm][leaf]) for norm in NORMS}
 
 
 def table_one(log: CalibrationLog, settings: FitSettings, progress: Progress, parts: Parts) -> TableOne:

@@ -19,8 +19,9 @@ ARM = "raven2_left"  # its kinematics are those of the study's arm
 PRESET = "raven2_calibration"  # the simulated machine
 DEGREE = np.deg2rad(1.0)
 
-# Block of the zig-zags, rad, rad, m; random tests stay in its middle 60 %. Chosen by hand inside the joint limits.
+# Block of the zig-zags, rad, rad, m. Chosen by hand inside the joint limits.
 LIMITS = np.array([[20 * DEGREE, 60 * DEGREE], [55 * DEGREE, 110 * DEGREE], [0.33, 0.42]])
+# Random tests stay in its middle 60 %, so that no method extrapolates; chosen by hand.
 TEST_LIMITS = LIMITS.mean(axis=1)[:, None] + np.ptp(LIMITS, axis=1)[:, None] * np.array([-0.3, 0.3])
 # Speeds of the study's public controller: of its trajectory follower, and of its random motion from and to.
 SPEED = np.array([3 * DEGREE, 3 * DEGREE, 0.01])

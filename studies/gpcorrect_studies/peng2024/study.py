@@ -48,6 +48,11 @@ PENG_NOT_COMPARABLE = (
 )
 
 
+def _percent_of_offset(row: Mapping[str, Any], method: str) -> list[float]:
+    pairs = zip(row[method]["mean"], row["fixed_offset"]["mean"], strict=True)
+    return [100.0 * left / offset for left, offset in pairs]
+
+
 @dataclass(frozen=True, eq=False)
 class Peng2024(StudyResult):
     """All parts of the study, measured; RMSE in deg, deg and mm.
@@ -89,16 +94,12 @@ class Peng2024(StudyResult):
         ----------
         method : str
         """
-        row = self.fig5[-1]["rmse"]
-        pairs = zip(row[method]["mean"], row["fixed_offset"]["mean"], strict=True)
-        return [100.0 * left / offset for left, offset in pairs]
+        return _percent_of_offset(self.fig5[-1]["rmse"], method)
 
     @staticmethod
     def percent_printed() -> list[float]:
         """Percentage of the fixed offset's error that the paper's network leaves, by joint: Table I, J2-J3."""
-        row = CLAIMS.printed["table1"]["J2-J3"]
-        pairs = zip(row["network"]["mean"], row["fixed_offset"]["mean"], strict=True)
-        return [100.0 * left / offset for left, offset in pairs]
+        return _percent_of_offset(CLAIMS.printed["table1"]["J2-J3"], "network")
 
     def targets(self) -> dict[str, dict[str, Any]]:
         """Return what was to be reached, what was, and whether it is met; set before the first full run."""
