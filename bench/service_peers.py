@@ -94,7 +94,7 @@ def serve_grpc(ready: Event, model: str, port: int) -> None:
         asked = MSGPACK.decode(CorrectRequest, payload)
         return MSGPACK.encode(answer(corrector, asked.pose, asked.twist))
 
-    class Handler(grpc.GenericRpcHandler):  # type: ignore[misc]
+    class Handler(grpc.GenericRpcHandler):
         def service(self, details: Any) -> Any:
             return grpc.unary_unary_rpc_method_handler(correct) if details.method == METHOD else None
 

@@ -81,8 +81,6 @@ def moved_tracker(lab: Lab) -> Seen:
     """Update a model with recordings of a tracker that was turned or moved meanwhile: learned as the robot's error."""
     model, log = load(lab.model), debridement_log(7, reaches=6, faults=False)
     seen, wrong = log.tracker_cp, 0
-    assert seen is not None
-    assert seen.quaternion is not None
     for turn, shift in MOVED:
         R = se3.matrix_from_rotvec(np.array(turn))
         turned = se3.quaternion_from_matrix(R @ se3.matrix_from_quaternion(seen.quaternion))

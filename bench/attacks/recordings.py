@@ -37,8 +37,6 @@ def units(lab: Lab) -> Seen:
     """Ask in millimetres and milliseconds: poses, paths, streams and logs."""
     corrector, log = load(lab.model), debridement_log(7, reaches=3, faults=False)
     seen = log.tracker_cp
-    assert seen is not None
-    assert seen.quaternion is not None
     path, time = np.hstack([seen.position, seen.quaternion])[log.trajectory == 0], log.time[log.trajectory == 0]
     wide = path * np.array([1e3, 1e3, 1e3, 1, 1, 1, 1])
     stream = corrector.stream()
@@ -74,8 +72,6 @@ def orders(_: Lab) -> Seen:
 
 def _misread(log: CalibrationLog) -> CalibrationLog:
     seen = log.tracker_cp
-    assert seen is not None
-    assert seen.quaternion is not None
     return replace(log, tracker_cp=PoseSignal(seen.position, np.roll(seen.quaternion, -1, axis=1)))
 
 

@@ -96,7 +96,6 @@ def fuzz_models(count: int, seed: int = 0, only: str = "") -> dict[str, Any]:
 def models(folder: Path, only: str = "") -> Iterator[Model]:
     """Fit a small one of every task and learner."""
     simulated = preset("raven2_left")
-    assert simulated.T_tracker_base is not None
     frame = (*simulated.T_tracker_base.translation, *simulated.T_tracker_base.rotvec)
     reaches = random_reaches_log("raven2_left", 10, 0, faults=False, model=simulated)
     logs: dict[type[Any], CalibrationLog] = {
@@ -119,7 +118,6 @@ def models(folder: Path, only: str = "") -> Iterator[Model]:
 
 def stopped(log: CalibrationLog) -> CalibrationLog:
     """Return a log whose last joint ends at a stop, so that its models hold one."""
-    assert log.external_jp is not None
     truth = np.array(log.external_jp)
     truth[:, -1] = np.minimum(truth[:, -1], STOP)
     return replace(log, external_jp=truth)

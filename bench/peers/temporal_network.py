@@ -78,8 +78,7 @@ class TemporalNetwork:
     def predict(self, X: FloatArray) -> FloatArray:
         """Return targets `(n, m)`."""
         signals = (X.reshape(len(X), PAST, -1) - self._centre) / self._spread
-        found: FloatArray = self._mean + self._scale * _forward(self._parameters, signals)[-1]
-        return found
+        return self._mean + self._scale * _forward(self._parameters, signals)[-1]
 
 
 def _forward(p: list[FloatArray], signals: FloatArray) -> list[FloatArray]:

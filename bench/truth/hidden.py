@@ -109,8 +109,7 @@ def rigidly(points: Array, onto: Array) -> Array:
     a, b = points.mean(axis=0), onto.mean(axis=0)
     U, _, Vt = np.linalg.svd((points - a).T @ (onto - b))
     turn = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
-    moved: Array = (points - a) @ turn + b
-    return moved
+    return (points - a) @ turn + b
 
 
 def with_column(values: Array, j: int, new: Array) -> Array:

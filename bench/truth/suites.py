@@ -58,8 +58,8 @@ def _null(seed: int) -> Spec:
     rng = _chance(seed, "null")
     return Spec(
         "null",
-        signals=str(rng.choice(["joints", "joints", "tracker", "bare"])),  # type: ignore[arg-type]
-        motion=str(rng.choice(["separating", "separating", "zigzag"])),  # type: ignore[arg-type]
+        signals=str(rng.choice(["joints", "joints", "tracker", "bare"])),
+        motion=str(rng.choice(["separating", "separating", "zigzag"])),
         sessions=int(rng.choice([1, 1, 2])),
     )
 
@@ -75,14 +75,14 @@ def _one(seed: int) -> Spec:
     name = names[seed % len(names)]
     ratio = RATIOS[seed // len(names) % len(RATIOS)]
     sessions = 2 if name == "homing_offset" or rng.random() < 0.25 else 1
-    return Spec("one", (name,), ratio, _sensors(name, rng), sessions=sessions)  # type: ignore[arg-type]
+    return Spec("one", (name,), ratio, _sensors(name, rng), sessions=sessions)
 
 
 def _zigzag(seed: int) -> Spec:
     rng = _chance(seed, "zigzag")
     signals = "joints" if rng.random() < 0.8 else "tracker"
     ratio = RATIOS[int(rng.integers(2))]
-    return Spec("zigzag", (ZIGZAG[seed % len(ZIGZAG)],), ratio, signals, motion="zigzag")  # type: ignore[arg-type]
+    return Spec("zigzag", (ZIGZAG[seed % len(ZIGZAG)],), ratio, signals, motion="zigzag")
 
 
 def _several(suite: str, number: int) -> Callable[[int], Spec]:
@@ -98,7 +98,7 @@ def _outside(seed: int) -> Spec:
     rng = _chance(seed, "outside")
     names = tuple(OUTSIDE)
     name = names[seed % len(names)]
-    return Spec("outside", (name,), RATIOS[int(rng.integers(2))], _sensors(name, rng))  # type: ignore[arg-type]
+    return Spec("outside", (name,), RATIOS[int(rng.integers(2))], _sensors(name, rng))
 
 
 def _advised(seed: int) -> Spec:

@@ -135,7 +135,6 @@ def _placed(setting: Setting, name: str, rng: np.random.Generator) -> Hidden:
             best, best_miss = hidden, miss
         if miss < np.log(NOISE_FACTOR):
             break
-    assert best is not None
     return best
 
 

@@ -133,8 +133,7 @@ def _link_inertia(arm: Arm, gravity: Array) -> Array:
     mujoco.mj_forward(model, data)
     M = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, M)
-    diagonal: Array = np.diag(M) - arm.motor_inertia
-    return diagonal
+    return np.diag(M) - arm.motor_inertia
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +252,7 @@ def integrate(plant: Plant, reference: Reference, torques: Array) -> Recorded:
         if ticking:
             kept.reported[t], kept.link[t], kept.command[t] = seen, qpos[:k], command
             if bends:
-                kept.bend[t] = data.xmat[payload].reshape(3, 3) @ (plant.bends.T @ qpos[bends])  # type: ignore[union-attr]
+                kept.bend[t] = data.xmat[payload].reshape(3, 3) @ (plant.bends.T @ qpos[bends])
         mujoco.mj_step(model, data, SUBSTEPS)
     return kept
 

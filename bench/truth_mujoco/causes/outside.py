@@ -152,7 +152,7 @@ def _ageing(params: Params, j: int, plant: Plant) -> Plant:
 
         return level
 
-    return _hooked(plant, friction_hook(j, make))  # type: ignore[arg-type]
+    return _hooked(plant, friction_hook(j, make))
 
 
 def _draw_cogging(rng: np.random.Generator, j: int, scene: Scene) -> Params:

@@ -39,7 +39,7 @@ def friction_hook(
 
 
 def _with(plant: Plant, hook: Callable[..., object]) -> Plant:
-    return replace(plant, hooks=(*plant.hooks, hook))  # type: ignore[arg-type]
+    return replace(plant, hooks=(*plant.hooks, hook))
 
 
 def _draw_backlash(rng: np.random.Generator, j: int, scene: Scene) -> Params:
