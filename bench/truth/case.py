@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from truth.alike import side_of
 from truth.facts import labels_of, nominal_tables
 from truth.hidden import Hidden
 from truth.history import Readings
 from truth.kinds import kind_named
 from truth.kinds.kind import Scene
-from truth.kinds.temporal import side_of
 from truth.machine import readings_of, simulate
 from truth.record import recorded
 from truth.reference import Reference
