@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,24 +22,8 @@ class Hidden:
     params: Params
 
 
-class Law(Protocol):
-    """How the numbers of a sort of cause make it larger."""
-
-    @property
-    def grow(self) -> tuple[str, ...]:
-        """Parameters that are multiplied."""
-
-    @property
-    def shrink(self) -> tuple[str, ...]:
-        """Parameters that are divided."""
-
-    @property
-    def power(self) -> Mapping[str, float]:
-        """Power of the factor by which a parameter is multiplied; 1 where it does not say."""
-
-
-def scaled(law: Law, params: Params, factor: float) -> Params:
-    """Return the parameters of a cause `factor` times as large, as far as it grows in proportion."""
+def scaled(law: Any, params: Params, factor: float) -> Params:
+    """Return the parameters of a cause `factor` times as large, as far as the law of its sort lets it grow."""
     changed = dict(params)
     for names, by in ((law.grow, factor), (law.shrink, 1.0 / factor)):
         for name in names:
@@ -77,7 +61,7 @@ class Growth:
         return replace(hidden, params=params)
 
     def grown(
-        self, law: Law, hidden: Hidden, target: float, measure: Callable[[Hidden], float], start: float = 1.0
+        self, law: Any, hidden: Hidden, target: float, measure: Callable[[Hidden], float], start: float = 1.0
     ) -> tuple[Hidden, float]:
         """Return the cause scaled until its measured ratio is near the target, as physics lets it; and its ratio.
 
