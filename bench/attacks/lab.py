@@ -13,6 +13,7 @@ from pathlib import Path
 from service_bench import free_endpoint
 
 from attacks.programs import Program
+from gpcorrect.errors import GpCorrectError
 
 
 @dataclass(frozen=True)
@@ -142,6 +143,15 @@ class Lab:
         end = free_endpoint()
         with self.program("sim", "serve", "--endpoint", end, "--ready", *words, ready="Ctrl-C") as process:
             yield end, process.pid
+
+
+def refuses(call: Callable[[], object], kind: type[GpCorrectError] = GpCorrectError) -> bool:
+    """Whether a call raises an error of this kind."""
+    try:
+        call()
+    except kind:
+        return True
+    return False
 
 
 def fitted(path: Path, reaches: int) -> Path:

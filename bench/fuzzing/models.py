@@ -6,7 +6,6 @@ as only this project's code makes them; a third are to the bytes of the file.
 
 from __future__ import annotations
 
-import io
 import json
 import re
 import sys
@@ -21,7 +20,7 @@ from typing import Any
 import numpy as np
 from support import ROOT
 
-from fuzzing.mutations import BYTES
+from fuzzing.mutations import BYTES, archive, places
 from fuzzing.trial import FAULTS, Trial, tried
 from gpcorrect.calibration import (
     LEARNERS,
@@ -295,7 +294,7 @@ def change_array(rng: np.random.Generator, arrays: dict[str, Any]) -> None:
 
 def change_tree(rng: np.random.Generator, tree: Any) -> None:
     """Change a place of a JSON tree: another value, a place gone, a number scaled, a list longer, a level more."""
-    spots = list(_places(tree))
+    spots = list(places(tree))
     if not spots:
         return
     node, key = spots[rng.integers(len(spots))]
@@ -312,18 +311,3 @@ def change_tree(rng: np.random.Generator, tree: Any) -> None:
         node[f"{key}_"] = old
     else:
         node[key] = deepcopy(VALUES[rng.integers(len(VALUES))])
-
-
-def _places(node: Any) -> Iterator[tuple[Any, Any]]:
-    keys = list(node) if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ()
-    for key in keys:
-        yield node, key
-        yield from _places(node[key])
-
-
-def archive(header: Any, arrays: Any) -> bytes:
-    """Write the bytes of a model file."""
-    out = io.BytesIO()
-    contents = {"header": np.frombuffer(json.dumps(header, sort_keys=True).encode(), dtype=np.uint8)}
-    np.savez(out, **contents, **{name: np.asarray(value) for name, value in arrays.items()})
-    return out.getvalue()
