@@ -29,12 +29,9 @@ class Library:
 
     Parameters
     ----------
-    residual : (n,) array
-        Measured minus simulated.
-    columns : (n, p) array
-        Signatures, each of unit root mean square.
-    places : tuple of (name, joint)
-        What each column is.
+    residual : (n,) array, measured minus simulated
+    columns : (n, p) array, signatures, each of unit root mean square
+    places : tuple of (name, joint), what each column is
     """
 
     residual: Array

@@ -21,16 +21,11 @@ class TemporalNetwork:
 
     Parameters
     ----------
-    channels : int
-        Units of a layer.
-    epochs, patience : int
-        Most passes over the data, and those without a better one after which it stops.
-    batch : int
-        Samples a step.
-    rate : float
-        Of Adam.
-    seed : int
-        Of the first weights and of the order of samples.
+    channels : int, units of a layer
+    epochs, patience : int, most passes over the data, and those without a better one after which it stops
+    batch : int, samples a step
+    rate : float, of Adam
+    seed : int, of the first weights and of the order of samples
     """
 
     def __init__(

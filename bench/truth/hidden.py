@@ -38,14 +38,10 @@ class Growth:
 
     Parameters
     ----------
-    close : float
-        Relative error of the ratio at which the search ends; the noise's level takes up the rest.
-    tries : int
-        Simulations at the most.
-    stride : float
-        Longest step, in the logarithm of the factor.
-    physical : mapping
-        Lowest and highest value of a cause's parameters.
+    close : float, relative error of the ratio at which the search ends; the noise's level takes up the rest
+    tries : int, simulations at the most
+    stride : float, longest step, in the logarithm of the factor
+    physical : mapping, lowest and highest value of a cause's parameters
     """
 
     close: float

@@ -18,11 +18,9 @@ class Links:
 
     Parameters
     ----------
-    mass : (k,) array
-        kg, of links 1 to k; further links weigh nothing.
+    mass : (k,) array, kg, of links 1 to k; further links weigh nothing
     com : (k, 3) array, centres of mass, m
-    inertia_diagonal : (k, 3) array
-        Moments about the centre of mass, along the link frame's axes, kg m^2.
+    inertia_diagonal : (k, 3) array, moments about the centre of mass, along the link frame's axes, kg m^2
     payload : (N,) array, point mass at the tip in each run, kg
     inertia_products : (k, 3) array or None
         Entries xy, xz and yz of the same inertia matrix; None where the link frame's axes are principal.
@@ -60,10 +58,8 @@ class Body:
     ----------
     joints : tuple of int, numbers of the moving joints, from 1
     types : str, "R" or "P" for each moving joint
-    chain : Chain or None
-        The whole arm's kinematics; None for bare joints, which weigh nothing.
-    held : (dof - k,) array
-        Values of the other joints in the order of their numbers, rad or m.
+    chain : Chain or None, the whole arm's kinematics; None for bare joints, which weigh nothing
+    held : (dof - k,) array, values of the other joints in the order of their numbers, rad or m
     links : Links
     gravity : (3,) array, m/s^2, base frame
     springs : (2, k) array or None

@@ -33,12 +33,9 @@ def in_parts(length: int, steps: int, work: Callable[[int, int], None]) -> None:
 
     Parameters
     ----------
-    length : int
-        Of the range; its items must not depend on each other.
-    steps : int
-        Inner steps of the whole work.
-    work : callable
-        Compiled without the interpreter's lock; writes its results in place.
+    length : int, of the range; its items must not depend on each other
+    steps : int, inner steps of the whole work
+    work : callable, compiled without the interpreter's lock; writes its results in place
     """
     parts = min(thread_count(), length, max(1, steps // WORTH_A_THREAD))
     if parts <= 1:
@@ -61,8 +58,7 @@ class Posture:
     tables : Tables
     payload : (m,) array, kg, for each posture
     values : (m, dof) array
-    shape : tuple of int
-        Of the moving joints' array `(..., k)`, whose leading axes are m postures.
+    shape : tuple of int, of the moving joints' array `(..., k)`, whose leading axes are m postures
     springs : (m, k) array or None
         Torques or forces that hold the joints against their springs, which count as gravity's do.
     """

@@ -40,12 +40,9 @@ def joint_motion_log(
     model : Model
     trajectories : int, how many, over all sessions
     seconds : float, length of each
-    seed : int
-        Of targets, homings, noise and faults.
-    sessions : int
-        The arm is homed anew between sessions.
-    payloads : sequence of float
-        Payloads at the tip, kg, taken in turn; the model's own when empty.
+    seed : int, of targets, homings, noise and faults
+    sessions : int, the arm is homed anew between sessions
+    payloads : sequence of float, payloads at the tip, kg, taken in turn; the model's own when empty
 
     Raises
     ------
@@ -83,10 +80,8 @@ def joint_motion_plan(
     seconds : float, length of each
     rate_hz : float, samples a second
     rng : numpy.random.Generator
-    sessions : int
-        The trajectories are divided evenly among them.
-    payloads : sequence of float
-        kg at the tip, taken in turn; the model's own when empty.
+    sessions : int, the trajectories are divided evenly among them
+    payloads : sequence of float, kg at the tip, taken in turn; the model's own when empty
     """
     segments: list[Segment] = []
     for session, numbers in enumerate(np.array_split(np.arange(trajectories), sessions)):

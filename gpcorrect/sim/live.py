@@ -32,13 +32,10 @@ class Moment:
 
     Parameters
     ----------
-    machine, body : Machine, body
-        The machine, and its body as it really is.
-    motion : Motion
-        The motors, and what they carry: one sample of one run.
+    machine, body : Machine and Body, the machine, and its body as it really is
+    motion : Motion, the motors, and what they carry: one sample of one run
     torque : (1, 1, dof) array, commanded by the controllers, joint units
-    q : (1, 1, dof) array
-        True joints, when outside sensors see them.
+    q : (1, 1, dof) array, true joints, when outside sensors see them
     """
 
     machine: Machine
@@ -68,8 +65,7 @@ class LiveArm:
 
     Parameters
     ----------
-    machine : Machine
-        Arm, drives and effects; noise and faults of its sensors are not used here.
+    machine : Machine, arm, drives and effects; noise and faults of its sensors are not used here
     q : (dof,) array, where it starts, rad or m
     start : float, seconds since the session began
     block : int

@@ -59,8 +59,7 @@ class LiveRobot:
     ----------
     machine : Machine, arm, drives, effects and sensors
     rng : numpy.random.Generator, of the sensors' noise
-    block : int
-        Servo steps between two looks at where the arm is; see :class:`~gpcorrect.sim.live.LiveArm`.
+    block : int, servo steps between two looks at where the arm is; see :class:`~gpcorrect.sim.live.LiveArm`
     """
 
     def __init__(self, machine: Machine, rng: np.random.Generator, *, block: int = 5) -> None:
@@ -113,8 +112,7 @@ class LiveRobot:
 
         Parameters
         ----------
-        tracked : bool
-            Whether the tracker is asked, which takes longest.
+        tracked : bool, whether the tracker is asked, which takes longest
         """
         here = self._live.moment
         seen = self._sensors.read(here.motion, here.torque, here.q, here.tip if tracked else None)
@@ -255,8 +253,7 @@ class LiveRobot:
 
         Parameters
         ----------
-        seconds : float
-            Rounded to whole servo steps, at least one.
+        seconds : float, rounded to whole servo steps, at least one
         """
         steps = max(1, round(seconds / self._live.step))
         desired = np.repeat(self._setpoint[None], steps, axis=0)

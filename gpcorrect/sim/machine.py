@@ -25,15 +25,12 @@ class Machine:
     body : Body, nominal geometry and masses
     drive : Drive
     log_rate_hz : float
-    effects : tuple of Effect
-        Where it differs from the nominal machine; put in the order in which they act.
+    effects : tuple of Effect, where it differs from the nominal machine; put in the order in which they act
     noise : Noise
-    faults : TrackerFaults
-        What goes wrong with the tracker now and then.
+    faults : TrackerFaults, what goes wrong with the tracker now and then
     T_tracker_base, T_tip_marker : (4, 4) arrays
         Base in the tracker's frame, and tracked marker in the tip frame.
-    description : Arm or None
-        The arm's own numbers: limits, rest position, speeds; None for bare joints.
+    description : Arm or None, the arm's own numbers: limits, rest position, speeds; None for bare joints
     """
 
     arm: str

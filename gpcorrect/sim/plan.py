@@ -21,12 +21,10 @@ class Segment:
     Parameters
     ----------
     q : (n, dof) array, desired joint path at the log's rate, rad or m
-    trajectory : (n,) int array
-        Trajectory number of each sample, -1 where nothing is recorded.
+    trajectory : (n,) int array, trajectory number of each sample, -1 where nothing is recorded
     session : int, index of the session, from 0
     start : float, seconds since the session began
-    payload : float or None
-        kg at the tip; None is the model's own.
+    payload : float or None, kg at the tip; None is the model's own
     """
 
     q: FloatArray
@@ -44,13 +42,10 @@ class Plan:
     ----------
     rate_hz : float, of the samples
     q : (n, N, dof) array, desired joint paths, rad or m
-    trajectory : (n, N) int array
-        Trajectory numbers, -1 where nothing is recorded.
+    trajectory : (n, N) int array, trajectory numbers, -1 where nothing is recorded
     session : (N,) int array, index of the session of each run, from 0
-    start : (N,) array
-        Session time at which each run begins, s.
-    payload : (N,) array
-        kg at the tip; NaN is the model's own.
+    start : (N,) array, session time at which each run begins, s
+    payload : (N,) array, kg at the tip; NaN is the model's own
     """
 
     rate_hz: float

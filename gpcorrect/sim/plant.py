@@ -33,13 +33,10 @@ class Outcome:
 
     Parameters
     ----------
-    motion : Motion
-        The motors, and what they carried.
+    motion : Motion, the motors, and what they carried
     torque : (n, N, dof) array, commanded by the controllers, joint units
-    q : (n, N, dof) array
-        True joint path, when outside sensors see it.
-    T_base_tip : (n, N, 4, 4) array or None
-        True tool poses; None for bare joints.
+    q : (n, N, dof) array, true joint path, when outside sensors see it
+    T_base_tip : (n, N, 4, 4) array or None, true tool poses; None for bare joints
     """
 
     motion: Motion
@@ -55,8 +52,7 @@ class Driven:
     Parameters
     ----------
     motion : Motion
-    torque, q : (n, N, dof) arrays
-        Commanded torque; joint path behind every mechanical effect.
+    torque, q : (n, N, dof) arrays, commanded torque; joint path behind every mechanical effect
     """
 
     motion: Motion
@@ -87,10 +83,8 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
     Parameters
     ----------
     machine : Machine
-    command : Command
-        Made once for this arm, drive and plan; the effects may be others each time.
-    passes : int, optional
-        As for :func:`run`.
+    command : Command, made once for this arm, drive and plan; the effects may be others each time
+    passes : int, optional, as for :func:`run`
     """
     plan, clock = command.plan, command.clock
     body, drive = machine.actual_body(machine.payload(plan)), machine.actual_drive
@@ -131,8 +125,7 @@ def joint_path(effects: Sequence[Effect], motion: Motion) -> FloatArray:
 
     Parameters
     ----------
-    effects : sequence of Effect
-        In the order in which they act.
+    effects : sequence of Effect, in the order in which they act
     motion : Motion
     """
     return _through(effects, motion.position, motion)
@@ -143,10 +136,8 @@ def tip_path(effects: Sequence[Effect], T_base_tip: FloatArray | None, motion: M
 
     Parameters
     ----------
-    effects : sequence of Effect
-        In the order in which they act.
-    T_base_tip : (n, N, 4, 4) array or None
-        Poses of the kinematics.
+    effects : sequence of Effect, in the order in which they act
+    T_base_tip : (n, N, 4, 4) array or None, poses of the kinematics
     motion : Motion
     """
     if T_base_tip is None:
@@ -187,16 +178,13 @@ class Command:
     Parameters
     ----------
     plan : Plan
-    body, drive : Body, drive
-        As the controller knows them.
+    body, drive : Body and Drive, as the controller knows them
     clock : Clock
     desired : JointPath, desired motion at the log's samples
     position, velocity : (N, m, dof) arrays, the same at the loop's m steps
     nominal_load : LinkLoad, of the nominal arm along the desired path
-    feedforward : (n, N, dof) array
-        Torque that the controller adds, at the log's samples.
-    mass : (dof,) array
-        Mean inertia of the nominal links at each joint.
+    feedforward : (n, N, dof) array, torque that the controller adds, at the log's samples
+    mass : (dof,) array, mean inertia of the nominal links at each joint
     """
 
     plan: Plan
@@ -216,8 +204,7 @@ class Command:
 
         Parameters
         ----------
-        machine : Machine
-            Arm and drive; its effects do not count.
+        machine : Machine, arm and drive; its effects do not count
         plan : Plan
         """
         clock, spline = Clock.of(machine.drive.rate_hz, plan.rate_hz), plan.spline()

@@ -53,14 +53,10 @@ def debridement_log(
     Parameters
     ----------
     seed : int, of fragments, noise and faults
-    reaches : int
-        How many; the study had 303.
-    faults : bool
-        Whether the tracker fails now and then.
-    position_only : bool
-        Leave the tracker's orientations out.
-    model : Model, optional
-        Another machine than the packaged `raven2_debridement`; all six joints of an arm.
+    reaches : int, how many; the study had 303
+    faults : bool, whether the tracker fails now and then
+    position_only : bool, leave the tracker's orientations out
+    model : Model, optional, another machine than the packaged `raven2_debridement`; all six joints of an arm
     """
     machine = machine_of(preset(DEBRIDEMENT_PRESET) if model is None else model)
     if not faults:
@@ -105,21 +101,15 @@ def random_reaches_log(
 
     Parameters
     ----------
-    arm : str
-        "raven2_left", "raven2_right" or "dvrk_psm"; the packaged model of that name is used.
-    n_trajectories : int
-        Reaches, one trajectory each, over all sessions.
+    arm : str, "raven2_left", "raven2_right" or "dvrk_psm"; the packaged model of that name is used
+    n_trajectories : int, reaches, one trajectory each, over all sessions
     seed : int, of targets, homings, noise and faults
-    sessions : int
-        The arm is homed anew between sessions, which shifts its joints' zeros.
+    sessions : int, the arm is homed anew between sessions, which shifts its joints' zeros
     payloads : sequence of float
         Payloads at the tip, kg, taken in turn by runs of ten reaches; the model's own when empty.
-    position_only : bool
-        Leave the tracker's orientations out.
-    faults : bool
-        Whether the tracker fails now and then.
-    model : Model, optional
-        Another machine, of all six joints of an arm; `arm` is then not used.
+    position_only : bool, leave the tracker's orientations out
+    faults : bool, whether the tracker fails now and then
+    model : Model, optional, another machine, of all six joints of an arm; `arm` is then not used
 
     Returns
     -------

@@ -26,12 +26,9 @@ class Pace:
 
     Parameters
     ----------
-    speed, acceleration : float
-        Cruising speed and acceleration along the path, m/s and m/s^2.
-    turn_rate : float
-        Largest turning rate of the tool, rad/s: a reach that turns far goes slower.
-    law : "trapezoid" or "minimum-jerk"
-        Constant speed between ramps, or bell-shaped with the speed as its mean.
+    speed, acceleration : float, cruising speed and acceleration along the path, m/s and m/s^2
+    turn_rate : float, largest turning rate of the tool, rad/s: a reach that turns far goes slower
+    law : "trapezoid" or "minimum-jerk", constant speed between ramps, or bell-shaped with the speed as its mean
     pause : float, rest after each reach, s
     """
 

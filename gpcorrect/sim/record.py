@@ -42,10 +42,8 @@ def corrupted(
 
     Returns
     -------
-    poses : (n, 4, 4) array
-        A missing sample is NaN.
-    code : (n,) int array
-        :class:`Fault` of each sample; a sample fails in one way only, the first of the list.
+    poses : (n, 4, 4) array, a missing sample is NaN
+    code : (n,) int array, :class:`Fault` of each sample; a sample fails in one way only, the first of the list
     """
     poses, code = np.array(T), np.zeros(len(T), dtype=np.int64)
     for fault, events in _events(len(T), rate_hz, faults, rng):
@@ -124,12 +122,9 @@ def simulate(machine: Machine, plan: Plan, seed: int = 0, *, position_only: bool
     Parameters
     ----------
     machine : Machine
-    plan : Plan
-        Desired paths; only their recorded samples become rows.
-    seed : int
-        Of noise and faults; the same seed gives the same log.
-    position_only : bool
-        Leave the tracker's orientations out.
+    plan : Plan, desired paths; only their recorded samples become rows
+    seed : int, of noise and faults; the same seed gives the same log
+    position_only : bool, leave the tracker's orientations out
     """
     rng = np.random.default_rng(seed)
     outcome = run(machine, plan)

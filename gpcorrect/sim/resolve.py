@@ -33,8 +33,7 @@ def robot_of(model: Model) -> Robot | None:
 
     Parameters
     ----------
-    model : Model
-        As read from a file.
+    model : Model, as read from a file
     """
     return None if model.robot is None else read_robot(model.robot, tool=model.tool, base=model.base)
 
@@ -44,8 +43,7 @@ def arm_of(model: Model) -> Arm | None:
 
     Parameters
     ----------
-    model : Model
-        As read from a file, or packaged.
+    model : Model, as read from a file, or packaged
 
     Raises
     ------
@@ -63,8 +61,7 @@ def has_controller(model: Model) -> bool:
 
     Parameters
     ----------
-    model : Model
-        As read from a file, or packaged.
+    model : Model, as read from a file, or packaged
     """
     robot = robot_of(model)
     known = robot is not None and robot.drives.servo[[number - 1 for number in model.joints]].all()
@@ -76,8 +73,7 @@ def machine_of(model: Model) -> Machine:
 
     Parameters
     ----------
-    model : Model
-        As read from a file, or packaged.
+    model : Model, as read from a file, or packaged
 
     Raises
     ------
@@ -115,10 +111,8 @@ def rehomed(model: Model, sessions: int, rng: np.random.Generator) -> Model:
 
     Parameters
     ----------
-    model : Model
-        The machine.
-    sessions : int
-        Homings; one leaves the model as it is.
+    model : Model, the machine
+    sessions : int, homings; one leaves the model as it is
     rng : numpy.random.Generator
     """
     if sessions == 1:

@@ -24,8 +24,7 @@ class SensorNoise:
     ----------
     rng : numpy.random.Generator
     white, slow : (d,) arrays or float, standard deviations of the two parts
-    phi : float
-        Correlation of the slow part from one log sample to the next.
+    phi : float, correlation of the slow part from one log sample to the next
     rate_hz : float, log samples a second
     """
 
@@ -81,8 +80,7 @@ class Sensors:
         Parameters
         ----------
         motion : Motion, A stretch of n samples of N runs
-        torque, q : (n, N, dof) arrays
-            Commanded torque, and true joints when outside sensors see them.
+        torque, q : (n, N, dof) arrays, commanded torque, and true joints when outside sensors see them
         T_base_tip : (n, N, 4, 4) array or None
             True tool poses; None for bare joints, and where the tracker is not asked.
         """

@@ -57,10 +57,8 @@ class Reference:
         Desired motor motion at each of the loop's m steps, joint units; runs first, as the loop reads them.
     feedforward : (n, N, dof) array
         Torque added to the controller's, at the log's samples; linear between them, as the two loads are.
-    load : (n, N, dof) array
-        Torque that the links ask of the motor, beyond `inertia` times its acceleration.
-    inertia : (dof,) array
-        Motor and mean link inertia that the loop accelerates, kg m^2 or kg.
+    load : (n, N, dof) array, torque that the links ask of the motor, beyond `inertia` times its acceleration
+    inertia : (dof,) array, motor and mean link inertia that the loop accelerates, kg m^2 or kg
     carried : (n, N, dof) array or None
         Torque that the links ask of the joint altogether, on which friction may depend; `load` when None.
     """
@@ -93,8 +91,7 @@ class Loop:
     ----------
     drive : Drive
     joints : tuple of int, joint numbers of the columns
-    effects : sequence of Effect
-        Of the machine; those that act in the loop are used.
+    effects : sequence of Effect, of the machine; those that act in the loop are used
     """
 
     def __init__(self, drive: Drive, joints: tuple[int, ...], effects: Sequence[Effect]) -> None:
@@ -118,10 +115,8 @@ class Loop:
 
         Parameters
         ----------
-        inertia : (dof,) array
-            Of motor and links, kg m^2 or kg.
-        step : float
-            s.
+        inertia : (dof,) array, of motor and links, kg m^2 or kg
+        step : float, s
 
         Raises
         ------
@@ -145,12 +140,9 @@ class Loop:
 
         Parameters
         ----------
-        reference : Reference
-            Of N runs.
-        clock : Clock
-            Of the loop.
-        position, velocity : (N, dof) arrays
-            State of the motors, which is moved on in place.
+        reference : Reference, of N runs
+        clock : Clock, of the loop
+        position, velocity : (N, dof) arrays, state of the motors, which is moved on in place
         """
         given, laws = _given(self._drive, reference, clock), self._laws
         samples = np.empty((4, *given.load.shape))
@@ -170,8 +162,7 @@ def follow(
     Parameters
     ----------
     drive : Drive
-    reference, clock : Reference, clock
-        What the loop is given, and its steps.
+    reference, clock : Reference, clock, what the loop is given, and its steps
     joints : tuple of int, joint numbers of the columns
     effects : sequence of Effect
 

@@ -64,14 +64,10 @@ class Claim:
     of, against : str
         Places of the number, and of what it is divided by, in the figures (:func:`number_at`). A ratio claims an
         order too: below 1, the first is less.
-    better : Better
-        Which numbers are at least as good.
-    printed : float, optional
-        The number itself, where the printed tables do not have it.
-    missing : str
-        Why `reproduce` does not measure it; empty where it does.
-    tried : sequence of str
-        Ablations that are tried where it is not reproduced: names in the table `ablations`.
+    better : Better, which numbers are at least as good
+    printed : float, optional, the number itself, where the printed tables do not have it
+    missing : str, why `reproduce` does not measure it; empty where it does
+    tried : sequence of str, ablations that are tried where it is not reproduced: names in the table `ablations`
     """
 
     says: str
@@ -124,14 +120,11 @@ class Ablated:
 
     Parameters
     ----------
-    name : str
-        Of the ablation.
-    without : str
-        What was taken away: words that begin with "without" or "with".
+    name : str, of the ablation
+    without : str, what was taken away: words that begin with "without" or "with"
     ours : float
     verdict : Verdict
-    outcome : str
-        "comes back", "its order comes back" or "stays so".
+    outcome : str, "comes back", "its order comes back" or "stays so"
     """
 
     name: str
@@ -227,14 +220,10 @@ class ClaimTable:
     Parameters
     ----------
     claims : sequence of Claim
-    printed : mapping
-        Printed numbers, under the names that the figures of a run have.
-    setup : mapping
-        Printed numbers of the set-up: no claims.
-    caveat : str
-        What to bear in mind with all of them.
-    ablations : mapping
-        What each ablation takes away, by its name.
+    printed : mapping, printed numbers, under the names that the figures of a run have
+    setup : mapping, printed numbers of the set-up: no claims
+    caveat : str, what to bear in mind with all of them
+    ablations : mapping, what each ablation takes away, by its name
     """
 
     claims: Sequence[Claim]
@@ -261,10 +250,8 @@ class ClaimTable:
 
         Parameters
         ----------
-        figures : mapping
-            As in `reproduce.json`; those of the ablations by name under `ablations`.
-        settings : CompareSettings, optional
-            What counts as the printed number.
+        figures : mapping, as in `reproduce.json`; those of the ablations by name under `ablations`
+        settings : CompareSettings, optional, what counts as the printed number
         """
         settings, done = settings or CompareSettings(), figures.get("ablations", {})
         rows = []

@@ -31,8 +31,7 @@ def write_study_page(
     result : StudyResult
     verdict : str
         Its own first sentences; of a run of less than the whole study, the page says so before anything else.
-    facts, sections : sequences
-        What else the page shows.
+    facts, sections : sequences, what else the page shows
     path : Path
 
     Raises
@@ -93,8 +92,7 @@ def setup_section(printed: Mapping[str, float], here: Mapping[str, float]) -> Se
 
     Parameters
     ----------
-    printed, here : mapping
-        Numbers by name; those that a run does not have are left empty.
+    printed, here : mapping, numbers by name; those that a run does not have are left empty
     """
     rows = [
         [name.replace("_", " "), number(value), number(here[name]) if name in here else "-"]

@@ -27,12 +27,9 @@ class Scene:
 
     Parameters
     ----------
-    history : History
-        Motion of the machine without hidden effects.
-    noise : (3,) array
-        RMS of the noise on the outside joint sensors, rad or m.
-    sessions : int
-        How many.
+    history : History, motion of the machine without hidden effects
+    noise : (3,) array, RMS of the noise on the outside joint sensors, rad or m
+    sessions : int, how many
     """
 
     history: History
@@ -93,26 +90,19 @@ class Cause:
 
     Parameters
     ----------
-    draw : callable
-        `(rng, column, scene) -> params` of about the size of the noise.
-    where : "joint", "all", "tool" or "base"
-        What the label's `joint` says.
-    grow, shrink : tuples of str
-        Parameters that are multiplied, or divided, to make the effect larger.
-    power : mapping of str to float
-        How a parameter is multiplied: by the factor to this power.
+    draw : callable, `(rng, column, scene) -> params` of about the size of the noise
+    where : "joint", "all", "tool" or "base", what the label's `joint` says
+    grow, shrink : tuples of str, parameters that are multiplied, or divided, to make the effect larger
+    power : mapping of str to float, how a parameter is multiplied: by the factor to this power
     path : callable or None
         `(params, column, run, q) -> error`: reported minus true joint path `(n, k)`, given the path so far.
     tip : callable or None
         `(params, column, run, T) -> T`: acts on tool poses; of the NumPy truth, q comes before T.
-    read : callable or None
-        `(params, column, run, readings) -> readings`.
+    read : callable or None, `(params, column, run, readings) -> readings`
     tracker_only, bare : bool
         Seen by the tracker alone; leaves its trace also where only joints are logged and nothing is known of loads.
-    peaks : bool
-        Acts only where the command is greatest, or the joint farthest out.
-    channel : str
-        Signal in which its size is measured.
+    peaks : bool, acts only where the command is greatest, or the joint farthest out
+    channel : str, signal in which its size is measured
     """
 
     draw: Draw
@@ -135,10 +125,8 @@ class Kind(Cause):
 
     Parameters
     ----------
-    loop : callable or None
-        `(params, column, loop, body) -> (loop, body)`.
-    force : callable or None
-        `(params, column, history) -> (n, 3)` torque from outside the machine.
+    loop : callable or None, `(params, column, loop, body) -> (loop, body)`
+    force : callable or None, `(params, column, history) -> (n, 3)` torque from outside the machine
     """
 
     loop: Callable[[Params, int, Loop, Body], tuple[Loop, Body]] | None = None

@@ -82,10 +82,8 @@ class Cause(SharedCause):
 
     Parameters
     ----------
-    build : callable or None
-        `(params, column, plant) -> plant`: acts in MuJoCo's model or its controller.
-    feedforward : str
-        Of the controller, where the cause needs one of a sort; empty takes any.
+    build : callable or None, `(params, column, plant) -> plant`: acts in MuJoCo's model or its controller
+    feedforward : str, of the controller, where the cause needs one of a sort; empty takes any
     """
 
     build: Callable[[Params, int, Plant], Plant] | None = None

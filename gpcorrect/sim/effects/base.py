@@ -234,8 +234,7 @@ class PathEffect(Effect):
         ----------
         q : (n, N, dof) array, path before the effect, rad or m
         motion : Motion
-        memory : dict
-            Empty at the start of a motion.
+        memory : dict, empty at the start of a motion
         """
 
     def act(self, q: FloatArray, motion: Motion) -> FloatArray:
@@ -302,8 +301,7 @@ class ReadingEffect(Effect):
         readings : Readings
         motion : Motion
         rng : numpy.random.Generator
-        memory : dict
-            Empty at the start of a recording.
+        memory : dict, empty at the start of a recording
         """
 
     def operator(self, rng: np.random.Generator) -> ReadingOperator:

@@ -42,8 +42,7 @@ def effect_from_dict(values: Mapping[str, Any]) -> Effect:
 
     Parameters
     ----------
-    values : mapping
-        `name`, `joint` and the effect's own fields.
+    values : mapping, `name`, `joint` and the effect's own fields
 
     Raises
     ------
@@ -80,8 +79,7 @@ def of_kind(effects: Iterable[Effect], kind: Callable[..., E]) -> tuple[E, ...]:
     Parameters
     ----------
     effects : iterable of Effect
-    kind : type of Effect
-        Typed as a callable because mypy takes no abstract class for a `type[E]`.
+    kind : type of Effect, typed as a callable because mypy takes no abstract class for a `type[E]`
     """
     assert isinstance(kind, type)
     found: list[Any] = [e for e in effects if isinstance(e, kind)]
@@ -96,12 +94,9 @@ class Scope:
     ----------
     joints : tuple of int, joint numbers
     types : str, "R" or "P" for each
-    ranges : (dof, 2) array
-        Lowest and highest value that each joint takes, rad or m.
-    session_seconds : float
-        Duration of a session.
-    kinematics : bool
-        Whether there is an arm, or bare joints only.
+    ranges : (dof, 2) array, lowest and highest value that each joint takes, rad or m
+    session_seconds : float, duration of a session
+    kinematics : bool, whether there is an arm, or bare joints only
     torques : (dof,) array, optional
         Largest torque that each joint's controller asks for, N m or N; the prior's where it is not known.
     """
@@ -128,17 +123,13 @@ class Candidate:
     Parameters
     ----------
     kind : type of Effect
-    place : mapping
-        Fields that say where: `joint`, and `source`, `side` or `end` where it has them.
-    shape : mapping
-        Values of the parameters that have a ladder.
+    place : mapping, fields that say where: `joint`, and `source`, `side` or `end` where it has them
+    shape : mapping, values of the parameters that have a ladder
     amplitudes : tuple of Parameter
         Parameters with which its trace grows (or with whose inverse, where the identity is infinite); none where the
         shape says all.
-    joint_type : str
-        "R" or "P": which of a parameter's ranges holds.
-    bounds : mapping
-        Of the parameters that this recording bounds more narrowly than their physical range.
+    joint_type : str, "R" or "P": which of a parameter's ranges holds
+    bounds : mapping, of the parameters that this recording bounds more narrowly than their physical range
     """
 
     kind: type[Effect]

@@ -253,15 +253,12 @@ def lateral_force(tip: FloatArray, tip_force: FloatArray | None) -> tuple[FloatA
     Parameters
     ----------
     tip : (n, N, 3) array, tip positions, base frame, m
-    tip_force : (N, 3) array or None
-        Force on the tip in each run, base frame, N; None is none.
+    tip_force : (N, 3) array or None, force on the tip in each run, base frame, N; None is none
 
     Returns
     -------
-    force : (n, N, 3) array
-        N, base frame.
-    length : (n, N, 1) array
-        m.
+    force : (n, N, 3) array, N, base frame
+    length : (n, N, 1) array, m
     """
     length = np.linalg.norm(tip, axis=-1, keepdims=True)
     if tip_force is None:

@@ -24,12 +24,10 @@ class FrictionLaw(NamedTuple):
     Parameters
     ----------
     torque, static : float, kinetic and static limit, N m or N
-    speed : float
-        Over which the one becomes the other, rad/s or m/s; at 0 there is no static limit.
+    speed : float, over which the one becomes the other, rad/s or m/s; at 0 there is no static limit
     swing, waves, phase : float
         Part that varies with position: N m or N, rad of phase per unit of the joint, rad.
-    wrap : float
-        Friction coefficient times wrap angle of a cable under the load.
+    wrap : float, friction coefficient times wrap angle of a cable under the load
     damping : float, N m s/rad or N s/m
     """
 
@@ -50,8 +48,7 @@ class TorqueLaw(NamedTuple):
     ----------
     limit : float, N m or N
     stiffness : float, of the stop, N m/rad or N/m
-    upper, lower : float
-        Joint values beyond which it pushes, rad or m.
+    upper, lower : float, joint values beyond which it pushes, rad or m
     """
 
     limit: float = inf

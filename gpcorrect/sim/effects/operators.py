@@ -120,8 +120,7 @@ def ring(
     ----------
     path : (n, ...) array
     time : array of the path's shape, s; steps may be uneven
-    frequency_hz : float
-        Undamped natural frequency, w / (2 pi), > 0; infinite follows at once.
+    frequency_hz : float, undamped natural frequency, w / (2 pi), > 0; infinite follows at once
     damping_ratio : float, d >= 0
     memory : dict, optional
 
@@ -275,8 +274,7 @@ def shifted(path: FloatArray, time: FloatArray, delay: float) -> FloatArray:
     ----------
     path, time : (n, m) arrays
         Values, and seconds that do not fall. Missing values, and rows that repeat a moment, are left out.
-    delay : float
-        s; negative looks ahead.
+    delay : float, s; negative looks ahead
     """
     output = path.copy()
     for j in range(path.shape[1]):

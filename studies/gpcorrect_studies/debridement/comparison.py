@@ -27,8 +27,7 @@ class Condition:
     ----------
     name : str
     speed : float, m/s
-    outcomes : tuple of Outcome
-        One a set; pictures show the first.
+    outcomes : tuple of Outcome, one a set; pictures show the first
     """
 
     name: str
@@ -99,12 +98,10 @@ def compare(
     ----------
     mission : Mission
     correctors : sequence of Corrects, one an arm, in the order of the stations
-    seed : int
-        Of the camera's noise; the same for every condition.
+    seed : int, of the camera's noise; the same for every condition
     fast, slow : float, speeds of the open loop and with pictures, m/s
     margins, mode, See :class:`OpenLoop`
-    progress : Progress, optional
-        Receives how far each condition is.
+    progress : Progress, optional, receives how far each condition is
 
     Returns
     -------

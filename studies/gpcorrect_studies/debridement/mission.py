@@ -26,16 +26,12 @@ class Fetched:
     fragment : (3,) array, where it lay, tracker frame
     removed : bool
     attempts : int
-    seconds : float
-        From finding it to having dropped it, or given it up.
+    seconds : float, from finding it to having dropped it, or given it up
     clock : float, task time at that end, s
-    misses_mm : tuple of float
-        How far the tool was from the fragment at each closing of the jaws.
+    misses_mm : tuple of float, how far the tool was from the fragment at each closing of the jaws
     looks : int, pictures of the tool
-    replanned : int
-        Grasps that were left because their correction was not sure enough.
-    careful : bool
-        Whether the arm went by pictures for want of a sure correction.
+    replanned : int, grasps that were left because their correction was not sure enough
+    careful : bool, whether the arm went by pictures for want of a sure correction
     """
 
     arm: str
@@ -59,8 +55,7 @@ class ArmRecord:
     name : str
     trace : (n, 4) array, task time (s) and true tool position (m, tracker frame)
     seconds : float, when the arm was done
-    waited : float
-        Seconds of it in which the other arm had the middle.
+    waited : float, seconds of it in which the other arm had the middle
     """
 
     name: str
@@ -121,10 +116,8 @@ class Mission:
     fragments : (n, 3) array, tracker frame
     gripper : Gripper
     times : Times
-    attempts : int
-        Most grasps at one fragment before it is given up.
-    sight : float
-        Standard deviation of a fragment's place as the camera finds it, along each axis, m.
+    attempts : int, most grasps at one fragment before it is given up
+    sight : float, standard deviation of a fragment's place as the camera finds it, along each axis, m
     start : float, session time at which it begins, s
     """
 
@@ -161,10 +154,8 @@ def debride(
     mission : Mission
     strategies : sequence of Strategy, one an arm, in the order of the stations
     rng : numpy.random.Generator, of the camera's noise
-    progress : Progress, optional
-        Receives a step after each fragment.
-    stage : str
-        Name of the work for `progress`.
+    progress : Progress, optional, receives a step after each fragment
+    stage : str, name of the work for `progress`
     """
     workers = [
         _Worker(mission, station, strategy, child)

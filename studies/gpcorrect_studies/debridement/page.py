@@ -25,8 +25,7 @@ def write_debride_page(scene: Scene, conditions: Sequence[Condition], facts: dic
     Parameters
     ----------
     scene, conditions
-    facts : mapping
-        As `gpcorrect debride --json` prints them.
+    facts : mapping, as `gpcorrect debride --json` prints them
     path : Path
     """
     knowing = facts["conditions"][1]
@@ -103,8 +102,7 @@ def seconds_chart(rows: Sequence[Mapping[str, Any]]) -> Chart:
 
     Parameters
     ----------
-    rows : sequence of mapping
-        Of each condition, as :meth:`Condition.to_dict` gives them.
+    rows : sequence of mapping, of each condition, as :meth:`Condition.to_dict` gives them
     """
     done = [row["success_rate"] > 0 for row in rows]
     seconds = [row["seconds_per_fragment"] if ends else 0.0 for row, ends in zip(rows, done, strict=True)]

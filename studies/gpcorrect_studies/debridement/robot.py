@@ -27,8 +27,7 @@ class SimulatedRobot:
     ----------
     station : Station
     rng : numpy.random.Generator, of the tracker's noise
-    start : float
-        Session time at which the task begins, s: the arm has drifted since its recording.
+    start : float, session time at which the task begins, s: the arm has drifted since its recording
     """
 
     def __init__(self, station: Station, rng: np.random.Generator, start: float = 0.0) -> None:

@@ -33,14 +33,10 @@ class Times:
 
     Parameters
     ----------
-    find : float
-        To find a fragment in the camera's picture.
-    settle : float
-        For the arm to come to rest.
-    look : float
-        To take and evaluate a picture of the tool.
-    grasp, release : float
-        To close and to open the jaws.
+    find : float, to find a fragment in the camera's picture
+    settle : float, for the arm to come to rest
+    look : float, to take and evaluate a picture of the tool
+    grasp, release : float, to close and to open the jaws
     """
 
     find: float = 0.5
@@ -58,8 +54,7 @@ class Gripper:
     ----------
     sideways, height : float
         Largest distance between the jaws' middle and the fragment's, along the floor and up, m.
-    turn : float
-        Largest turn away from the planned orientation, rad.
+    turn : float, largest turn away from the planned orientation, rad
     bowl : float, radius of the bowl, m
     """
 
@@ -75,8 +70,7 @@ class Gripper:
         ----------
         T_tool : (4, 4) array, true tool pose
         T_grasp : (4, 4) array, planned one, same frame
-        fragment, up : (3,) arrays
-            Its place (m), and the direction away from the floor, same frame.
+        fragment, up : (3,) arrays, its place (m), and the direction away from the floor, same frame
         """
         miss = T_tool[:3, 3] - fragment
         height = float(miss @ up)
@@ -90,8 +84,7 @@ class Gripper:
         Parameters
         ----------
         T_tool : (4, 4) array, true tool pose
-        bowl, up : (3,) arrays
-            The bowl's centre (m), and the direction away from the floor, same frame.
+        bowl, up : (3,) arrays, the bowl's centre (m), and the direction away from the floor, same frame
         """
         miss = T_tool[:3, 3] - bowl
         return float(np.linalg.norm(miss - (miss @ up) * up)) <= self.bowl
@@ -104,13 +97,10 @@ class Station:
     Parameters
     ----------
     name : str, CRTK name
-    machine : Machine
-        As it really is; its base in the tracker's frame included.
-    T_tracker_base : (4, 4) array
-        Its base as registered by hand: what a planner without correction goes by.
+    machine : Machine, as it really is; its base in the tracker's frame included
+    T_tracker_base : (4, 4) array, its base as registered by hand: what a planner without correction goes by
     R_tool : (3, 3) array, the tool's middle orientation, tracker frame
-    side : float
-        +1 or -1: the arm's side along the box's first axis; 0 for an arm that works alone.
+    side : float, +1 or -1: the arm's side along the box's first axis; 0 for an arm that works alone
     """
 
     name: str

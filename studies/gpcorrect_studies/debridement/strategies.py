@@ -31,8 +31,7 @@ class Approach:
     grasp : Grasp, the one that was chosen
     looks : int, pictures of the tool that were taken
     doubts : tuple of Doubt, why others were not chosen
-    careful : bool
-        Whether no correction was sure enough, so that the arm went by pictures.
+    careful : bool, whether no correction was sure enough, so that the arm went by pictures
     """
 
     grasp: Grasp
@@ -79,12 +78,9 @@ class LookAndMove:
     Parameters
     ----------
     speed : float, m/s
-    leg : float
-        Longest way between two pictures, m; chosen by hand, like the others below.
-    tolerance : float
-        Miss that is good enough where it matters, m.
-    most_looks : int
-        Pictures at one place before the arm stops improving.
+    leg : float, longest way between two pictures, m; chosen by hand, like the others below
+    tolerance : float, miss that is good enough where it matters, m
+    most_looks : int, pictures at one place before the arm stops improving
     times : Times
     """
 
@@ -154,8 +150,7 @@ class OpenLoop:
     ----------
     corrector : Corrects, of this arm
     speed : float, m/s
-    margins : Margins
-        How sure the correction must be at the fragment; otherwise another tilt is planned.
+    margins : Margins, how sure the correction must be at the fragment; otherwise another tilt is planned
     mode : "full" or "endpoints"
     times : Times
     careful : LookAndMove or None

@@ -115,14 +115,11 @@ def closed_loop(
     ----------
     corrector : CommandCorrector, fitted to recordings of this machine
     machine : Machine
-    places : (k + 1, 4, 4) array
-        Desired poses in the tracker frame; the runs start at the first.
+    places : (k + 1, 4, 4) array, desired poses in the tracker frame; the runs start at the first
     repetitions : int
-    begin : float
-        Session time of the recording's end, s: the robot has drifted since.
+    begin : float, session time of the recording's end, s: the robot has drifted since
     rng : numpy.random.Generator, orders of the visits
-    early : float
-        By how many seconds before a path's stop its last corrected command is given, and then held.
+    early : float, by how many seconds before a path's stop its last corrected command is given, and then held
 
     Returns
     -------

@@ -96,11 +96,9 @@ def training_sizes(
 
     Parameters
     ----------
-    experiment : Experiment
-        Gives registration, features, cleaned training and held-out samples.
+    experiment : Experiment, gives registration, features, cleaned training and held-out samples
     fractions : tuple of float, of the training states, 0 to 1
-    settings : FitSettings
-        Seed, also of which states are taken, and number of inducing points.
+    settings : FitSettings, seed, also of which states are taken, and number of inducing points
     progress : Progress
     parts : Parts
 
@@ -157,10 +155,8 @@ def limits(reaches: int, settings: FitSettings, progress: Progress) -> tuple[Lim
 
     Parameters
     ----------
-    reaches : int
-        Reaches of the recording, which has no tracker faults.
-    settings : FitSettings
-        Of all fits; the clock and cleaning are left out.
+    reaches : int, reaches of the recording, which has no tracker faults
+    settings : FitSettings, of all fits; the clock and cleaning are left out
     progress : Progress
 
     Returns

@@ -65,8 +65,7 @@ class Scope:
     places, repetitions : int, of Table II
     sets : int, of fragments, in the debridement task
     fractions : tuple of float, fractions of the training states for Fig. 5
-    settings : FitSettings
-        What all fits have in common; their features are those of the columns.
+    settings : FitSettings, what all fits have in common; their features are those of the columns
     ablations : tuple of str, which are done
     """
 

@@ -52,10 +52,8 @@ class TableOne:
     errors : mapping
         By set ("clean": samples that pass cleaning, "dirty": all), then by method: mean and SD of the absolute error of
         each component, of the position error's length (`position_mm`) and the rotation error's angle (`rotation_deg`).
-    seconds : mapping from method to s
-        Of the whole experiment: cleaning, fit, intervals, measurement.
-    full : Experiment
-        The experiment of the paper's last column, for further figures.
+    seconds : mapping from method to s, of the whole experiment: cleaning, fit, intervals, measurement
+    full : Experiment, the experiment of the paper's last column, for further figures
     """
 
     errors: Mapping[str, Mapping[str, Errors]]
@@ -124,8 +122,7 @@ def columns_of(found: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Er
 
     Parameters
     ----------
-    found : mapping
-        What :func:`fitted_columns` returns, by the name of the fit.
+    found : mapping, what :func:`fitted_columns` returns, by the name of the fit
     """
     return {
         which: {name: found[fit][which][kind] for name, (fit, kind) in MEASURED.items() if fit in found}

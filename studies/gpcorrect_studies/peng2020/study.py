@@ -47,8 +47,7 @@ class Peng2020Scope:
     Parameters
     ----------
     frames : int, of each rendered sequence
-    reaches : int
-        Of the simulated robot; the last fifth is held out, whole.
+    reaches : int, of the simulated robot; the last fifth is held out, whole
     layers : tuple of int, of the network
     epochs : int, of the network
     inducing : int, points of the Gaussian process
@@ -82,8 +81,7 @@ class Peng2020(StudyResult):
         By what is seen (single ball; end effector; the latter with a camera hidden a third of the time): RMS and SD of
         each component of the error and of its length, mm, and rotation, deg.
     cameras_mm : sequence of float, errors of the cameras' positions, mm
-    estimator : mapping
-        By method: errors on held-out reaches, and what they are less than the reported ones.
+    estimator : mapping, by method: errors on held-out reaches, and what they are less than the reported ones
     """
 
     CLAIMS = CLAIMS

@@ -29,8 +29,7 @@ class PengScope:
     Parameters
     ----------
     directions : tuple of str, Zig-zags of Table I
-    sparsities : tuple of int
-        n of the sparsities 1/n of Fig. 5, rising; Table I has the one in the middle.
+    sparsities : tuple of int, n of the sparsities 1/n of Fig. 5, rising; Table I has the one in the middle
     minutes : float, of a test run
     hours : tuple of float, of Fig. 6
     homings : int, of Fig. 9, after the first
@@ -40,8 +39,7 @@ class PengScope:
     search_samples : int or None
         That the Gaussian process learns its hyperparameters from; its own number when None.
     epochs : int, of the network; the paper's by default
-    later : str
-        Direction of the zig-zag of all parts after Table I; the paper's is J2-J3.
+    later : str, direction of the zig-zag of all parts after Table I; the paper's is J2-J3
     ablations : tuple of str or None, which are done; None does all
     """
 
@@ -91,12 +89,9 @@ class Run:
     Parameters
     ----------
     direction, sparsity, Of the zig-zag
-    homings_seen : int
-        How many homings after the first are in the training, a zig-zag each.
-    state : bool
-        Whether the model sees the whole state instead of positions and efforts.
-    end_to_end : bool
-        Whether it learns positions themselves, not their error.
+    homings_seen : int, how many homings after the first are in the training, a zig-zag each
+    state : bool, whether the model sees the whole state instead of positions and efforts
+    end_to_end : bool, whether it learns positions themselves, not their error
     """
 
     direction: str
@@ -227,8 +222,7 @@ def rmse(model: JointCorrector, log: CalibrationLog, name: str = "corrected") ->
     ----------
     model : JointCorrector
     log : CalibrationLog, with external joints
-    name : str
-        Of `raw`, `fixed_offset` or `corrected` positions.
+    name : str, of `raw`, `fixed_offset` or `corrected` positions
     """
     left = model.measure(log, np.ones(len(log), dtype=bool)).of(name)  # of every sample: nothing here is faulty
     errors: list[float] = (UNITS * np.sqrt(np.nanmean(left**2, axis=0))).tolist()
@@ -240,8 +234,7 @@ def cell(repeats: Iterable[list[float] | FloatArray | float]) -> Cell:
 
     Parameters
     ----------
-    repeats : iterable
-        A number or a list of numbers a repeat.
+    repeats : iterable, a number or a list of numbers a repeat
     """
     values = np.array(list(repeats))
     return {"mean": values.mean(axis=0).tolist(), "sd": values.std(axis=0).tolist(), "repeats": len(values)}

@@ -45,8 +45,7 @@ class RavenStudy:
     ----------
     seed : int, of noise, homings and random motion
     homings : int, homings after the first
-    as_published : bool
-        Drive the zig-zag along J1-J2-J3 as the study's files do, not as its Eq. (3) says.
+    as_published : bool, drive the zig-zag along J1-J2-J3 as the study's files do, not as its Eq. (3) says
     machine : Model, optional, another than the packaged one
     """
 
@@ -92,8 +91,7 @@ class RavenStudy:
         hours : sequence of float
         minutes : float, of each run
         payload : float or None, kg at the tool
-        idle : bool
-            Whether the arm idled meanwhile; idling changes nothing, by assumption.
+        idle : bool, whether the arm idled meanwhile; idling changes nothing, by assumption
         """
         motion = self._sweeps(minutes, 40)
         starts = [SETTLED + (0.0 if idle else 3600.0 * h) for h in hours]
@@ -145,8 +143,7 @@ def whole_state(log: CalibrationLog, seed: int = 0) -> CalibrationLog:
 
     Parameters
     ----------
-    log : CalibrationLog
-        With `measured_jp`, `setpoint_jp` and `measured_jf` of the first three joints.
+    log : CalibrationLog, with `measured_jp`, `setpoint_jp` and `measured_jf` of the first three joints
     seed : int, of the resting arm's jitter
 
     Returns

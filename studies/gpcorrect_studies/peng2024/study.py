@@ -63,8 +63,7 @@ class Peng2024(StudyResult):
     fig5, fig9 : lists, A sparsity, and a number of homings, an entry
     fig6, fig8 : mappings, by use; few features and the whole state
     ablations : mapping, figures of the ablations, by name
-    as_published : bool
-        Whether the zig-zag along J1-J2-J3 was that of the study's files.
+    as_published : bool, whether the zig-zag along J1-J2-J3 was that of the study's files
     """
 
     CLAIMS = CLAIMS
@@ -154,8 +153,7 @@ def reproduce_peng2024(
     seed : int, of the recordings
     progress : Progress, optional
     parts : Parts, optional
-    as_published : bool
-        Drive the zig-zag along J1-J2-J3 as the study's files do, not as its Eq. (3) says.
+    as_published : bool, drive the zig-zag along J1-J2-J3 as the study's files do, not as its Eq. (3) says
     """
     begun, parts = time.perf_counter(), parts or Parts()
     study = RavenStudy(seed, scope.homings, as_published)

@@ -18,11 +18,9 @@ class Lens:
     Parameters
     ----------
     position : (3,) array, optical centre, world frame, m
-    axes : (3, 3) array
-        Columns: the camera's right, down and forward directions in the world frame.
+    axes : (3, 3) array, columns: the camera's right, down and forward directions in the world frame
     focal : (2,) tuple, pixels along u and v
-    middle : (2,) tuple
-        Principal point; the centre of the first pixel is at (0, 0).
+    middle : (2,) tuple, principal point; the centre of the first pixel is at (0, 0)
     distortion : (5,) tuple, k1, k2, p1, p2, k3 of Brown's model
     size : (2,) tuple, width and height in pixels
     """
@@ -74,8 +72,7 @@ def looking_at(position: FloatArray, goal: FloatArray, roll: float = 0.0) -> Flo
 
     Parameters
     ----------
-    position, goal : (3,) arrays
-        Optical centre and the point, world frame, m.
+    position, goal : (3,) arrays, optical centre and the point, world frame, m
     roll : float, rad about the optical axis
     """
     forward = np.asarray(goal, dtype=np.float64) - position

@@ -57,8 +57,7 @@ class Studio:
     Parameters
     ----------
     lens : Lens
-    background : (height, width, 3) array
-        What is behind the balls, red green blue, 0 to 255.
+    background : (height, width, 3) array, what is behind the balls, red green blue, 0 to 255
     light : Light, of the balls
     blur : float, standard deviation of the lens' blur, px
     noise : float, standard deviation of the sensor's noise, grey levels
@@ -189,8 +188,7 @@ def backdrop(
     size : (2,) tuple, width and height
     rng : Generator, of everything
     pieces : int, things that lie about
-    colourful : float
-        0: all grey; 1: colours as strong as the balls'.
+    colourful : float, 0: all grey; 1: colours as strong as the balls'
     """
     width, height = size
     ground = gaussian_filter(rng.standard_normal((height, width)), 30.0)
