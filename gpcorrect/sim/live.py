@@ -104,7 +104,7 @@ class LiveArm:
 
         Parameters
         ----------
-        desired : (m, dof) array, A row a servo step, rad or m
+        desired : (m, dof) array, a row a servo step, rad or m
         """
         path = np.concatenate([self._desired[0], np.asarray(desired, dtype=np.float64)])
         for first in range(0, len(desired), self._block):

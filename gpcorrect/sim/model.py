@@ -19,6 +19,7 @@ from gpcorrect.arms import Chain, Joint, RobotEdit, is_robot_file, read_robot
 from gpcorrect.atomic import write_file
 from gpcorrect.errors import DataError
 from gpcorrect.plain import toml_text
+from gpcorrect.sim.body import Feedforward
 from gpcorrect.sim.effects import Effect, Stage, effect_from_dict, in_order
 from gpcorrect.sim.effects.compliance import Payload
 from gpcorrect.sim.effects.geometry import DhError
@@ -46,7 +47,7 @@ class Controller(Settings):
     kd: tuple[NonNegative, ...]
     rate_hz: Positive = 1000.0
     feedback: Literal["motor"] = "motor"
-    feedforward: Literal["none", "gravity", "rigid-body"] = "none"
+    feedforward: Feedforward = "none"
 
 
 class TransmissionTable(Settings):
