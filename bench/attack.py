@@ -16,7 +16,7 @@ from pathlib import Path
 
 from attacks import GROUPS
 from attacks.lab import Lab, Scenario, Seen
-from support import print_table, save_results
+from support import print_load, print_table, save_results
 
 HEAD = ("scenario", "must not happen", "promised", "seen", "of", "s", "of a processor")
 
@@ -41,7 +41,8 @@ def main() -> None:
             rows.append([scenario.name, scenario.promised, "0", str(int(seen.broken)), str(seen.tried), *seconds])
             notes.append(f"{scenario.name}: {seen.note}")
             print(f"{'ok    ' if not _broken(seen) else 'BROKEN'} {notes[-1]}", flush=True)
-    print(f"\nload of the machine (1 minute): {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores\n")
+    print()
+    print_load()
     print_table(HEAD, rows)
     whole, busy = (sum(int(row[column]) for row in rows) / 60 for column in (-2, -1))
     print(f"\n{len(rows)} scenarios in {whole:.1f} minutes, {busy:.1f} of them a processor's")

@@ -73,7 +73,6 @@ def static_poses() -> list[object]:
         log.select(rows), time=np.arange(600.0), trajectory=np.arange(600), session=np.zeros(600), static=True
     )
     experiment = run_experiment(table, FitSettings(inducing=200))
-    assert experiment.evaluation is not None
     errors = experiment.evaluation.clean_errors
     means = [errors[name]["position_mm"]["norm"]["rmse"] for name in experiment.corrector.METHODS]
     return ["simulated debridement", experiment.fit.n_train, experiment.n_test, *means]

@@ -63,9 +63,6 @@ def labelled_by_training(plant: Plant, world: World, seed: int) -> tuple[float, 
 def simulated(reaches: int, seed: int) -> tuple[float, float]:
     """Clean a simulated debridement recording; faulty is what differs from the same recording without faults."""
     log, whole = (debridement_log(seed, reaches=reaches, faults=faults) for faults in (True, False))
-    assert log.tracker_cp is not None
-    assert log.tracker_cp.quaternion is not None
-    assert whole.tracker_cp is not None
     same = np.isclose(log.tracker_cp.position, whole.tracker_cp.position, rtol=0, atol=1e-9).all(axis=1)
     same &= np.isclose(log.tracker_cp.quaternion, whole.tracker_cp.quaternion, rtol=0, atol=1e-9).all(axis=1)
     return shares(fit_cleaner(log, rng=np.random.default_rng(CLEANING_SEED))[1].keep, ~same)

@@ -50,9 +50,8 @@ def rows_of(name: str, reaches: int, paths: int) -> list[list[Any]]:
     found: dict[str, list[FloatArray]] = {"as desired": [], "pose and velocity": [], "as fitted": []}
     for number in test.trajectory_ids:
         path = test.select(test.trajectory == number)
-        assert path.setpoint_cp is not None
         wanted = seen(machine, matrices(path.setpoint_cp))
-        asked = np.hstack([wanted.position, wanted.quaternion])  # type: ignore[list-item]
+        asked = np.hstack([wanted.position, wanted.quaternion])
         ways = {"pose and velocity": replace(corrector, route=None), "as fitted": corrector}
         told = {"as desired": path.setpoint_cp}
         for way, model in ways.items():
@@ -66,13 +65,11 @@ def rows_of(name: str, reaches: int, paths: int) -> list[list[Any]]:
 
 def arrived(name: str, machine: Machine, commands: PoseSignal, path: CalibrationLog) -> FloatArray:
     """Return the tip's true poses (n, 4, 4) after commands."""
-    assert path.setpoint_jp is not None
     q = arm_named(name).follow(matrices(commands), path.setpoint_jp[0])
     rate = 1.0 / float(np.median(np.diff(path.time)))
     first = np.zeros(1)
     plan = Plan(rate, q[:, None], np.zeros((len(q), 1), dtype=np.int64), first.astype(np.int64), first, first * np.nan)
     tip = run(machine, plan).T_base_tip
-    assert tip is not None
     return tip[:, 0]
 
 
@@ -83,7 +80,6 @@ def seen(machine: Machine, T: FloatArray) -> PoseSignal:
 
 
 def matrices(poses: PoseSignal) -> FloatArray:
-    assert poses.quaternion is not None
     return se3.pose(se3.matrix_from_quaternion(poses.quaternion), poses.position)
 
 

@@ -107,7 +107,7 @@ def machine_calls(corrector: CommandCorrector) -> dict[str, Call]:
     }
 
 
-@njit  # type: ignore[untyped-decorator]
+@njit
 def arithmetic(rounds: int) -> float:
     total = 0.0
     for i in range(rounds):
@@ -115,7 +115,7 @@ def arithmetic(rounds: int) -> float:
     return total
 
 
-@njit(fastmath=True)  # type: ignore[untyped-decorator]
+@njit(fastmath=True)
 def reading(values: FloatArray) -> float:
     total = 0.0
     for i in range(len(values)):

@@ -51,7 +51,6 @@ def recordings(reaches: int, seeds: list[int]) -> Iterator[tuple[str, Calibratio
 
 def scores(log: CalibrationLog, shuffle: bool) -> list[Any]:
     experiment = run_experiment(log, shuffle=shuffle)
-    assert experiment.evaluation is not None
     clean = experiment.evaluation.clean
     errors: Any = experiment.evaluation.clean_errors["corrected"]
     norms = [errors[part]["norm"][leaf] for part in ("position_mm", "rotation_deg") for leaf in ("mean", "rmse")]

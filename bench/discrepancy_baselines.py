@@ -29,12 +29,9 @@ class Library:
 
     Parameters
     ----------
-    residual : (n,) array
-        Measured minus simulated.
-    columns : (n, p) array
-        Signatures, each of unit root mean square.
-    places : tuple of (name, joint)
-        What each column is.
+    residual : (n,) array, measured minus simulated
+    columns : (n, p) array, signatures, each of unit root mean square
+    places : tuple of (name, joint), what each column is
     """
 
     residual: Array
@@ -120,10 +117,8 @@ BASELINES: dict[str, Callable[[Library], set[Place]]] = {
 
 def _coefficients(y: Array, x: Array) -> Array:
     gram = x.T @ x
-    solution: Array = np.linalg.solve(gram + RIDGE * len(y) * np.eye(len(gram)), x.T @ y)
-    return solution
+    return np.linalg.solve(gram + RIDGE * len(y) * np.eye(len(gram)), x.T @ y)
 
 
 def _left(y: Array, x: Array) -> Array:
-    left: Array = y - x @ _coefficients(y, x) if x.shape[1] else y
-    return left
+    return y - x @ _coefficients(y, x) if x.shape[1] else y

@@ -26,8 +26,7 @@ JOINTS = (4, 5, 6)
 def residual_deg(log: CalibrationLog, model: Model) -> FloatArray:
     """Root mean square `(3,)` of measured minus simulated, deg."""
     error = build_scene(log, model, np.ones(len(log), dtype=np.bool_)).residual()
-    rms: FloatArray = np.degrees(np.sqrt(np.nanmean(error**2, axis=0)))
-    return rms
+    return np.degrees(np.sqrt(np.nanmean(error**2, axis=0)))
 
 
 def main() -> None:

@@ -88,6 +88,6 @@ def write_files(job: Job, case: Case, folder: Path) -> None:
         from truth_mujoco.arms import ARMS
         from truth_mujoco.body import robot_xml
 
-        arm = ARMS[job.spec.arm]  # type: ignore[union-attr]
+        arm = ARMS[job.spec.arm]
         gravity = np.array(case.nominal.get("gravity", arm.gravity))
         (folder / "robot.xml").write_text(robot_xml(arm, gravity), encoding="utf-8")

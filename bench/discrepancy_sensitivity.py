@@ -98,7 +98,7 @@ class Reads:
                 self.seen.add((group, name))
             return object.__getattribute__(section, name)
 
-        kind.__getattribute__ = read  # type: ignore[method-assign, assignment]
+        kind.__getattribute__ = read
 
 
 @dataclass(frozen=True, eq=False)

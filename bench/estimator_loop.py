@@ -29,9 +29,6 @@ METHODS = ("linear", "gp", "network")
 
 def states(log: CalibrationLog) -> list[RobotState]:
     """Return the recording sample by sample."""
-    assert log.measured_jp is not None
-    assert log.measured_cp is not None
-    assert log.setpoint_cp is not None
     joints: Any = [
         [None] * len(log) if signal is None else signal
         for signal in (log.setpoint_jp, log.measured_jv, log.measured_jf)

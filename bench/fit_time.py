@@ -38,7 +38,7 @@ def main() -> None:
     parser.add_argument("--reaches", type=int, nargs="*", default=[16, 60, 303], help="lengths of the simulated ones")
     options = parser.parse_args()
     recordings: dict[str, Callable[[], CalibrationLog]] = {
-        f"debridement, {count} reaches": lambda count=count: debridement_log(0, reaches=count)  # type: ignore[misc]
+        f"debridement, {count} reaches": lambda count=count: debridement_log(0, reaches=count)
         for count in options.reaches
     }
     recordings["real wrist"] = lambda: read_log(real_data("dvrk_random.csv"))
@@ -56,9 +56,8 @@ def measured(log: CalibrationLog) -> list[float]:
         plain = run_experiment(log)
         seconds = time.process_time() - start
         profile.runcall(run_experiment, log)
-    assert plain.evaluation is not None
     errors = plain.evaluation.clean_errors["corrected"]
-    entries = pstats.Stats(profile).stats.items()  # type: ignore[attr-defined]  # not in the type's stub
+    entries = pstats.Stats(profile).stats.items()
     total = max(entry[3] for _, entry in entries)
     found = [
         sum(entry[3] for (path, _, name), entry in entries if path.endswith(file) and name == function)

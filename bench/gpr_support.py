@@ -53,12 +53,9 @@ def simulated(n_reaches: int = 300, n_test: int = 60, seed: int = 0, noise_corre
 def real() -> Split:
     """Read the wrist of a real dVRK after registration; the last 20 % of the trajectories are held out."""
     log = read_log(real_data("dvrk_random.csv"))
-    assert log.tracker_cp is not None
-    assert log.setpoint_cp is not None
     train = log.trajectory < np.quantile(log.trajectory_ids, 0.8)
     rigid = register(log.tracker_cp[train], log.setpoint_cp[train], log.trajectory[train], "auto").model
     reference = rigid.apply(log.tracker_cp)
-    assert reference.quaternion is not None
     rotations = se3.matrix_from_quaternion(reference.quaternion)
     labels = segment_labels(log.time, log.trajectory)
     twist = twists(log.time, reference.position, rotations, labels)

@@ -64,8 +64,7 @@ def few_cases(numbers: list[int], seeds: int) -> Iterator[tuple[str, Iterator[Ru
 def last(log: CalibrationLog, asked: int | None) -> BoolArray:
     """Mask of the last trajectories: so many, or a fifth."""
     ids = log.trajectory_ids
-    held: BoolArray = np.isin(log.trajectory, ids[-(asked or len(ids) // FIFTHS) :])
-    return held
+    return np.isin(log.trajectory, ids[-(asked or len(ids) // FIFTHS) :])
 
 
 def real_few(count: int) -> Iterator[Run]:
@@ -79,8 +78,7 @@ def real_few(count: int) -> Iterator[Run]:
 
 def coverage(log: CalibrationLog, held: BoolArray, settings: FitSettings) -> FloatArray:
     corrector = fit_corrector(log.select(~held), settings)
-    shares: FloatArray = 100 * evaluate_model(corrector, log.select(held)).clean.coverage95
-    return shares
+    return 100 * evaluate_model(corrector, log.select(held)).clean.coverage95
 
 
 def debridement(count: int, seeds: int, asked: int | None = None) -> Iterator[Run]:

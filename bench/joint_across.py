@@ -71,15 +71,12 @@ def ridge(train: CalibrationLog, test: CalibrationLog) -> FloatArray:
 
 def joints(log: CalibrationLog) -> tuple[FloatArray, FloatArray]:
     reported = log.measured_jp if log.measured_jp is not None else log.setpoint_jp
-    assert reported is not None
-    assert log.external_jp is not None
     known = np.isfinite(reported).all(axis=1) & np.isfinite(log.external_jp).all(axis=1)
     return reported[known], (log.external_jp - reported)[known]
 
 
 def rms(values: FloatArray) -> FloatArray:
-    root: FloatArray = np.sqrt((values**2).mean(axis=0))
-    return root
+    return np.sqrt((values**2).mean(axis=0))
 
 
 def rmse(table: list[dict[str, float]]) -> FloatArray:

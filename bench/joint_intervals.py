@@ -57,8 +57,7 @@ def main() -> None:
 
 
 def in_units(half: np.ndarray, model: JointCorrector) -> np.ndarray:
-    scaled: np.ndarray = half * joint_units(model.types)[1]
-    return scaled
+    return half * joint_units(model.types)[1]
 
 
 if __name__ == "__main__":

@@ -95,8 +95,7 @@ def compare(title: str, log: CalibrationLog, held_out: np.ndarray, ours: list[st
     unit = np.array([1e3 if kind == "P" else np.rad2deg(1.0) for kind in log.joint_types(error.shape[1])])
 
     def rms(errors: FloatArray) -> FloatArray:
-        root: FloatArray = np.sqrt((errors**2).mean(axis=0)) * unit
-        return root
+        return np.sqrt((errors**2).mean(axis=0)) * unit
 
     Y, Z = error[~held_out & known], error[held_out & known]
     rows: list[list[Any]] = [["raw", *rms(Z), np.nan, ""], ["fixed offset", *rms(Z - Y.mean(axis=0)), np.nan, ""]]
@@ -127,9 +126,7 @@ def compare(title: str, log: CalibrationLog, held_out: np.ndarray, ours: list[st
 
 
 def reported(log: CalibrationLog) -> FloatArray:
-    q = log.measured_jp if log.measured_jp is not None else log.setpoint_jp
-    assert q is not None
-    return q
+    return log.measured_jp if log.measured_jp is not None else log.setpoint_jp
 
 
 def features(log: CalibrationLog, past: str) -> FloatArray:

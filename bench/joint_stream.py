@@ -24,8 +24,6 @@ SAMPLES = 1000  # a block: one second of a 1000 Hz servo loop
 def main() -> None:
     study = RavenStudy(SEED)
     train, test = study.zigzags("J1-J2-J3", 4), study.random_run(1.0)
-    assert test.measured_jp is not None
-    assert test.measured_jf is not None
     fine = np.arange(test.time[0], test.time[-1], 1e-3)
     q, effort = (_finer(test.time, signal, fine) for signal in (test.measured_jp, test.measured_jf))
     streams = {

@@ -146,7 +146,6 @@ def names(log: CalibrationLog, task: type[Corrector]) -> list[str]:
     if task is not JointCorrector:
         return ["position", "rotation"]
     truth: FloatArray | None = log.external_jp
-    assert truth is not None
     return [f"J{j + 1}" for j in range(truth.shape[1])]
 
 

@@ -46,7 +46,6 @@ def cartesian_rows(log: CalibrationLog) -> list[list[Any]]:
 
 def scores(log: CalibrationLog, settings: FitSettings) -> list[float]:
     experiment = run_experiment(log, settings, holdout=HOLDOUT)
-    assert experiment.evaluation is not None
     clean = experiment.evaluation.clean
     errors = experiment.evaluation.clean_errors["corrected"]
     position, rotation = errors["position_mm"]["norm"]["rmse"], errors["rotation_deg"]["norm"]["rmse"]
@@ -56,8 +55,6 @@ def scores(log: CalibrationLog, settings: FitSettings) -> list[float]:
 def joint_rows(log: CalibrationLog) -> list[list[Any]]:
     """Rows of the joint regression: observed joints in, what must be added to command them out."""
     seen, asked = log.external_jp, log.setpoint_jp
-    assert seen is not None
-    assert asked is not None
     labels = segment_labels(log.time, log.trajectory)
     velocity = derivative(log.time, seen, labels)
     rows = np.isfinite(velocity).all(axis=1)
@@ -101,19 +98,16 @@ def wide(base: FloatArray, M: FloatArray) -> tuple[int, ...]:
 
 
 def scaled(values: FloatArray, train: BoolArray) -> FloatArray:
-    centred: FloatArray = (values - values[train].mean(axis=0)) / values[train].std(axis=0)
-    return centred
+    return (values - values[train].mean(axis=0)) / values[train].std(axis=0)
 
 
 def rmse(errors: FloatArray) -> FloatArray:
-    found: FloatArray = np.sqrt((errors**2).mean(axis=0))
-    return found
+    return np.sqrt((errors**2).mean(axis=0))
 
 
 def units(values: FloatArray) -> FloatArray:
     """Degrees, and millimetres for the insertion."""
-    shown: FloatArray = values * np.where(np.arange(len(values)) == 2, 1e3, np.rad2deg(1.0))
-    return shown
+    return values * np.where(np.arange(len(values)) == 2, 1e3, np.rad2deg(1.0))
 
 
 if __name__ == "__main__":

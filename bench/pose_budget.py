@@ -65,15 +65,11 @@ def rows_of(model: CommandCorrector, log: CalibrationLog, held: BoolArray) -> li
 
 def reached_rows(route: JointRoute, model: CommandCorrector, log: CalibrationLog, rows: IntArray) -> list[list[Any]]:
     """Poses composed of the joints that recorded commands reach: with all their errors, and with one joint's less."""
-    assert route.aim is not None
-    assert log.setpoint_cp is not None
-    assert log.tracker_cp is not None
     asked, wanted = (
         route.kinematics.inverse(log.setpoint_cp),
         route.kinematics.inverse(model.rigid.apply(log.tracker_cp)),
     )
     found = route.aim.reached.correct_path(asked, log.time, sessions=log.session.tolist()).joints
-    assert found is not None
     table = [["reached: joints of the recorded commands", *composed(route, wanted, found, rows), np.nan]]
     for joint in range(found.shape[1]):
         without = found.copy()

@@ -46,14 +46,10 @@ def rows_of(name: str, log: CalibrationLog) -> list[list[object]]:
     model = fit_corrector(log.select(~held), FitSettings(features=("pose", "velocity")))
     usual = model.measure(log, held & model.clean(log).keep)
     rows, sent, seen = usual.rows, log.setpoint_cp, log.tracker_cp
-    assert sent is not None
-    assert seen is not None
     velocity = twists(log.time, sent.position, rotations_of(sent), log.trajectory)[rows]
     moving = np.isfinite(velocity).all(axis=1)
     sent, seen, velocity = sent[rows][moving], seen[rows][moving], velocity[moving]
-    assert sent.quaternion is not None
     answer = reached(model, np.hstack([sent.position, sent.quaternion]), velocity)
-    assert answer.position is not None
     forward = pose_residual(PoseSignal(answer.position, answer.quaternion), seen)
     cover = 100 * float((np.abs(forward) <= answer.interval95).mean())
     registered = pose_residual(model.rigid.inverse(sent), seen)

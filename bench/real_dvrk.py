@@ -30,7 +30,6 @@ def main() -> None:
     start = time.perf_counter()
     ours = run_experiment(log)
     seconds = time.perf_counter() - start
-    assert ours.evaluation is not None
     errors: dict[str, Any] = ours.evaluation.clean_errors
     peer, peer_seconds = peer_errors(ours)
     rows = {
@@ -56,8 +55,6 @@ def main() -> None:
 
 def peer_errors(ours: Experiment) -> tuple[Any, float]:
     """Table of errors of scikit-learn's regression on our features and residuals."""
-    assert ours.evaluation is not None
-    assert ours.test is not None
     X, Y, _ = inputs_and_residuals(ours, ours.fit.log, None)
     X_test, _, reference = inputs_and_residuals(ours, ours.test, ours.evaluation.clean.rows)
     rows = np.random.default_rng(SEED).choice(len(X), min(PEER_SAMPLES, len(X)), replace=False)
@@ -72,14 +69,13 @@ def peer_errors(ours: Experiment) -> tuple[Any, float]:
 def peer_output(X: FloatArray, y: FloatArray, X_test: FloatArray) -> FloatArray:
     kernel = ConstantKernel(1.0) * RBF(np.full(X.shape[1], 3.0), (1e-2, 1e3)) + WhiteKernel(0.1, (1e-6, 1e1))
     regressor = GaussianProcessRegressor(kernel, normalize_y=True, n_restarts_optimizer=1, random_state=SEED)
-    predicted: FloatArray = regressor.fit(X, y).predict(X_test)
-    return predicted
+    return regressor.fit(X, y).predict(X_test)
 
 
 def inputs_and_residuals(fit: Experiment, log: CalibrationLog, rows: Any) -> tuple[FloatArray, FloatArray, Any]:
     """Features (n, d), residuals (n, 6) and reference poses: of the given rows, or of all that the fit learned from."""
     corrector = fit.corrector
-    keep = fit.fit.cleaning.keep if rows is None else fit.evaluation.cleaning.keep  # type: ignore[union-attr]
+    keep = fit.fit.cleaning.keep if rows is None else fit.evaluation.cleaning.keep
     observed, command = pose_pair(log)
     samples = corrector.samples(log, keep)
     rows = samples.rows if rows is None else rows

@@ -40,16 +40,12 @@ def simulate_reaches(
 
     Parameters
     ----------
-    n_reaches, n_samples : int
-        Number of reaches and samples in each.
-    rng : numpy.random.Generator
-        Source of the paths, the field and the noise.
+    n_reaches, n_samples : int, number of reaches and samples in each
+    rng : numpy.random.Generator, source of the paths, the field and the noise
     length_scale : tuple
         Range of the field's length scales over position, m; over orientation they are 10 rad/m times as large.
-    noise : float
-        Standard deviation of the measurement noise, m; the rotation noise is 10 rad/m times as large.
-    noise_correlation : float
-        Correlation of the noise of neighbouring samples, 0 (white) to 1.
+    noise : float, standard deviation of the measurement noise, m; the rotation noise is 10 rad/m times as large
+    noise_correlation : float, correlation of the noise of neighbouring samples, 0 (white) to 1
     """
     positions, rotvecs, twists = _paths(n_reaches, n_samples, rng)
     field = _planted_field(positions, rotvecs, twists, length_scale, rng)

@@ -30,6 +30,7 @@ from gpcorrect_service.server.service import serve
 PATIENT = 60.0  # s
 SLOW = 0.001  # s
 ECHO = "echo"
+LATENCIES = ("median ms", "p99 ms", "min ms", "over 1 ms %")  # the columns of :func:`latencies`
 
 # Children come from a process that has read the libraries and opened nothing.
 children = multiprocessing.get_context("forkserver")
@@ -234,6 +235,23 @@ def alternate(ways: dict[str, Ask], rounds: int, warm_up: int) -> dict[str, list
             ways[name]()
             seconds[name].append(time.perf_counter() - began)
     return {name: values[warm_up:] for name, values in seconds.items()}
+
+
+def together(plan: Callable[..., None], count: int, *arguments: Any, patience: float) -> list[Any]:
+    """Return what each of `count` processes puts into `told` by `plan(told, start, *arguments)`, waiting at `start`."""
+    told, start = children.Queue(), children.Barrier(count)
+    planners = [children.Process(target=plan, args=(told, start, *arguments), daemon=True) for _ in range(count)]
+    for planner in planners:
+        planner.start()
+    answers = [told.get(timeout=patience) for _ in planners]
+    for planner in planners:
+        planner.join()
+    return answers
+
+
+def latencies(row: dict[str, float]) -> list[float]:
+    """Return the cells of a :func:`summary` in a table."""
+    return [row["median_ms"], row["p99_ms"], row["min_ms"], 100 * row["share_over_1_ms"]]
 
 
 def summary(seconds: list[float]) -> dict[str, float]:

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 from service_bench import PATIENT, a_model, free_endpoint, process, serve_model, serve_store, typical_query
-from support import print_table, save_results
+from support import print_load, print_table, save_results
 
 from gpcorrect.calibration import FitSettings, ModelStore, fit_corrector, load, save
 from gpcorrect.sim import debridement_log
@@ -65,7 +65,7 @@ def main() -> None:
             "replica hung": lost_replica(model, signal.SIGSTOP, given.seconds),
         }
         results[f"{given.activations} activations"], mixed = activations(model, given.activations)
-    print(f"load of the machine (1 minute): {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores\n")
+    print_load()
     print_table(HEAD, [[name, *row.values()] for name, row in results.items()])
     print(f"\npaths answered by a mixture of two models: {mixed}")
     save_results("service_faults", {**results, "mixed": mixed})

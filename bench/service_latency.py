@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import os
 import time
 from contextlib import suppress
 from multiprocessing.synchronize import Event
@@ -19,19 +18,21 @@ from typing import Any
 
 import numpy as np
 from service_bench import (
+    LATENCIES,
     PATIENT,
     Ask,
     a_model,
     alternate,
     askers,
-    children,
     end_with_parent,
+    latencies,
     process,
     service_and_echo,
     summary,
+    together,
     typical_query,
 )
-from support import print_table, save_results
+from support import print_load, print_table, save_results
 
 from gpcorrect.calibration import load
 from gpcorrect_service import (
@@ -48,7 +49,6 @@ MANY = 8
 FLOOD_SECONDS = 3.0
 HEALTH_BOUND = 0.050  # s
 ENCODINGS = ("msgpack", "json", "cdr")
-HEAD = ("", "median ms", "p99 ms", "min ms", "over 1 ms %")
 
 
 def main() -> None:
@@ -94,14 +94,7 @@ def in_pairs(ways: dict[str, Ask], rounds: int, warm_up: int) -> dict[str, list[
 
 def many_planners(service: ClientSettings, echo: ClientSettings, model: Path, rounds: int) -> dict[str, Any]:
     """Seconds of all planners together, each a process of its own that asks as fast as it is answered."""
-    told, start = children.Queue(), children.Barrier(MANY)
-    arguments = (told, start, service, echo, str(model), rounds)
-    planners = [children.Process(target=plan, args=arguments, daemon=True) for _ in range(MANY)]
-    for planner in planners:
-        planner.start()
-    answers = [told.get(timeout=10 * PATIENT) for _ in planners]
-    for planner in planners:
-        planner.join()
+    answers = together(plan, MANY, service, echo, str(model), rounds, patience=10 * PATIENT)
     return {name: summary([s for answer in answers for s in answer[name]]) for name in answers[0]}
 
 
@@ -164,13 +157,9 @@ def ratios_of(results: dict[str, Any]) -> dict[str, dict[str, float]]:
 
 def report(results: dict[str, Any]) -> None:
     """Print the tables and the ratios, and write both as JSON."""
-    print(f"load of the machine (1 minute): {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores\n")
-    leaves = ("median_ms", "p99_ms", "min_ms")
+    print_load()
     for where, rows in results.items():
-        print_table(
-            (where, *HEAD[1:]),
-            [[name, *(r[x] for x in leaves), 100 * r["share_over_1_ms"]] for name, r in rows.items()],
-        )
+        print_table((where, *LATENCIES), [[name, *latencies(row)] for name, row in rows.items()])
         print()
     ratios = ratios_of(results)
     print_table(("service / echo", "median", "p99"), [[where, r["median"], r["p99"]] for where, r in ratios.items()])

@@ -8,8 +8,6 @@ needs no generated code. Install them with: pip install 'gpcorrect[peers]'.
 from __future__ import annotations
 
 import argparse
-import os
-import socket
 import threading
 import time
 from collections.abc import Iterator
@@ -21,6 +19,7 @@ from typing import Any
 
 import numpy as np
 from service_bench import (
+    LATENCIES,
     PATIENT,
     Ask,
     a_model,
@@ -28,12 +27,14 @@ from service_bench import (
     ask_of,
     client_of,
     end_with_parent,
+    free_endpoint,
+    latencies,
     process,
     service_and_echo,
     summary,
     typical_query,
 )
-from support import print_table, save_results
+from support import print_load, print_table, save_results
 
 from gpcorrect_service.protocol.answer import PoseAnswer, pack
 from gpcorrect_service.protocol.codec import MSGPACK
@@ -43,7 +44,6 @@ from gpcorrect_service.server.models import Model, load_model
 ROUNDS = 2000
 WARM_UP = 200
 METHOD = "/gpcorrect.Correction/correct"
-HEAD = ("", "median ms", "p99 ms", "min ms", "over 1 ms %")
 
 
 def main() -> None:
@@ -59,9 +59,8 @@ def main() -> None:
         ways["gRPC, MessagePack"] = stack.enter_context(grpc_peer(model, pose, twist))
         ways["FastAPI on uvicorn, JSON"] = stack.enter_context(fastapi_peer(model, pose, twist))
         results = {name: summary(seconds) for name, seconds in alternate(ways, given.rounds, WARM_UP).items()}
-    print(f"load of the machine (1 minute): {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores\n")
-    leaves = ("median_ms", "p99_ms", "min_ms")
-    print_table(HEAD, [[name, *(r[x] for x in leaves), 100 * r["share_over_1_ms"]] for name, r in results.items()])
+    print_load()
+    print_table(("", *LATENCIES), [[name, *latencies(row)] for name, row in results.items()])
     save_results("service_peers", results)
 
 
@@ -73,7 +72,7 @@ def answer(model: Model, pose: tuple[float, ...], twist: tuple[float, ...] | Non
 def grpc_peer(model: Path, pose: list[float], twist: list[float]) -> Iterator[Ask]:
     import grpc
 
-    port = free_port()
+    port = int(free_endpoint().rpartition(":")[2])
     with process(serve_grpc, str(model), port), grpc.insecure_channel(f"127.0.0.1:{port}") as channel:
         call = channel.unary_unary(METHOD)
 
@@ -94,7 +93,7 @@ def serve_grpc(ready: Event, model: str, port: int) -> None:
         asked = MSGPACK.decode(CorrectRequest, payload)
         return MSGPACK.encode(answer(corrector, asked.pose, asked.twist))
 
-    class Handler(grpc.GenericRpcHandler):  # type: ignore[misc]
+    class Handler(grpc.GenericRpcHandler):
         def service(self, details: Any) -> Any:
             return grpc.unary_unary_rpc_method_handler(correct) if details.method == METHOD else None
 
@@ -110,7 +109,7 @@ def serve_grpc(ready: Event, model: str, port: int) -> None:
 def fastapi_peer(model: Path, pose: list[float], twist: list[float]) -> Iterator[Ask]:
     import httpx
 
-    port = free_port()
+    port = int(free_endpoint().rpartition(":")[2])
     with process(serve_fastapi, str(model), port), httpx.Client(base_url=f"http://127.0.0.1:{port}") as client:
         body = {"pose": pose, "twist": twist}
         yield lambda: client.post("/correct", json=body).raise_for_status().json()
@@ -147,13 +146,6 @@ def serve_fastapi(ready: Event, model: str, port: int) -> None:
 
     threading.Thread(target=tell, daemon=True).start()
     server.run()
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ what the model alone takes.
 from __future__ import annotations
 
 import argparse
-import os
 import tempfile
 import time
 from pathlib import Path
@@ -16,8 +15,8 @@ from typing import Any
 
 import numpy as np
 import zenoh
-from service_bench import PATIENT, free_endpoint, process, serve_joints, summary
-from support import print_table, save_results
+from service_bench import LATENCIES, PATIENT, free_endpoint, latencies, process, serve_joints, summary
+from support import print_load, print_table, save_results
 
 from gpcorrect.calibration import FitSettings, JointCorrector, JointStream, fit_model, load, save
 from gpcorrect.types import FloatArray
@@ -28,8 +27,6 @@ from gpcorrect_service.protocol.messages import JointState
 from gpcorrect_service.protocol.sessions import open_client
 
 RATE = 1000.0
-HEAD = ("", "median ms", "p99 ms", "min ms", "over 1 ms %", "max ms")
-CODEC = MSGPACK
 
 
 def main() -> None:
@@ -48,10 +45,9 @@ def main() -> None:
             with CorrectionClient(endpoint, timeout=PATIENT, connect_timeout=PATIENT) as client:
                 counts = client.health().counts.get("estimate", {})
         results[f"stream at {RATE:g} Hz"] = summary(late)
-    print(f"load of the machine (1 minute): {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores\n")
-    leaves = ("median_ms", "p99_ms", "min_ms")
-    rows = [[name, *(r[x] for x in leaves), 100 * r["share_over_1_ms"], r["max_ms"]] for name, r in results.items()]
-    print_table(HEAD, rows)
+    print_load()
+    rows = [[name, *latencies(row), row["max_ms"]] for name, row in results.items()]
+    print_table(("", *LATENCIES, "max ms"), rows)
     print(f"\n{len(q)} samples in, {len(late)} estimates out, {lost} lost; the server says {counts}")
     save_results("service_stream", {**results, "sent": len(q), "lost": lost})
 
@@ -101,12 +97,12 @@ def streamed(endpoint: str, q: FloatArray, effort: FloatArray) -> tuple[list[flo
 
 def send(publisher: Any, q: FloatArray, effort: FloatArray) -> dict[float, float]:
     due, began = {}, time.perf_counter()
-    encoding = CODEC.encoding("joint_state")
+    encoding = MSGPACK.encoding("joint_state")
     for i, (row, force) in enumerate(zip(q.tolist(), effort.tolist(), strict=True)):
         when, stamp = began + i / RATE, 1.0 + i / RATE
         while (now := time.perf_counter()) < when:
             time.sleep(when - now)
-        publisher.put(CODEC.encode(JointState(stamp, tuple(row), effort=tuple(force))), encoding=encoding)
+        publisher.put(MSGPACK.encode(JointState(stamp, tuple(row), effort=tuple(force))), encoding=encoding)
         due[stamp] = when
     return due
 
@@ -118,7 +114,7 @@ def collect(heard: SimpleQueue[tuple[float, zenoh.Sample]], count: int) -> dict[
             when, sample = heard.get(timeout=2.0)
         except Empty:
             break
-        arrived[CODEC.decode(EstimateAnswer, sample.payload.to_bytes()).stamp] = when
+        arrived[MSGPACK.decode(EstimateAnswer, sample.payload.to_bytes()).stamp] = when
     return arrived
 
 

@@ -7,7 +7,6 @@ elsewhere shows in both. A query that is due while the one before is under way s
 from __future__ import annotations
 
 import argparse
-import os
 import time
 from contextlib import ExitStack
 from pathlib import Path
@@ -22,14 +21,14 @@ from service_bench import (
     a_model,
     ask_of,
     bare_asker,
-    children,
     client_of,
     end_with_parent,
     payloads,
     service_and_echo,
+    together,
     typical_query,
 )
-from support import print_table, save_results
+from support import print_load, print_table, save_results
 
 from gpcorrect.errors import GpCorrectError
 from gpcorrect_service import ClientSettings
@@ -50,20 +49,14 @@ def main() -> None:
             for name, settings in (("echo", echo), ("service", service)):
                 label = f"{name}, {planners} planner{'s' if planners > 1 else ''}"
                 results[label] = sustained(settings, name, str(model), planners, given.seconds)
-    print(f"load of the machine (1 minute): {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores\n")
+    print_load()
     print_table(HEAD, [[name, *row.values()] for name, row in results.items()])
     save_results("service_sustained", results)
 
 
 def sustained(settings: ClientSettings, what: str, model: str, planners: int, seconds: float) -> dict[str, float]:
-    told, start = children.Queue(), children.Barrier(planners)
-    arguments = (told, start, settings, what, model, RATE / planners, seconds)
-    running = [children.Process(target=plan, args=arguments, daemon=True) for _ in range(planners)]
-    for one in running:
-        one.start()
-    parts = [told.get(timeout=seconds + 2 * PATIENT) for _ in running]
-    for one in running:
-        one.join()
+    patience = seconds + 2 * PATIENT
+    parts = together(plan, planners, settings, what, model, RATE / planners, seconds, patience=patience)
     late = np.concatenate([part["late"] for part in parts])
     return {
         "rate": len(late) / max(part["took"] for part in parts),

@@ -27,7 +27,7 @@ from attacks.lab import Lab
 from soaks.answers import Tally, checked
 from soaks.faults import FAULTS, impossible
 from soaks.site import Site, seconds_until_seen, site
-from support import print_table, save_results
+from support import print_load, print_table, save_results
 
 SETTLED = 5.0  # s of traffic before the first fault
 RETURN = 60.0  # s after the last fault in which every replica must be there: a busy machine starts one in twenty
@@ -126,7 +126,8 @@ def shown(spans: Sequence[Span], tallies: Sequence[Tally], growth: list[list[Any
         by_fault["all"].append((span, tally))
     rows = [_row(name, by_fault[name]) for name in ["before", *FAULTS, "end", "all"] if name in by_fault]
     promised = ["promised", *[""] * (len(HEAD) - 4), "0", "0", "0"]
-    print(f"\nload of the machine (1 minute): {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores\n")
+    print()
+    print_load()
     print_table(HEAD, [promised, *rows])
     print()
     print_table(GROWTH, growth)

@@ -33,6 +33,11 @@ def print_table(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
         print("  ".join([first, *others]))
 
 
+def print_load() -> None:
+    """Print how busy the machine is, which times depend on."""
+    print(f"load of the machine (1 minute): {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores\n")
+
+
 def save_results(name: str, results: Any) -> None:
     """Write the results as JSON beside the others."""
     RESULTS.mkdir(exist_ok=True)

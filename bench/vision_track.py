@@ -299,7 +299,7 @@ def main() -> None:
     table = []
     for name, runs in rows.items():
         keys = ("rms_mm", "rms_deg", "max_mm", "measured", "ball_midpoint_rms_mm", "nelder_mead_rms_mm")
-        keys += ("closed_form_rms_mm", "frames_a_second")  # type: ignore[assignment]
+        keys += ("closed_form_rms_mm", "frames_a_second")
         table.append(
             [name, targets.get(name.split(",")[0], "-"), *(statistics.median(r[k] for r in runs) for k in keys)]
         )

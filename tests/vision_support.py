@@ -6,11 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from board_pictures import Board
 
 from gpcorrect.types import FloatArray
 from gpcorrect.vision import Camera, Intrinsics, write_cameras
 from gpcorrect.vision.opencv import cv2
-from gpcorrect_studies.rendering import Board, Card, Lens, Stage, random_motion
+from gpcorrect_studies.rendering import Card, Lens, Stage, random_motion
 
 COVER = Card((0, 0, 640, 480))
 Cards = Callable[[int], Mapping[int, Sequence[Card]]]

@@ -91,7 +91,6 @@ def _with_little_room() -> None:
 def impossible(lab: Lab) -> Seen:
     """Look into recordings with infinite numbers, and numbers that no arm has: each is counted, and said."""
     log = debridement_log(1, reaches=10, faults=False)
-    assert log.tracker_cp is not None
     wrong, numbers = 0, (np.inf, -np.inf, 1e304)
     for k, number in enumerate(numbers):
         position = np.array(log.tracker_cp.position)

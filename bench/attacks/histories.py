@@ -6,11 +6,11 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from fuzzing.mutations import archive
 from service_bench import free_endpoint
 
 from attacks.lab import Lab, Scenario, Seen
 from attacks.programs import ran
-from attacks.recordings import write
 from gpcorrect.calibration.model_file import read_parts, seal_of
 from gpcorrect.calibration.model_store import ModelStore
 from gpcorrect.errors import ArtifactError
@@ -46,7 +46,7 @@ def histories(lab: Lab) -> Seen:
                 node = node[int(name) if isinstance(node, list) else name]
             node[int(inner[-1]) if isinstance(node, list) else inner[-1]] = value
         file = lab.folder / f"history{k}.gpc"
-        write(file, {**header, "seal": seal_of(header)}, arrays)
+        file.write_bytes(archive({**header, "seal": seal_of(header)}, arrays))
         try:
             store.add(file, now=float(k), name=f"{k} {TERMINAL}")
         except ArtifactError:

@@ -13,6 +13,7 @@ from pathlib import Path
 from service_bench import free_endpoint
 
 from attacks.programs import Program
+from gpcorrect.errors import GpCorrectError
 
 
 @dataclass(frozen=True)
@@ -23,10 +24,8 @@ class Seen:
     ----------
     tried : int
         How many things could have gone wrong; 0 says that the scenario did not come about, and counts as broken.
-    broken : int
-        How many did.
-    note : str
-        Further figures.
+    broken : int, how many did
+    note : str, further figures
     """
 
     tried: int
@@ -40,12 +39,9 @@ class Scenario:
 
     Parameters
     ----------
-    name : str
-        Of the attack.
-    promised : str
-        What must not happen, in words; the table counts it.
-    run : callable
-        From the laboratory to what was seen.
+    name : str, of the attack
+    promised : str, what must not happen, in words; the table counts it
+    run : callable, from the laboratory to what was seen
     """
 
     name: str
@@ -58,10 +54,8 @@ class Lab:
 
     Parameters
     ----------
-    folder : Path
-        Empty.
-    model : Path or None
-        A model file of poses; one is fitted to simulated reaches without it.
+    folder : Path, empty
+    model : Path or None, a model file of poses; one is fitted to simulated reaches without it
     """
 
     def __init__(self, folder: Path, model: Path | None = None) -> None:
@@ -108,10 +102,8 @@ class Lab:
 
         Parameters
         ----------
-        *words : str
-            Command and options.
-        ready : str
-            Text on its standard error by which it is known to answer.
+        *words : str, command and options
+        ready : str, text on its standard error by which it is known to answer
         """
         log = self.folder / f"{words[0]}-{time.monotonic_ns()}.log"
         return Program([sys.executable, "-m", "gpcorrect", *words], log, ready)
@@ -123,8 +115,7 @@ class Lab:
         Parameters
         ----------
         model : Path
-        *words : str
-            Further options.
+        *words : str, further options
         """
         end = free_endpoint()
         with self.program("serve", str(model), "--endpoint", end, *words, ready="serving") as process:
@@ -136,12 +127,20 @@ class Lab:
 
         Parameters
         ----------
-        *words : str
-            Further options.
+        *words : str, further options
         """
         end = free_endpoint()
         with self.program("sim", "serve", "--endpoint", end, "--ready", *words, ready="Ctrl-C") as process:
             yield end, process.pid
+
+
+def refuses(call: Callable[[], object], kind: type[GpCorrectError] = GpCorrectError) -> bool:
+    """Whether a call raises an error of this kind."""
+    try:
+        call()
+    except kind:
+        return True
+    return False
 
 
 def fitted(path: Path, reaches: int) -> Path:

@@ -59,8 +59,6 @@ def units(lab: Lab) -> Seen:
     wrong = accepted([*tried, ["evaluate", at.replace("ms.gpc", "monday.gpc"), str(file)]])
     wrong += ran(["validate", str(file)])[0] == 0
     seen = log.tracker_cp
-    assert seen is not None
-    assert seen.quaternion is not None
     rows = log.trajectory == 0
     path = np.hstack([seen.position, seen.quaternion])[rows]
     with (
@@ -76,13 +74,11 @@ def units(lab: Lab) -> Seen:
 def another_motion(lab: Lab) -> Seen:
     """Fit what a tracker saw of another motion, and joints in degrees: each is refused."""
     log, other = debridement_log(1, reaches=10, faults=False), debridement_log(2, reaches=10, faults=False)
-    assert other.tracker_cp is not None
     rows = np.minimum(np.arange(len(log)), len(other) - 1)
     strange = PoseSignal(other.tracker_cp.position[rows], None)
     files = [lab.folder / f"{name}.csv" for name in ("another", "degrees")]
     write_log(replace(log, tracker_cp=strange), files[0])
     degrees = joint_motion_log(preset("raven2_calibration"), 6, 10.0)
-    assert degrees.external_jp is not None
     write_log(replace(degrees, external_jp=np.rad2deg(degrees.external_jp)), files[1])
     tried = [["fit", str(files[0]), "-o", str(lab.folder / "another.gpc")]]
     tried.append(["joint", "fit", str(files[1]), "-o", str(lab.folder / "degrees.gpc"), "--method", "offset"])
@@ -95,9 +91,6 @@ def hysteresis(_: Lab) -> Seen:
     for seed in seeds:
         log = joint_motion_log(preset("raven2_calibration"), 10, 10.0, seed)
         found = run_experiment(log, FitSettings(method="linear", time_offset="auto"), task=JointCorrector)
-        assert found.evaluation is not None
-        assert log.measured_jp is not None
-        assert log.external_jp is not None
         held = np.flatnonzero(np.isin(log.trajectory, np.unique(log.trajectory)[-2:]))
         truth = (log.external_jp - log.measured_jp)[held]
         kept = all((np.abs(truth - row).max(axis=1) < 1e-12).any() for row in found.evaluation.dirty.raw[::50])
@@ -130,8 +123,6 @@ def threads(_: Lab) -> Seen:
 def turns(_: Lab) -> Seen:
     """Turn the tool through half a turn, where angles jump; invert poses with the wrist in the remote centre."""
     log, half_turn = debridement_log(1, reaches=10, faults=False), se3.matrix_from_rotvec(TURN)
-    assert log.tracker_cp is not None
-    assert log.tracker_cp.quaternion is not None
     held = _turned(log, se3.matrix_from_quaternion(np.median(log.tracker_cp.quaternion, axis=0)).T @ half_turn)
     middle, wrong, worst = np.median(log.tracker_cp.position, axis=0), 0, 0.0
     for features in (("pose", "velocity"), ("euler", "velocity")):

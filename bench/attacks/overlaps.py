@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 
-from attacks.lab import Lab, Scenario, Seen
+from attacks.lab import Lab, Scenario, Seen, refuses
 from attacks.programs import ran
 from gpcorrect import se3
 from gpcorrect.calibration import FitSettings, evaluate_model, fit_model, load, run_experiment, update_model
@@ -17,7 +17,7 @@ from gpcorrect.logs import join_logs, read_log, refuse_misread, validate_log, wr
 from gpcorrect.logs.columns import BagOptions
 from gpcorrect.logs.topics import choose_topics
 from gpcorrect.sim import debridement_log, random_reaches_log
-from gpcorrect.types import CalibrationLog, PoseSignal
+from gpcorrect.types import PoseSignal
 
 QUICK = FitSettings(method="offset", time_offset="none", clean=False, marker="none", features=("pose", "velocity"))
 POSE, JOINTS = "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/JointState"
@@ -42,7 +42,7 @@ def parts(lab: Lab) -> Seen:
         write_log(log, file)
     corrector = fit_model(read_logs(files[:1]), QUICK).corrector
     cautious = [any(KNOWN in said for said in evaluate_model(corrector, read_log(file)).cautions) for file in files]
-    refused = [_refused(files[0], file) for file in files[1:]]
+    refused = [refuses(partial(read_logs, [files[0], file]), LogError) for file in files[1:]]
     held = run_experiment(doubled, QUICK).evaluation
     wrong = (
         cautious != [True] * 5 + [False],
@@ -52,45 +52,25 @@ def parts(lab: Lab) -> Seen:
     return Seen(len(cautious) + len(refused) + 1, sum(wrong))
 
 
-def _refused(*files: Path) -> bool:
-    try:
-        read_logs(list(files))
-    except LogError:
-        return True
-    return False
-
-
 def exchanged(_: Lab) -> Seen:
     """Exchange what was commanded and what was reported by a robot that lags; recordings as they are must pass."""
     late = [debridement_log(seed, reaches=10) for seed in range(3)]
     stiff = [random_reaches_log("dvrk_psm", 6, seed, faults=False) for seed in range(2)]
     wrong = sum(bool(validate_log(log, ["exchanged"]).findings) for log in (*late, *stiff))
-    wrong += sum(not _misread(replace(log, setpoint_cp=log.measured_cp, measured_cp=log.setpoint_cp)) for log in late)
+    swapped = [replace(log, setpoint_cp=log.measured_cp, measured_cp=log.setpoint_cp) for log in late]
+    wrong += sum(not refuses(partial(refuse_misread, log), LogError) for log in swapped)
     return Seen(2 * len(late) + len(stiff), wrong)
-
-
-def _misread(log: CalibrationLog) -> bool:
-    try:
-        refuse_misread(log)
-    except LogError:
-        return True
-    return False
 
 
 def moved_tracker(lab: Lab) -> Seen:
     """Update a model with recordings of a tracker that was turned or moved meanwhile: learned as the robot's error."""
     model, log = load(lab.model), debridement_log(7, reaches=6, faults=False)
     seen, wrong = log.tracker_cp, 0
-    assert seen is not None
-    assert seen.quaternion is not None
     for turn, shift in MOVED:
         R = se3.matrix_from_rotvec(np.array(turn))
         turned = se3.quaternion_from_matrix(R @ se3.matrix_from_quaternion(seen.quaternion))
-        try:
-            update_model(model, replace(log, tracker_cp=PoseSignal(seen.position @ R.T + shift, turned)))
-        except LogError:
-            continue
-        wrong += 1
+        moved = replace(log, tracker_cp=PoseSignal(seen.position @ R.T + shift, turned))
+        wrong += not refuses(partial(update_model, model, moved), LogError)
     return Seen(len(MOVED), wrong)
 
 

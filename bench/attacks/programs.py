@@ -64,10 +64,8 @@ class SettableClock:
 
     Parameters
     ----------
-    folder : Path
-        For the library that every program loads before others, and this clock's offset.
-    name : str
-        Of the clock.
+    folder : Path, for the library that every program loads before others, and this clock's offset
+    name : str, of the clock
     """
 
     def __init__(self, folder: Path, name: str) -> None:
@@ -106,14 +104,10 @@ class Program:
     Parameters
     ----------
     command : sequence of str
-    log : Path
-        Gets standard output and error, of every start anew.
-    ready : str
-        Text in its log by which it is known to answer; empty does not wait.
-    clock : SettableClock, optional
-        What it takes for the date.
-    folder : Path, optional
-        Where it runs.
+    log : Path, gets standard output and error, of every start anew
+    ready : str, text in its log by which it is known to answer; empty does not wait
+    clock : SettableClock, optional, what it takes for the date
+    folder : Path, optional, where it runs
     """
 
     def __init__(
@@ -185,8 +179,7 @@ def ran(words: Sequence[str], begin: Callable[[], object] | None = None) -> tupl
     Parameters
     ----------
     words : sequence of str
-    begin : callable, optional
-        What the process does before the program begins.
+    begin : callable, optional, what the process does before the program begins
 
     Raises
     ------

@@ -73,7 +73,6 @@ def wrong_in(
 
 def hostile(model: CommandCorrector, rng: np.random.Generator) -> Iterator[FloatArray]:
     """Yield paths `(n, 7)` that the arm can follow badly or not at all."""
-    assert model.route is not None
     kinematics = model.route.kinematics
     chain, starts = kinematics.chain, kinematics.starts
     low, high = starts.min(axis=0), starts.max(axis=0)
@@ -104,7 +103,6 @@ def hostile(model: CommandCorrector, rng: np.random.Generator) -> Iterator[Float
 
 def _speeds(model: CommandCorrector) -> FloatArray:
     """Return the joint velocities `(d,)` up to which the training region reaches, rad/s and m/s."""
-    assert model.route is not None
     joints = model.route.joints
     kinds, owners = joints.view.features.origins
     columns, speeds = np.flatnonzero(kinds == "velocity"), np.full(len(joints.types), np.inf)

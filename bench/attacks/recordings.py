@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-import json
 import zipfile
 from concurrent.futures import ProcessPoolExecutor
 from copy import deepcopy
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from fuzzing.mutations import archive, places
 from scipy.io import savemat
 from service_bench import free_endpoint
 
-from attacks.lab import Lab, Scenario, Seen
+from attacks.lab import Lab, Scenario, Seen, refuses
 from attacks.programs import accepted
 from gpcorrect.calibration import FitSettings, evaluate_model, fit_model, load
 from gpcorrect.calibration.model_file import _digest, load_any, read_parts, seal_of
 from gpcorrect.cli.reading import read_logs
-from gpcorrect.errors import ArtifactError, GpCorrectError
+from gpcorrect.errors import ArtifactError
 from gpcorrect.logs import match_clocks, validate_log, write_log
 from gpcorrect.sim import debridement_log, random_reaches_log
 from gpcorrect.types import CalibrationLog, PoseSignal
@@ -37,8 +36,6 @@ def units(lab: Lab) -> Seen:
     """Ask in millimetres and milliseconds: poses, paths, streams and logs."""
     corrector, log = load(lab.model), debridement_log(7, reaches=3, faults=False)
     seen = log.tracker_cp
-    assert seen is not None
-    assert seen.quaternion is not None
     path, time = np.hstack([seen.position, seen.quaternion])[log.trajectory == 0], log.time[log.trajectory == 0]
     wide = path * np.array([1e3, 1e3, 1e3, 1, 1, 1, 1])
     stream = corrector.stream()
@@ -49,15 +46,7 @@ def units(lab: Lab) -> Seen:
         lambda: [stream.correct(1e3 * t, pose) for t, pose in zip(time, path, strict=True)],
         lambda: evaluate_model(corrector, replace(log, time=1e3 * log.time)),
     )
-    return Seen(len(tried), sum(not _refuses(question) for question in tried))
-
-
-def _refuses(question: Any) -> bool:
-    try:
-        question()
-    except GpCorrectError:
-        return True
-    return False
+    return Seen(len(tried), sum(not refuses(question) for question in tried))
 
 
 def orders(_: Lab) -> Seen:
@@ -74,8 +63,6 @@ def orders(_: Lab) -> Seen:
 
 def _misread(log: CalibrationLog) -> CalibrationLog:
     seen = log.tracker_cp
-    assert seen is not None
-    assert seen.quaternion is not None
     return replace(log, tracker_cp=PoseSignal(seen.position, np.roll(seen.quaternion, -1, axis=1)))
 
 
@@ -99,16 +86,10 @@ def _fitted_to_few(count: int) -> tuple[float, bool]:
 
 def clocks(_: Lab) -> Seen:
     """Ask for the clock of two or three reaches that have none of their own: a shift."""
-    logs = [make(seed, n) for make in (_reaches, _random) for n in (2, 3) for seed in range(100, 108)]
+    asked = [(n, seed) for n in (2, 3) for seed in range(100, 108)]
+    logs = [debridement_log(seed, reaches=n) for n, seed in asked]
+    logs += [random_reaches_log(seed=seed, n_trajectories=n) for n, seed in asked]
     return Seen(len(logs), sum(match_clocks(log, "tracker_cp", "setpoint_cp", "auto")[1].applied != 0 for log in logs))
-
-
-def _reaches(seed: int, count: int) -> CalibrationLog:
-    return debridement_log(seed, reaches=count)
-
-
-def _random(seed: int, count: int) -> CalibrationLog:
-    return random_reaches_log(seed=seed, n_trajectories=count)
 
 
 def copies(lab: Lab) -> Seen:
@@ -119,7 +100,7 @@ def copies(lab: Lab) -> Seen:
         write_log(log, file)
     corrector = fit_model(read_logs(files[:1]), FitSettings(method="offset")).corrector
     quiet = not any("made from" in caution for caution in evaluate_model(corrector, read_logs(files[1:])).cautions)
-    return Seen(2, (not _refuses(lambda: read_logs(files))) + quiet)
+    return Seen(2, (not refuses(lambda: read_logs(files))) + quiet)
 
 
 def forgeries(lab: Lab) -> Seen:
@@ -128,10 +109,10 @@ def forgeries(lab: Lab) -> Seen:
     whole, arrays = read_parts(lab.model)
     for _ in range(FORGED):
         header = deepcopy(whole)
-        spots = list(_places(header["model"]))
+        spots = list(places(header["model"]))
         node, key = spots[rng.integers(len(spots))]
         node[key] = VALUES[rng.integers(len(VALUES))]
-        write(file, {**header, "seal": seal_of(header)}, arrays)
+        file.write_bytes(archive({**header, "seal": seal_of(header)}, arrays))
         wrong += _raises_raw(file)
     for name in arrays:
         with zipfile.ZipFile(lab.model) as sound, zipfile.ZipFile(file, "w") as out:
@@ -165,7 +146,7 @@ def misfits(lab: Lab) -> Seen:
         header, arrays = read_parts(model)
         header["digests"][name] = _digest(array)
         file = lab.folder / f"misfit{k}.gpc"
-        write(file, {**header, "seal": seal_of(header)}, {**arrays, name: array})
+        file.write_bytes(archive({**header, "seal": seal_of(header)}, {**arrays, name: array}))
         option = ["--joints"] if model == lab.joint_model else []
         tried.append(["serve", *option, str(file), "--endpoint", free_endpoint()])
     return Seen(len(forged), accepted(tried))
@@ -180,19 +161,6 @@ def damaged(lab: Lab) -> Seen:
         file.write_bytes(whole[:TYPE] + bytes([kind]) + whole[TYPE + 1 :])
         tried += [("topics", str(file)), ("validate", str(file))]
     return Seen(len(tried), accepted(tried))
-
-
-def _places(node: Any) -> Any:
-    keys = list(node) if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ()
-    for key in keys:
-        yield node, key
-        yield from _places(node[key])
-
-
-def write(file: Path, header: dict[str, Any], arrays: dict[str, Any]) -> None:
-    contents = {"header": np.frombuffer(json.dumps(header).encode(), dtype=np.uint8), **arrays}
-    with file.open("wb") as out:
-        np.savez(out, **contents)
 
 
 SCENARIOS = (

@@ -16,8 +16,7 @@ def relay(endpoint: str) -> Iterator[tuple[str, threading.Event]]:
 
     Parameters
     ----------
-    endpoint : str
-        As `tcp/127.0.0.1:7448`.
+    endpoint : str, as `tcp/127.0.0.1:7448`
     """
     host, port = endpoint.removeprefix("tcp/").split(":")
     flows, links = threading.Event(), []

@@ -78,8 +78,7 @@ def page(lab: Lab, *endpoints: str) -> Iterator[Callable[[], Any]]:
     Parameters
     ----------
     lab : Lab
-    *endpoints : str
-        Of robots, servers or routers.
+    *endpoints : str, of robots, servers or routers
     """
     address = free_endpoint().removeprefix("tcp/")
     words = [word for end in endpoints for word in ("--endpoint", end)]

@@ -40,16 +40,11 @@ class Case:
 
     Parameters
     ----------
-    kind : str
-        For the table.
-    write : callable
-        Takes a folder, returns the file to read.
-    oracle : callable
-        What an independent reader sees in the file.
-    mapping : str
-        Text of the mapping file; empty for none.
-    options : dict
-        Of `read_log`.
+    kind : str, for the table
+    write : callable, takes a folder, returns the file to read
+    oracle : callable, what an independent reader sees in the file
+    mapping : str, text of the mapping file; empty for none
+    options : dict, of `read_log`
     """
 
     kind: str

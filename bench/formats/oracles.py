@@ -18,16 +18,11 @@ class Seen:
 
     Parameters
     ----------
-    time : (n,) array
-        s; None where the file has none that can be compared.
-    position : (n, 3) array
-        m; of markers their centroid.
-    rotation : (n, 3, 3) array or None
-        Of markers relative to the first frame.
-    signal : str
-        Where gpcorrect puts it.
-    relative : bool
-        Whether rotations are relative to the first frame.
+    time : (n,) array, s; None where the file has none that can be compared
+    position : (n, 3) array, m; of markers their centroid
+    rotation : (n, 3, 3) array or None, of markers relative to the first frame
+    signal : str, where gpcorrect puts it
+    relative : bool, whether rotations are relative to the first frame
     """
 
     time: Any

@@ -6,7 +6,6 @@ as only this project's code makes them; a third are to the bytes of the file.
 
 from __future__ import annotations
 
-import io
 import json
 import re
 import sys
@@ -21,7 +20,7 @@ from typing import Any
 import numpy as np
 from support import ROOT
 
-from fuzzing.mutations import BYTES
+from fuzzing.mutations import BYTES, archive, places
 from fuzzing.trial import FAULTS, Trial, tried
 from gpcorrect.calibration import (
     LEARNERS,
@@ -96,7 +95,6 @@ def fuzz_models(count: int, seed: int = 0, only: str = "") -> dict[str, Any]:
 def models(folder: Path, only: str = "") -> Iterator[Model]:
     """Fit a small one of every task and learner."""
     simulated = preset("raven2_left")
-    assert simulated.T_tracker_base is not None
     frame = (*simulated.T_tracker_base.translation, *simulated.T_tracker_base.rotvec)
     reaches = random_reaches_log("raven2_left", 10, 0, faults=False, model=simulated)
     logs: dict[type[Any], CalibrationLog] = {
@@ -119,7 +117,6 @@ def models(folder: Path, only: str = "") -> Iterator[Model]:
 
 def stopped(log: CalibrationLog) -> CalibrationLog:
     """Return a log whose last joint ends at a stop, so that its models hold one."""
-    assert log.external_jp is not None
     truth = np.array(log.external_jp)
     truth[:, -1] = np.minimum(truth[:, -1], STOP)
     return replace(log, external_jp=truth)
@@ -297,7 +294,7 @@ def change_array(rng: np.random.Generator, arrays: dict[str, Any]) -> None:
 
 def change_tree(rng: np.random.Generator, tree: Any) -> None:
     """Change a place of a JSON tree: another value, a place gone, a number scaled, a list longer, a level more."""
-    spots = list(_places(tree))
+    spots = list(places(tree))
     if not spots:
         return
     node, key = spots[rng.integers(len(spots))]
@@ -314,18 +311,3 @@ def change_tree(rng: np.random.Generator, tree: Any) -> None:
         node[f"{key}_"] = old
     else:
         node[key] = deepcopy(VALUES[rng.integers(len(VALUES))])
-
-
-def _places(node: Any) -> Iterator[tuple[Any, Any]]:
-    keys = list(node) if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ()
-    for key in keys:
-        yield node, key
-        yield from _places(node[key])
-
-
-def archive(header: Any, arrays: Any) -> bytes:
-    """Write the bytes of a model file."""
-    out = io.BytesIO()
-    contents = {"header": np.frombuffer(json.dumps(header, sort_keys=True).encode(), dtype=np.uint8)}
-    np.savez(out, **contents, **{name: np.asarray(value) for name, value in arrays.items()})
-    return out.getvalue()

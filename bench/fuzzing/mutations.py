@@ -1,9 +1,12 @@
-"""Ways to damage a file: its bytes, its lengths, and the cells of a text."""
+"""Ways to damage a file: its bytes, its lengths, the cells of a text; the parts of a model file, to be forged."""
 
 from __future__ import annotations
 
+import io
+import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
@@ -99,3 +102,19 @@ def lines_changed(rng: np.random.Generator, data: bytes) -> bytes:
 
 BYTES: tuple[Mutation, ...] = (flipped, replaced, cut, block_moved, length_changed)
 TEXT: tuple[Mutation, ...] = (flipped, replaced, cut, block_moved, cells_changed, cells_changed, lines_changed)
+
+
+def places(node: Any) -> Iterator[tuple[Any, Any]]:
+    """Yield every place of a JSON tree: a node, and a key of it."""
+    keys = list(node) if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ()
+    for key in keys:
+        yield node, key
+        yield from places(node[key])
+
+
+def archive(header: Any, arrays: Any) -> bytes:
+    """Write the bytes of a model file."""
+    out = io.BytesIO()
+    contents = {"header": np.frombuffer(json.dumps(header, sort_keys=True).encode(), dtype=np.uint8)}
+    np.savez(out, **contents, **{name: np.asarray(value) for name, value in arrays.items()})
+    return out.getvalue()

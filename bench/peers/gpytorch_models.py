@@ -16,7 +16,7 @@ RATE = 0.1
 STEPS = 100
 
 
-class Model(gpytorch.models.ExactGP):  # type: ignore[misc]  # untyped
+class Model(gpytorch.models.ExactGP):
     """Constant mean and ARD kernel; with inducing points SGPR, which learns where they lie."""
 
     def __init__(self, X: Any, y: Any, likelihood: Any, inducing: Any) -> None:

@@ -25,8 +25,7 @@ class Standard:
 
     def scaled(self, Y: FloatArray) -> FloatArray:
         """Return outputs of unit spread."""
-        values: FloatArray = (Y - self.centre) / self.spread
-        return values
+        return (Y - self.centre) / self.spread
 
     def restored(self, mean: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return means and deviations in the outputs' own units."""
@@ -39,5 +38,4 @@ Fit = Callable[[FloatArray, FloatArray, float], tuple[Peer, str]]
 
 def subset(X: FloatArray, size: int, seed: int = 0) -> FloatArray:
     """Pick rows at random, the same for every library."""
-    rows: FloatArray = np.random.default_rng(seed).choice(len(X), min(size, len(X)), replace=False)
-    return rows
+    return np.random.default_rng(seed).choice(len(X), min(size, len(X)), replace=False)

@@ -21,16 +21,11 @@ class TemporalNetwork:
 
     Parameters
     ----------
-    channels : int
-        Units of a layer.
-    epochs, patience : int
-        Most passes over the data, and those without a better one after which it stops.
-    batch : int
-        Samples a step.
-    rate : float
-        Of Adam.
-    seed : int
-        Of the first weights and of the order of samples.
+    channels : int, units of a layer
+    epochs, patience : int, most passes over the data, and those without a better one after which it stops
+    batch : int, samples a step
+    rate : float, of Adam
+    seed : int, of the first weights and of the order of samples
     """
 
     def __init__(
@@ -78,8 +73,7 @@ class TemporalNetwork:
     def predict(self, X: FloatArray) -> FloatArray:
         """Return targets `(n, m)`."""
         signals = (X.reshape(len(X), PAST, -1) - self._centre) / self._spread
-        found: FloatArray = self._mean + self._scale * _forward(self._parameters, signals)[-1]
-        return found
+        return self._mean + self._scale * _forward(self._parameters, signals)[-1]
 
 
 def _forward(p: list[FloatArray], signals: FloatArray) -> list[FloatArray]:

@@ -24,10 +24,8 @@ class Tally:
     ----------
     counts : Counter
         "asked", "answered", "not OK" (EXTRAPOLATING, LIMITED), "lost", "skipped", "wrong", "stale", "mixed".
-    refused : Counter
-        By status.
-    examples : list of str
-        Of what must not be.
+    refused : Counter, by status
+    examples : list of str, of what must not be
     """
 
     counts: Counter[str] = field(default_factory=Counter)
@@ -45,10 +43,8 @@ def checked(files: Sequence[Path], models: Sequence[Path], begins: Sequence[floa
 
     Parameters
     ----------
-    files : sequence of Path
-        Of the planners.
-    models : sequence of Path
-        Whose hashes answers may name.
+    files : sequence of Path, of the planners
+    models : sequence of Path, whose hashes answers may name
     begins : sequence of float
         When each span begins, s of the monotonic clock; the first takes what came before, too.
     """

@@ -35,10 +35,8 @@ class Planner:
 
     Parameters
     ----------
-    given : dict
-        Configuration, check queries to ask around, seed, rate (1/s), when to end (s, monotonic).
-    file : binary file
-        Takes the records.
+    given : dict, configuration, check queries to ask around, seed, rate (1/s), when to end (s, monotonic)
+    file : binary file, takes the records
     """
 
     def __init__(self, given: dict[str, Any], file: BinaryIO) -> None:

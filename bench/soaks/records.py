@@ -18,20 +18,13 @@ class Record(NamedTuple):
     kind : str
         "pose", "stream", "path", "nonsense", "health", or "skipped": due while the planner waited for another answer.
     asked, came : float
-    allowed : float
-        s that the client may take.
-    stream : int
-        Another number whenever the planner was told to change its model, or connected anew.
-    question : tuple
-        Poses and twist, or poses and times.
-    code : str
-        Status of a refusal; empty for an answer.
-    model_hash, replica : str
-        Whose answer it is.
-    answer : tuple
-        Arrays position, quaternion, std, interval95, and reasons.
-    starved : float
-        s in which the planner could have run, and had no core.
+    allowed : float, s that the client may take
+    stream : int, another number whenever the planner was told to change its model, or connected anew
+    question : tuple, poses and twist, or poses and times
+    code : str, status of a refusal; empty for an answer
+    model_hash, replica : str, whose answer it is
+    answer : tuple, arrays position, quaternion, std, interval95, and reasons
+    starved : float, s in which the planner could have run, and had no core
     """
 
     kind: str

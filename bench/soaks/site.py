@@ -31,14 +31,10 @@ class Site:
 
     Parameters
     ----------
-    folder : Path
-        For configurations, clocks and records.
-    disk : Path
-        Holds the store and the replicas' logs; a disk of its own where it could be mounted.
-    models : sequence of Path
-        Model files of one arm; the first is active.
-    stack : ExitStack
-        Ends the programs.
+    folder : Path, for configurations, clocks and records
+    disk : Path, holds the store and the replicas' logs; a disk of its own where it could be mounted
+    models : sequence of Path, model files of one arm; the first is active
+    stack : ExitStack, ends the programs
     """
 
     def __init__(self, folder: Path, disk: Path, models: Sequence[Path], stack: ExitStack) -> None:
@@ -122,10 +118,8 @@ def site(folder: Path, models: Sequence[Path]) -> Iterator[Site]:
 
     Parameters
     ----------
-    folder : Path
-        Empty.
-    models : sequence of Path
-        As for :class:`Site`.
+    folder : Path, empty
+    models : sequence of Path, as for :class:`Site`
     """
     disk = folder / "disk"
     disk.mkdir()

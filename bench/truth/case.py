@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from truth.alike import side_of
 from truth.facts import labels_of, nominal_tables
-from truth.hidden import Hidden
+from truth.hidden import Array, Hidden
 from truth.history import Readings
 from truth.kinds import kind_named
 from truth.kinds.kind import Scene
-from truth.kinds.temporal import side_of
 from truth.machine import readings_of, simulate
 from truth.record import recorded
 from truth.reference import Reference
@@ -34,19 +34,7 @@ class Truth:
 
 
 def make_case(spec: Spec, seed: int) -> Case:
-    """Make one recording with hidden causes; the same wish and seed give the same bytes.
-
-    Parameters
-    ----------
-    spec : Spec
-        What to make.
-    seed : int
-        Of everything that is drawn.
-
-    Returns
-    -------
-    Case
-    """
+    """Make one recording with hidden causes; the same wish and seed give the same bytes."""
     return make_truth(spec, seed).case
 
 
@@ -110,13 +98,20 @@ def _draft(setting: Setting, hidden: Hidden) -> Reference:
     number, reference = setting.spec.trajectories, setting.reference
     if setting.spec.motion == "zigzag":
         return reference.only(np.arange(max(2, number // DRAFT_STRIDE)))
+    peak = None
     if kind_named(hidden.name).peaks:
-        stop = "end" in hidden.params
         motion = setting.history.motion
-        peak = side_of(hidden.params) * motion.motor if stop else np.abs(motion.command)
-        greatest = [peak[reference.trajectory == k, hidden.column].max() for k in range(number)]
-        return reference.only(np.sort(np.argsort(greatest)[-max(2, number // DRAFT_STRIDE) :]))
-    return reference.only(np.arange(0, number, DRAFT_STRIDE if number > 2 * DRAFT_STRIDE else 2))
+        peak = side_of(hidden.params) * motion.motor if "end" in hidden.params else np.abs(motion.command)
+        peak = peak[:, hidden.column]
+    return few_of(reference, number, peak)
+
+
+def few_of(reference: Reference, number: int, peak: Array | None) -> Reference:
+    """Return a few trajectories of so many: those with the greatest `peak` (ticks,), else spread evenly."""
+    if peak is None:
+        return reference.only(np.arange(0, number, DRAFT_STRIDE if number > 2 * DRAFT_STRIDE else 2))
+    greatest = [peak[reference.trajectory == k].max() for k in range(number)]
+    return reference.only(np.sort(np.argsort(greatest)[-max(2, number // DRAFT_STRIDE) :]))
 
 
 def _own_ratio(setting: Setting, hidden: Hidden, readings: Readings, *, alone: bool) -> float:

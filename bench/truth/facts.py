@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import asdict
 from typing import Any
 
@@ -9,10 +10,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truth.arm import CENTRES, INERTIAS, MASSES, MOTOR_INERTIA, ROWS, THETA_OFFSET_DEG, WRIST
-from truth.hidden import Hidden, plain
+from truth.hidden import Array, Hidden, plain
 from truth.kinds import CATALOGUE, kind_named
+from truth.kinds.kind import Cause
 from truth.loop import CONTROL_HZ, FEEDFORWARDS
 from truth.machine import ENCODER_STEP
+from truth.noise import NoiseLaw
 from truth.reference import LOG_HZ
 from truth.setting import Setting
 
@@ -36,67 +39,80 @@ def nominal_tables(setting: Setting, rng: np.random.Generator) -> dict[str, Any]
         "log_rate_hz": float(LOG_HZ),
     }
     if spec.signals == "tracker" and setting.registered:
-        T = machine.T_tracker_base
-        rotvec = Rotation.from_matrix(T[:3, :3]).as_rotvec()
-        known["T_tracker_base"] = {"translation": T[:3, 3].tolist(), "rotvec": rotvec.tolist()}
-    return (
-        known
-        | {
-            "controller": {
-                "kp": loop.kp.tolist(),
-                "kd": loop.kd.tolist(),
-                "rate_hz": float(CONTROL_HZ),
-                "feedback": "motor",
-                "feedforward": FEEDFORWARDS[loop.feedforward],
-            },
-            "transmission": {"motor_inertia": MOTOR_INERTIA.tolist()},
-            "links": {"mass": MASSES.tolist(), "com": CENTRES.tolist(), "inertia_diagonal": INERTIAS.tolist()},
-        }
-        | noise
-    )
+        known["T_tracker_base"] = pose_table(machine.T_tracker_base)
+    controller = controller_table(loop.kp, loop.kd, FEEDFORWARDS[loop.feedforward])
+    tables = {
+        "controller": controller,
+        "transmission": {"motor_inertia": MOTOR_INERTIA.tolist()},
+        "links": {"mass": MASSES.tolist(), "com": CENTRES.tolist(), "inertia_diagonal": INERTIAS.tolist()},
+    }
+    return known | tables | noise
+
+
+def pose_table(T: Array) -> dict[str, Any]:
+    """Return a rigid motion `(4, 4)` as nominal.toml has it."""
+    return {"translation": T[:3, 3].tolist(), "rotvec": Rotation.from_matrix(T[:3, :3]).as_rotvec().tolist()}
+
+
+def controller_table(kp: Array, kd: Array, feedforward: str) -> dict[str, Any]:
+    return {
+        "kp": kp.tolist(),
+        "kd": kd.tolist(),
+        "rate_hz": float(CONTROL_HZ),
+        "feedback": "motor",
+        "feedforward": feedforward,
+    }
+
+
+def tracker_noise_table(law: NoiseLaw) -> dict[str, Any]:
+    return {
+        "tracker_white": float(np.sqrt(np.mean(law.white**2))),
+        "tracker_ar_std": float(np.sqrt(np.mean(law.slow**2))),
+    }
+
+
+def joint_noise_table(law: NoiseLaw) -> dict[str, Any]:
+    return {
+        "external_jp_white": law.white.tolist(),
+        "external_jp_ar_std": law.slow.tolist(),
+        "external_jp_ar_phi": law.phi,
+    }
 
 
 def _noise_table(setting: Setting) -> dict[str, Any]:
     if setting.spec.signals == "tracker":
-        law = setting.tracker_noise
-        return {
-            "noise": {
-                "tracker_white": float(np.sqrt(np.mean(law.white**2))),
-                "tracker_ar_std": float(np.sqrt(np.mean(law.slow**2))),
-            }
-        }
-    law = setting.joint_noise
-    return {
-        "noise": {
-            "external_jp_white": law.white.tolist(),
-            "external_jp_ar_std": law.slow.tolist(),
-            "external_jp_ar_phi": law.phi,
-            "encoder_step": ENCODER_STEP.tolist(),
-        }
-    }
+        return {"noise": tracker_noise_table(setting.tracker_noise)}
+    return {"noise": {**joint_noise_table(setting.joint_noise), "encoder_step": ENCODER_STEP.tolist()}}
 
 
 def labels_of(setting: Setting, hidden: list[Hidden], ratios: list[float], seed: int) -> dict[str, Any]:
-    kind = "null" if not hidden else "catalogue" if all(h.name in CATALOGUE for h in hidden) else "outside"
     noise = setting.tracker_noise if setting.spec.signals == "tracker" else setting.joint_noise
-    effects = [
-        {"name": h.name, "joint": _joint(h), "params": plain(h.params), "ratio": ratio}
-        for h, ratio in zip(hidden, ratios, strict=True)
-    ]
-    return {
-        "kind": kind,
-        "suite": setting.spec.suite,
-        "seed": seed,
-        "spec": plain(asdict(setting.spec)),
-        "effects": effects,
-        "nuisance": {
-            "noise_rms": noise.rms.tolist(),
-            "friction_law": "lugre" if setting.machine.loop.lugre else "karnopp",
-            "table_errors": (setting.machine.rows - ROWS).tolist(),
-        },
+    nuisance = {
+        "noise_rms": noise.rms.tolist(),
+        "friction_law": "lugre" if setting.machine.loop.lugre else "karnopp",
+        "table_errors": (setting.machine.rows - ROWS).tolist(),
     }
+    causes = [(h, kind_named(h.name), ratio) for h, ratio in zip(hidden, ratios, strict=True)]
+    return labels(setting.spec, seed, causes, CATALOGUE, nuisance)
 
 
-def _joint(hidden: Hidden) -> int | str:
-    where = kind_named(hidden.name).where
-    return hidden.column + 1 if where == "joint" else where
+def labels(
+    spec: Any, seed: int, causes: list[tuple[Hidden, Cause, float]], known: Container[str], nuisance: dict[str, Any]
+) -> dict[str, Any]:
+    """Return what the workflow is not told; `causes` are what is hidden, its sort and its ratio."""
+    return {
+        "kind": "null" if not causes else "catalogue" if all(h.name in known for h, *_ in causes) else "outside",
+        "suite": spec.suite,
+        "seed": seed,
+        "spec": plain(asdict(spec)),
+        "effects": [
+            {
+                "name": h.name,
+                "joint": h.column + 1 if cause.where == "joint" else cause.where,
+                "params": plain(h.params),
+                "ratio": ratio,
+            }
+            for h, cause, ratio in causes
+        ],
+        "nuisance": nuisance,
+    }

@@ -29,12 +29,10 @@ def further_recording(truth: Truth, plan: Plan, rng: np.random.Generator) -> Cal
 
     Parameters
     ----------
-    truth : Truth
-        The machine, with what is hidden in it; it is restarted at rest at the plan's first pose.
+    truth : Truth, the machine, with what is hidden in it; it is restarted at rest at the plan's first pose
     plan : Plan
         Desired paths; each run of it is one trajectory. Its sessions beyond the first are new homings.
-    rng : numpy.random.Generator
-        Of noise, and of what a homing changes.
+    rng : numpy.random.Generator, of noise, and of what a homing changes
 
     Returns
     -------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,24 +22,8 @@ class Hidden:
     params: Params
 
 
-class Law(Protocol):
-    """How the numbers of a sort of cause make it larger."""
-
-    @property
-    def grow(self) -> tuple[str, ...]:
-        """Parameters that are multiplied."""
-
-    @property
-    def shrink(self) -> tuple[str, ...]:
-        """Parameters that are divided."""
-
-    @property
-    def power(self) -> Mapping[str, float]:
-        """Power of the factor by which a parameter is multiplied; 1 where it does not say."""
-
-
-def scaled(law: Law, params: Params, factor: float) -> Params:
-    """Return the parameters of a cause `factor` times as large, as far as it grows in proportion."""
+def scaled(law: Any, params: Params, factor: float) -> Params:
+    """Return the parameters of a cause `factor` times as large, as far as the law of its sort lets it grow."""
     changed = dict(params)
     for names, by in ((law.grow, factor), (law.shrink, 1.0 / factor)):
         for name in names:
@@ -54,14 +38,10 @@ class Growth:
 
     Parameters
     ----------
-    close : float
-        Relative error of the ratio at which the search ends; the noise's level takes up the rest.
-    tries : int
-        Simulations at the most.
-    stride : float
-        Longest step, in the logarithm of the factor.
-    physical : mapping
-        Lowest and highest value of a cause's parameters.
+    close : float, relative error of the ratio at which the search ends; the noise's level takes up the rest
+    tries : int, simulations at the most
+    stride : float, longest step, in the logarithm of the factor
+    physical : mapping, lowest and highest value of a cause's parameters
     """
 
     close: float
@@ -77,7 +57,7 @@ class Growth:
         return replace(hidden, params=params)
 
     def grown(
-        self, law: Law, hidden: Hidden, target: float, measure: Callable[[Hidden], float], start: float = 1.0
+        self, law: Any, hidden: Hidden, target: float, measure: Callable[[Hidden], float], start: float = 1.0
     ) -> tuple[Hidden, float]:
         """Return the cause scaled until its measured ratio is near the target, as physics lets it; and its ratio.
 
@@ -109,8 +89,7 @@ def rigidly(points: Array, onto: Array) -> Array:
     a, b = points.mean(axis=0), onto.mean(axis=0)
     U, _, Vt = np.linalg.svd((points - a).T @ (onto - b))
     turn = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
-    moved: Array = (points - a) @ turn + b
-    return moved
+    return (points - a) @ turn + b
 
 
 def with_column(values: Array, j: int, new: Array) -> Array:

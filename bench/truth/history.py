@@ -33,16 +33,11 @@ class Readings:
 
     Parameters
     ----------
-    outside : (n, 3) array
-        True joint values.
-    reported : (n, 3) array
-        Motor side.
-    effort : (n, 3) array
-        Commanded torque.
-    tip : (n, 4, 4) array
-        True tool pose, base frame.
-    extra_noise : (n, 3) array
-        Standard deviation of noise beyond the declared, rad or m; zero is none.
+    outside : (n, 3) array, true joint values
+    reported : (n, 3) array, motor side
+    effort : (n, 3) array, commanded torque
+    tip : (n, 4, 4) array, true tool pose, base frame
+    extra_noise : (n, 3) array, standard deviation of noise beyond the declared, rad or m; zero is none
     """
 
     outside: Array

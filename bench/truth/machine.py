@@ -84,8 +84,7 @@ def simulate(
     ----------
     machine, reference, hidden :
         What runs, along what, with what.
-    before : Recorded, optional
-        Motion of the machine without any cause, to spare a run.
+    before : Recorded, optional, motion of the machine without any cause, to spare a run
     """
     parts = sorted(hidden, key=lambda h: STAGES.index(h.name) if h.name in STAGES else -1)
     on_path = [h for h in parts if kind_named(h.name).path]

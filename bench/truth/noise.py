@@ -51,16 +51,11 @@ def noise_of(
 
     Parameters
     ----------
-    law : NoiseLaw
-        k channels.
-    rng : numpy.random.Generator
-        Chance.
-    trajectory : (n,) int array
-        The slow part begins anew with each.
-    speed : (n,) array
-        Of the motion, as a share of its greatest.
-    extra : (n, k) array
-        Standard deviation of further white noise, in the unit of the channels.
+    law : NoiseLaw, k channels
+    rng : numpy.random.Generator, chance
+    trajectory : (n,) int array, the slow part begins anew with each
+    speed : (n,) array, of the motion, as a share of its greatest
+    extra : (n, k) array, standard deviation of further white noise, in the unit of the channels
     """
     n, k = len(trajectory), len(law.white)
     tails = rng.standard_t(law.degrees, (n, k)) / np.sqrt(law.degrees / (law.degrees - 2.0))

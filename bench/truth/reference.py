@@ -214,14 +214,10 @@ def laid_out(parts: list[Motion], payloads: list[float], session: Ints, waits: l
 
     Parameters
     ----------
-    parts : list of Motion
-        Position, speed and acceleration of each trajectory at the control rate.
-    payloads : list of float
-        kg, of each.
-    session : (N,) int array
-        Of each, from 0; they follow one another.
-    waits : list of float, optional
-        Seconds of the log's clock before each trajectory, beyond the usual pause.
+    parts : list of Motion, position, speed and acceleration of each trajectory at the control rate
+    payloads : list of float, kg, of each
+    session : (N,) int array, of each, from 0; they follow one another
+    waits : list of float, optional, seconds of the log's clock before each trajectory, beyond the usual pause
     """
     per_tick = CONTROL_HZ // TICK_HZ
     motions, columns, clock, began, here = [], [], 0.0, 0.0, parts[0][0][0]

@@ -32,16 +32,11 @@ def ratio_of(
 
     Parameters
     ----------
-    hidden : Hidden
-        The cause.
-    with_it, without : Readings
-        Of the two runs.
-    rows : int array
-        Logged ticks.
-    noise : (3,) array
-        RMS of the noise on the joint sensors.
-    tracker : float or None
-        RMS of the noise on an axis of the tracker, when it is the only sensor.
+    hidden : Hidden, the cause
+    with_it, without : Readings, of the two runs
+    rows : int array, logged ticks
+    noise : (3,) array, RMS of the noise on the joint sensors
+    tracker : float or None, RMS of the noise on an axis of the tracker, when it is the only sensor
     fitted : bool
         Whether the tracker's registration is left to the data, which then takes up what a rigid motion can.
     """

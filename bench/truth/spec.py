@@ -18,21 +18,15 @@ class Spec:
 
     Parameters
     ----------
-    suite : str
-        For the labels.
-    hidden : tuple of str
-        Names of the hidden causes; none is a null case.
-    ratio : float
-        RMS of each cause's own trace over RMS of the noise.
+    suite : str, for the labels
+    hidden : tuple of str, names of the hidden causes; none is a null case
+    ratio : float, RMS of each cause's own trace over RMS of the noise
     signals : "joints", "tracker" or "bare"
         Outside joint sensors with motor side and efforts; poses from a tracker beside commanded poses; or joints only,
         with `arm = "joints"` and no controller in the nominal model.
-    motion : "separating" or "zigzag"
-        Runs that tell look-alikes apart, or constant speed to and fro.
-    awkward : str
-        Which law the noise breaks; empty for the usual one.
-    sessions, trajectories, seconds : int, int, float
-        Size of the recording.
+    motion : "separating" or "zigzag", runs that tell look-alikes apart, or constant speed to and fro
+    awkward : str, which law the noise breaks; empty for the usual one
+    sessions, trajectories, seconds : int, int, float, size of the recording
     """
 
     suite: str

@@ -23,28 +23,17 @@ class Arm:
 
     Parameters
     ----------
-    name : str
-        Of the arm.
-    declared : str
-        `arm` of the nominal model; "joints" says nothing of kinematics, masses and controller.
-    types : str
-        "R" or "P" for each moving joint.
-    rows : (m, 4) array
-        Denavit-Hartenberg table, alpha, a, d, theta at joint value zero, held joints too.
-    modified : bool
-        Craig's convention Rx(alpha) Tx(a) Rz(theta) Tz(d), else Rz(theta) Tz(d) Tx(a) Rx(alpha).
-    theta_offset_deg : tuple of float or None
-        As the nominal model gives them, degrees.
-    mass, centre, moment : (k,), (k, 3), (k, 3) arrays
-        kg, m and kg m^2 of the moving links, in link frames.
-    gravity : (3,) array
-        m/s^2, base frame.
-    motor_inertia, ranges, zigzag_speed, encoder_step : (k,), (k, 2), (k,), (k,) arrays
-        Joint units.
-    payloads : tuple of float
-        kg, in turn.
-    base_turn, tool_turns : floats
-        Base Rx before the table, tool Rz and Rx after it, rad.
+    name : str, of the arm
+    declared : str, `arm` of the nominal model; "joints" says nothing of kinematics, masses and controller
+    types : str, "R" or "P" for each moving joint
+    rows : (m, 4) array, Denavit-Hartenberg table, alpha, a, d, theta at joint value zero, held joints too
+    modified : bool, Craig's convention Rx(alpha) Tx(a) Rz(theta) Tz(d), else Rz(theta) Tz(d) Tx(a) Rx(alpha)
+    theta_offset_deg : tuple of float or None, as the nominal model gives them, degrees
+    mass, centre, moment : (k,), (k, 3), (k, 3) arrays, kg, m and kg m^2 of the moving links, in link frames
+    gravity : (3,) array, m/s^2, base frame
+    motor_inertia, ranges, zigzag_speed, encoder_step : (k,), (k, 2), (k,), (k,) arrays, joint units
+    payloads : tuple of float, kg, in turn
+    base_turn, tool_turns : floats, base Rx before the table, tool Rz and Rx after it, rad
     """
 
     name: str

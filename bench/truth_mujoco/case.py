@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from truth.alike import side_of
+from truth.case import Truth, few_of
 from truth.hidden import Hidden
 from truth.history import Readings
 from truth.noise import NoiseLaw, draw_noise
@@ -30,7 +32,6 @@ Array = NDArray[np.float64]
 JOINT_NOISE = {"R": 2.5e-4, "P": 4e-5}  # rad and m; typical white part of the outside joint sensors
 TRACKER_NOISE = 1.5e-4  # m
 LEVER = 0.1  # m; from a tracker's noise to a joint's
-DRAFT_STRIDE = 5  # every so many trajectories are run while a cause in MuJoCo's model is sized
 NOISE_FACTOR = 2.0  # by which the noise may differ from what was drawn, to meet a ratio
 JOINTS_TRIED = 3  # until one lets a cause be as large as asked
 
@@ -68,30 +69,8 @@ class Setting:
         return replace(self, joint_noise=self.joint_noise.times(factor), tracker_noise=self.tracker_noise.times(factor))
 
 
-@dataclass(frozen=True, eq=False)
-class Truth:
-    """A case, its machine and motion without the causes (`setting`), and what was true with them at every tick."""
-
-    case: Case
-    setting: Setting
-    readings: Readings
-    hidden: tuple[Hidden, ...] = ()
-
-
 def make_case(spec: Spec, seed: int) -> Case:
-    """Make one recording with hidden causes; the same wish and seed give the same bytes.
-
-    Parameters
-    ----------
-    spec : Spec
-        What to make.
-    seed : int
-        Of everything that is drawn.
-
-    Returns
-    -------
-    Case
-    """
+    """Make one recording with hidden causes; the same wish and seed give the same bytes."""
     return make_truth(spec, seed).case
 
 
@@ -101,13 +80,9 @@ def make_truth(spec: Spec, seed: int) -> Truth:
     setting = prepared(spec, rng)
     hidden = [_placed(setting, name, rng) for name in spec.hidden]
     setting, readings, ratios = _hide(setting, hidden)
-    log = recorded(setting.spec, setting.machine, setting.reference, readings, _noises(setting), rng)
+    log = recorded(setting, readings, rng)
     case = Case(log, nominal_tables(setting, rng), labels_of(setting, hidden, ratios, seed))
     return Truth(case, setting, readings, tuple(hidden))
-
-
-def _noises(setting: Setting) -> tuple[NoiseLaw, NoiseLaw]:
-    return setting.joint_noise, setting.tracker_noise
 
 
 def prepared(spec: Spec, rng: np.random.Generator) -> Setting:
@@ -135,7 +110,6 @@ def _placed(setting: Setting, name: str, rng: np.random.Generator) -> Hidden:
             best, best_miss = hidden, miss
         if miss < np.log(NOISE_FACTOR):
             break
-    assert best is not None
     return best
 
 
@@ -172,13 +146,11 @@ def _sized(setting: Setting, hidden: Hidden) -> tuple[Hidden, float]:
 
 def _draft(setting: Setting, hidden: Hidden) -> Reference:
     """Return a few trajectories: the most extreme ones for a cause that acts at peaks, else spread evenly."""
-    number, reference, recorded = setting.spec.trajectories, setting.reference, setting.run.recorded
+    recorded, peak = setting.run.recorded, None
     if cause_named(hidden.name).peaks:
-        side = {"upper": 1.0, "lower": -1.0}.get(str(hidden.params.get("end")))
-        peak = np.abs(recorded.command) if side is None else side * recorded.reported
-        greatest = [peak[reference.trajectory == k, hidden.column].max() for k in range(number)]
-        return reference.only(np.sort(np.argsort(greatest)[-max(2, number // DRAFT_STRIDE) :]))
-    return reference.only(np.arange(0, number, DRAFT_STRIDE if number > 2 * DRAFT_STRIDE else 2))
+        peak = side_of(hidden.params) * recorded.reported if "end" in hidden.params else np.abs(recorded.command)
+        peak = peak[:, hidden.column]
+    return few_of(setting.reference, setting.spec.trajectories, peak)
 
 
 def _hide(setting: Setting, hidden: Sequence[Hidden]) -> tuple[Setting, Readings, list[float]]:

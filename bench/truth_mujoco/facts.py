@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
-from truth.hidden import Hidden, plain
-from truth.loop import CONTROL_HZ
+from truth.facts import (
+    NOISE_DECLARED,
+    controller_table,
+    joint_noise_table,
+    labels,
+    pose_table,
+    tracker_noise_table,
+)
+from truth.hidden import Hidden
 from truth.reference import LOG_HZ
 
 from truth_mujoco.causes import AHEAD, CATALOGUE, cause_named
 
 if TYPE_CHECKING:
     from truth_mujoco.case import Setting
-
-NOISE_DECLARED = 0.5  # share of the cases whose noise is known beforehand
 
 
 def nominal_tables(setting: Setting, rng: np.random.Generator) -> dict[str, Any]:
@@ -32,19 +35,10 @@ def nominal_tables(setting: Setting, rng: np.random.Generator) -> dict[str, Any]
     if arm.theta_offset_deg is not None:
         known["theta_offset_deg"] = list(arm.theta_offset_deg)
     if machine.tracked and setting.registered:
-        T = machine.T_tracker_base
-        rotvec = Rotation.from_matrix(T[:3, :3]).as_rotvec()
-        known["T_tracker_base"] = {"translation": T[:3, 3].tolist(), "rotvec": rotvec.tolist()}
-    controller = {
-        "kp": plant.kp.tolist(),
-        "kd": plant.kd.tolist(),
-        "rate_hz": float(CONTROL_HZ),
-        "feedback": "motor",
-        "feedforward": plant.feedforward,
-    }
+        known["T_tracker_base"] = pose_table(machine.T_tracker_base)
     links = {"mass": arm.mass.tolist(), "com": arm.centre.tolist(), "inertia_diagonal": arm.moment.tolist()}
     tables = {
-        "controller": controller,
+        "controller": controller_table(plant.kp, plant.kd, plant.feedforward),
         "transmission": {"motor_inertia": arm.motor_inertia.tolist()},
         "links": links,
     }
@@ -54,43 +48,18 @@ def nominal_tables(setting: Setting, rng: np.random.Generator) -> dict[str, Any]
 def _noise_table(setting: Setting) -> dict[str, Any]:
     table: dict[str, Any] = {"encoder_step": setting.machine.arm.encoder_step.tolist()}
     if setting.spec.signals != "tracker":
-        law = setting.joint_noise
-        table |= {
-            "external_jp_white": law.white.tolist(),
-            "external_jp_ar_std": law.slow.tolist(),
-            "external_jp_ar_phi": law.phi,
-        }
+        table |= joint_noise_table(setting.joint_noise)
     if setting.machine.tracked:
-        law = setting.tracker_noise
-        table |= {
-            "tracker_white": float(np.sqrt(np.mean(law.white**2))),
-            "tracker_ar_std": float(np.sqrt(np.mean(law.slow**2))),
-        }
+        table |= tracker_noise_table(setting.tracker_noise)
     return table
 
 
 def labels_of(setting: Setting, hidden: Sequence[Hidden], ratios: Sequence[float], seed: int) -> dict[str, Any]:
     """Return what the workflow is not told."""
-    known = CATALOGUE | AHEAD
-    kind = "null" if not hidden else "catalogue" if all(h.name in known for h in hidden) else "outside"
-    effects = [
-        {"name": h.name, "joint": _joint(h), "params": plain(h.params), "ratio": ratio}
-        for h, ratio in zip(hidden, ratios, strict=True)
-    ]
-    return {
-        "kind": kind,
-        "suite": setting.spec.suite,
-        "seed": seed,
-        "spec": plain(asdict(setting.spec)),
-        "effects": effects,
-        "nuisance": {
-            "joint_noise_rms": setting.joint_noise.rms.tolist(),
-            "tracker_noise_rms": setting.tracker_noise.rms.tolist(),
-            "table_errors": (setting.machine.plant.rows - setting.machine.arm.rows).tolist(),
-        },
+    nuisance = {
+        "joint_noise_rms": setting.joint_noise.rms.tolist(),
+        "tracker_noise_rms": setting.tracker_noise.rms.tolist(),
+        "table_errors": (setting.machine.plant.rows - setting.machine.arm.rows).tolist(),
     }
-
-
-def _joint(hidden: Hidden) -> int | str:
-    where = cause_named(hidden.name).where
-    return hidden.column + 1 if where == "joint" else where
+    causes = [(h, cause_named(h.name), ratio) for h, ratio in zip(hidden, ratios, strict=True)]
+    return labels(setting.spec, seed, causes, CATALOGUE | AHEAD, nuisance)

@@ -64,8 +64,7 @@ def simulate(
     ----------
     machine, reference, torques, hidden :
         What runs, along what, with which nominal torques, with what.
-    before : Run, optional
-        Run of the machine without any cause, to spare a run.
+    before : Run, optional, run of the machine without any cause, to spare a run
     """
     plant = machine.plant
     for h in hidden:

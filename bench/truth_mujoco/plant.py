@@ -28,39 +28,25 @@ class Plant:
 
     Parameters
     ----------
-    arm : Arm
-        The machine as everybody knows it.
-    rows, gravity : (m, 4), (3,) arrays
-        True table; true free fall, base frame.
-    kp, kd, feedforward : arrays, str
-        Controller, in joint units.
+    arm : Arm, the machine as everybody knows it
+    rows, gravity : (m, 4), (3,) arrays, true table; true free fall, base frame
+    kp, kd, feedforward : arrays, str, controller, in joint units
     fed : (3, k) array
         Share of gravity torque, inertia torque and desired speed that the controller is really told.
-    gains : (2, k) array
-        Factors of kp and kd.
-    torque_limit : array
-        N m or N; infinite is none.
-    encoder_step : array
-        What the controller's encoders resolve.
+    gains : (2, k) array, factors of kp and kd
+    torque_limit : array, N m or N; infinite is none
+    encoder_step : array, what the controller's encoders resolve
     elastic : bool array
         Whether a cable lies between motor and link; `stiffness`, `cubic` are its numbers, `link_inertia` sets its
         damping.
-    coulomb, viscous : arrays
-        Friction on the motors.
-    stop_place, stop_side, stop_stiffness : arrays
-        One-sided springs on the links; stiffness zero is none.
-    mapping, home : (k, k), (k,) arrays
-        Reported = home + mapping (motor - home) + offset + waves.
-    offset : callable or None
-        `(reference, time at control steps) -> (m, k)` added to what is reported.
-    waves : tuple of (column, amplitude, number, phase)
-        Added to what is reported.
-    hidden_mass : float
-        kg at the tip that the controller does not know of.
-    bends : (2, 3) array or None
-        Axes in the tip's frame across the shaft, along which it bends; None is rigid.
-    shapes : tuple of callables
-        `(spec)`: what else is built into the model.
+    coulomb, viscous : arrays, friction on the motors
+    stop_place, stop_side, stop_stiffness : arrays, one-sided springs on the links; stiffness zero is none
+    mapping, home : (k, k), (k,) arrays, reported = home + mapping (motor - home) + offset + waves
+    offset : callable or None, `(reference, time at control steps) -> (m, k)` added to what is reported
+    waves : tuple of (column, amplitude, number, phase), added to what is reported
+    hidden_mass : float, kg at the tip that the controller does not know of
+    bends : (2, 3) array or None, axes in the tip's frame across the shaft, along which it bends; None is rigid
+    shapes : tuple of callables, `(spec)`: what else is built into the model
     hooks : tuple of callables
         `(model, data, reference, plant) -> step(i, t, state)`: what happens at each control step.
     """
@@ -133,8 +119,7 @@ def _link_inertia(arm: Arm, gravity: Array) -> Array:
     mujoco.mj_forward(model, data)
     M = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, M)
-    diagonal: Array = np.diag(M) - arm.motor_inertia
-    return diagonal
+    return np.diag(M) - arm.motor_inertia
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,12 +192,9 @@ def integrate(plant: Plant, reference: Reference, torques: Array) -> Recorded:
 
     Parameters
     ----------
-    plant : Plant
-        The machine.
-    reference : Reference
-        Desired motion, from rest.
-    torques : (3, n, k) array
-        Of :func:`nominal_torques`, for the machine as its controller knows it.
+    plant : Plant, the machine
+    reference : Reference, desired motion, from rest
+    torques : (3, n, k) array, of :func:`nominal_torques`, for the machine as its controller knows it
     """
     model = compiled(plant)
     data, k = mujoco.MjData(model), plant.arm.dof
@@ -253,7 +235,7 @@ def integrate(plant: Plant, reference: Reference, torques: Array) -> Recorded:
         if ticking:
             kept.reported[t], kept.link[t], kept.command[t] = seen, qpos[:k], command
             if bends:
-                kept.bend[t] = data.xmat[payload].reshape(3, 3) @ (plant.bends.T @ qpos[bends])  # type: ignore[union-attr]
+                kept.bend[t] = data.xmat[payload].reshape(3, 3) @ (plant.bends.T @ qpos[bends])
         mujoco.mj_step(model, data, SUBSTEPS)
     return kept
 

@@ -2,35 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from truth.history import Readings
 from truth.loop import CONTROL_HZ, TICK_HZ
-from truth.noise import NoiseLaw, noise_of
+from truth.noise import noise_of
 from truth.record import tracked
-from truth.reference import Reference
 
 from gpcorrect.types import CalibrationLog, LogMeta
-from truth_mujoco.machine import Machine
-from truth_mujoco.spec import Spec
+
+if TYPE_CHECKING:
+    from truth_mujoco.case import Setting
 
 Array = NDArray[np.float64]
 
 
-def recorded(
-    spec: Spec,
-    machine: Machine,
-    reference: Reference,
-    readings: Readings,
-    noises: tuple[NoiseLaw, NoiseLaw],
-    rng: np.random.Generator,
-) -> CalibrationLog:
+def recorded(setting: Setting, readings: Readings, rng: np.random.Generator) -> CalibrationLog:
     """Sample what was true at the log's rate, with the noise of joint sensors and tracker, encoder steps and holes.
 
     Where only a tracker looks on, the motors are written down beside it.
     """
+    machine, reference = setting.machine, setting.reference
     arm, rows = machine.arm, reference.logged
     trajectory = reference.trajectory[rows]
     pace = np.abs(reference.speed[:: CONTROL_HZ // TICK_HZ][rows])
@@ -41,11 +35,11 @@ def recorded(
         "measured_jp": reported,
         "measured_jf": None if arm.bare else readings.effort[rows],
     }
-    if spec.signals != "tracker":
-        noise = noise_of(noises[0], rng, trajectory, pace, readings.extra_noise[rows])
+    if setting.spec.signals != "tracker":
+        noise = noise_of(setting.joint_noise, rng, trajectory, pace, readings.extra_noise[rows])
         signals["external_jp"] = readings.outside[rows] + noise
     if machine.tracked:
-        noise = noise_of(noises[1], rng, trajectory, pace, np.zeros((len(rows), 3)))
+        noise = noise_of(setting.tracker_noise, rng, trajectory, pace, np.zeros((len(rows), 3)))
         signals["tracker_cp"] = tracked(machine.T_tracker_base, readings.tip[rows], noise, rng)
     return CalibrationLog(
         time=reference.time[rows],

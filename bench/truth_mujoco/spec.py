@@ -14,19 +14,14 @@ class Spec:
 
     Parameters
     ----------
-    suite : str
-        For the labels.
-    arm : str
-        Name in :data:`truth_mujoco.arms.ARMS`.
-    hidden : tuple of str
-        Names of the hidden causes; none is a null case.
-    ratio : float
-        RMS of each cause's own trace over RMS of the noise.
+    suite : str, for the labels
+    arm : str, name in :data:`truth_mujoco.arms.ARMS`
+    hidden : tuple of str, names of the hidden causes; none is a null case
+    ratio : float, RMS of each cause's own trace over RMS of the noise
     signals : "joints", "tracker", "both" or "bare"
         Outside joint sensors; a tracker beside motor encoders; both of them; or joints only, with `arm = "joints"` and
         no controller in the nominal model.
-    sessions, trajectories, seconds : int, int, float
-        Size of the recording.
+    sessions, trajectories, seconds : int, int, float, size of the recording
     """
 
     suite: str

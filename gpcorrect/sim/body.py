@@ -1,8 +1,9 @@
-"""The arm's body: geometry and masses, some joints moving and the others held."""
+"""The arm's body, some joints moving and the others held, and the drives that move it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -17,14 +18,10 @@ class Links:
 
     Parameters
     ----------
-    mass : (k,) array
-        kg, of links 1 to k; further links weigh nothing.
-    com : (k, 3) array
-        Centres of mass, m.
-    inertia_diagonal : (k, 3) array
-        Moments about the centre of mass, along the link frame's axes, kg m^2.
-    payload : (N,) array
-        Point mass at the tip in each run, kg.
+    mass : (k,) array, kg, of links 1 to k; further links weigh nothing
+    com : (k, 3) array, centres of mass, m
+    inertia_diagonal : (k, 3) array, moments about the centre of mass, along the link frame's axes, kg m^2
+    payload : (N,) array, point mass at the tip in each run, kg
     inertia_products : (k, 3) array or None
         Entries xy, xz and yz of the same inertia matrix; None where the link frame's axes are principal.
     """
@@ -59,18 +56,12 @@ class Body:
 
     Parameters
     ----------
-    joints : tuple of int
-        Numbers of the moving joints, from 1.
-    types : str
-        "R" or "P" for each moving joint.
-    chain : Chain or None
-        The whole arm's kinematics; None for bare joints, which weigh nothing.
-    held : (dof - k,) array
-        Values of the other joints in the order of their numbers, rad or m.
+    joints : tuple of int, numbers of the moving joints, from 1
+    types : str, "R" or "P" for each moving joint
+    chain : Chain or None, the whole arm's kinematics; None for bare joints, which weigh nothing
+    held : (dof - k,) array, values of the other joints in the order of their numbers, rad or m
     links : Links
-        Masses.
-    gravity : (3,) array
-        m/s^2, base frame.
+    gravity : (3,) array, m/s^2, base frame
     springs : (2, k) array or None
         Stiffness of a spring at each moving joint, N m/rad or N/m, and the joint value at which it is at rest.
     """
@@ -93,8 +84,7 @@ class Body:
 
         Parameters
         ----------
-        q : (..., k) array
-            Values of the moving joints, rad or m.
+        q : (..., k) array, values of the moving joints, rad or m
         """
         assert self.chain is not None
         values = np.empty((*q.shape[:-1], self.chain.dof))
@@ -107,8 +97,7 @@ class Body:
 
         Parameters
         ----------
-        q : (..., k) array
-            Values of the moving joints, rad or m.
+        q : (..., k) array, values of the moving joints, rad or m
         """
         return None if self.chain is None else self.chain.forward(self.all_joints(q))
 
@@ -126,3 +115,55 @@ class Body:
         tool = self.chain.tool if tail is None else tail.forward(self.held)
         chain = replace(self.chain, joints=self.chain.joints[:k], tool=tool)
         return replace(self, chain=chain, held=np.zeros(0))
+
+
+Feedforward = Literal["none", "gravity", "rigid-body"]
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """Motor-side control of every joint, in joint units.
+
+    Parameters
+    ----------
+    kp, kd : (dof,) arrays
+        Proportional and derivative gains on the reported motor position, N m/rad and N m s/rad, or N/m and N s/m.
+    motor_inertia : (dof,) array, rotor and gears reflected to the joint, kg m^2 or kg
+    rate_hz : float, of the servo loop
+    feedforward : "none", "gravity" or "rigid-body"
+        Torque added at the commanded motion from the nominal masses: nothing, what holds the arm, or also what
+        accelerates it and its motors.
+    kv : (dof,) array or None
+        Gains on the motor's own velocity, which a controller without a velocity command brakes by; none when None.
+    friction, damping, limit : (dof,) arrays or None
+        Dry friction, viscous damping and largest torque that the drives are known to have, as a robot file gives them;
+        none where it is silent.
+    beyond : (3, dof) array
+        Fractions of gravity's torque, of the inertia's, and of kd times the commanded velocity that are fed forward
+        beyond that.
+    """
+
+    kp: FloatArray
+    kd: FloatArray
+    motor_inertia: FloatArray
+    rate_hz: float = 1000.0
+    feedforward: Feedforward = "none"
+    kv: FloatArray | None = None
+    friction: FloatArray | None = None
+    damping: FloatArray | None = None
+    limit: FloatArray | None = None
+    beyond: FloatArray = field(default_factory=lambda: np.zeros((3, 1)))
+
+    @property
+    def feeds(self) -> bool:
+        """Whether anything is fed forward."""
+        return self.feedforward != "none" or bool(self.beyond.any())
+
+    def __post_init__(self) -> None:
+        if not len(self.kp) == len(self.kd) == len(self.motor_inertia):
+            raise DataError(
+                f"kp, kd and motor_inertia must have one number a joint, got {len(self.kp)}, {len(self.kd)} and "
+                f"{len(self.motor_inertia)}."
+            )
+        if not ((self.kp > 0).all() and (self.kd >= 0).all() and (self.motor_inertia >= 0).all()):
+            raise DataError("kp must be above 0, kd and motor_inertia at least 0.")

@@ -33,12 +33,9 @@ def in_parts(length: int, steps: int, work: Callable[[int, int], None]) -> None:
 
     Parameters
     ----------
-    length : int
-        Of the range; its items must not depend on each other.
-    steps : int
-        Inner steps of the whole work.
-    work : callable
-        Compiled without the interpreter's lock; writes its results in place.
+    length : int, of the range; its items must not depend on each other
+    steps : int, inner steps of the whole work
+    work : callable, compiled without the interpreter's lock; writes its results in place
     """
     parts = min(thread_count(), length, max(1, steps // WORTH_A_THREAD))
     if parts <= 1:
@@ -59,13 +56,9 @@ class Posture:
     Parameters
     ----------
     tables : Tables
-        The arm as arrays.
-    payload : (m,) array
-        kg, for each posture.
+    payload : (m,) array, kg, for each posture
     values : (m, dof) array
-        All joints.
-    shape : tuple of int
-        Of the moving joints' array `(..., k)`, whose leading axes are m postures.
+    shape : tuple of int, of the moving joints' array `(..., k)`, whose leading axes are m postures
     springs : (m, k) array or None
         Torques or forces that hold the joints against their springs, which count as gravity's do.
     """
@@ -81,8 +74,7 @@ class Posture:
 
         Parameters
         ----------
-        velocity, acceleration : (..., k) arrays
-            Rates of the moving joints.
+        velocity, acceleration : (..., k) arrays, rates of the moving joints
         """
         rates = [
             np.ascontiguousarray(a, dtype=np.float64).reshape(-1, self.shape[-1]) for a in (velocity, acceleration)
@@ -115,9 +107,7 @@ def posture_at(body: Body, q: FloatArray) -> Posture | None:
     Parameters
     ----------
     body : Body
-        Arm and masses.
-    q : (..., N, k) array
-        Values of the moving joints in N runs, rad or m.
+    q : (..., N, k) array, values of the moving joints in N runs, rad or m
     """
     links = body.links
     if body.chain is None or not (links.mass.any() or links.payload.any()):
@@ -188,9 +178,7 @@ def link_load(body: Body, path: JointPath) -> LinkLoad:
     Parameters
     ----------
     body : Body
-        Arm and masses.
     path : JointPath
-        Its motion.
     """
     posture = posture_at(body, path.q)
     if posture is None:
@@ -204,9 +192,7 @@ def mean_inertia(body: Body, q: FloatArray) -> FloatArray:
     Parameters
     ----------
     body : Body
-        Arm and masses.
-    q : (n, N, k) array
-        Path, rad or m.
+    q : (n, N, k) array, path, rad or m
     """
     posture = posture_at(body, q[::INERTIA_STRIDE])
     if posture is None:

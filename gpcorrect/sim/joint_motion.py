@@ -38,21 +38,11 @@ def joint_motion_log(
     Parameters
     ----------
     model : Model
-        Any machine.
-    trajectories : int
-        How many, over all sessions.
-    seconds : float
-        Length of each.
-    seed : int
-        Of targets, homings, noise and faults.
-    sessions : int
-        The arm is homed anew between sessions.
-    payloads : sequence of float
-        Payloads at the tip, kg, taken in turn; the model's own when empty.
-
-    Returns
-    -------
-    CalibrationLog
+    trajectories : int, how many, over all sessions
+    seconds : float, length of each
+    seed : int, of targets, homings, noise and faults
+    sessions : int, the arm is homed anew between sessions
+    payloads : sequence of float, payloads at the tip, kg, taken in turn; the model's own when empty
 
     Raises
     ------
@@ -85,19 +75,13 @@ def joint_motion_plan(
 
     Parameters
     ----------
-    ranges : (dof, 2) array
-        In which the joints move, rad or m.
-    trajectories : int
-        How many, over all sessions.
-    seconds : float
-        Length of each.
-    rate_hz : float
-        Samples a second.
+    ranges : (dof, 2) array, in which the joints move, rad or m
+    trajectories : int, how many, over all sessions
+    seconds : float, length of each
+    rate_hz : float, samples a second
     rng : numpy.random.Generator
-    sessions : int
-        The trajectories are divided evenly among them.
-    payloads : sequence of float
-        kg at the tip, taken in turn; the model's own when empty.
+    sessions : int, the trajectories are divided evenly among them
+    payloads : sequence of float, kg at the tip, taken in turn; the model's own when empty
     """
     segments: list[Segment] = []
     for session, numbers in enumerate(np.array_split(np.arange(trajectories), sessions)):
@@ -115,7 +99,6 @@ def joint_ranges(model: Model) -> FloatArray:
     Parameters
     ----------
     model : Model
-        The machine.
     """
     arm = arm_of(model)
     types = (model.joint_types or "R" * len(model.joints)) if arm is None else arm.joint_types

@@ -32,14 +32,10 @@ class Moment:
 
     Parameters
     ----------
-    machine, body : Machine, Body
-        The machine, and its body as it really is.
-    motion : Motion
-        The motors, and what they carry: one sample of one run.
-    torque : (1, 1, dof) array
-        Commanded by the controllers, joint units.
-    q : (1, 1, dof) array
-        True joints, when outside sensors see them.
+    machine, body : Machine and Body, the machine, and its body as it really is
+    motion : Motion, the motors, and what they carry: one sample of one run
+    torque : (1, 1, dof) array, commanded by the controllers, joint units
+    q : (1, 1, dof) array, true joints, when outside sensors see them
     """
 
     machine: Machine
@@ -69,12 +65,9 @@ class LiveArm:
 
     Parameters
     ----------
-    machine : Machine
-        Arm, drives and effects; noise and faults of its sensors are not used here.
-    q : (dof,) array
-        Where it starts, rad or m.
-    start : float
-        Seconds since the session began.
+    machine : Machine, arm, drives and effects; noise and faults of its sensors are not used here
+    q : (dof,) array, where it starts, rad or m
+    start : float, seconds since the session began
     block : int
         Servo steps for which the load is taken as constant, and after which the effects behind the motors are brought
         up to date.
@@ -111,8 +104,7 @@ class LiveArm:
 
         Parameters
         ----------
-        desired : (m, dof) array
-            A row a servo step, rad or m.
+        desired : (m, dof) array, a row a servo step, rad or m
         """
         path = np.concatenate([self._desired[0], np.asarray(desired, dtype=np.float64)])
         for first in range(0, len(desired), self._block):

@@ -37,12 +37,9 @@ class Reading:
 
     Parameters
     ----------
-    time : float
-        Session time, s.
-    position, velocity, effort : (dof,) arrays
-        As the robot reports them, rad or m.
-    external : (dof,) array
-        True joints as outside encoders see them.
+    time : float, session time, s
+    position, velocity, effort : (dof,) arrays, as the robot reports them, rad or m
+    external : (dof,) array, true joints as outside encoders see them
     tracker : (4, 4) array or None
         Marker pose in the tracker's frame; None for bare joints, and where the tracker was not asked.
     """
@@ -60,12 +57,9 @@ class LiveRobot:
 
     Parameters
     ----------
-    machine : Machine
-        Arm, drives, effects and sensors.
-    rng : numpy.random.Generator
-        Of the sensors' noise.
-    block : int
-        Servo steps between two looks at where the arm is; see :class:`~gpcorrect.sim.live.LiveArm`.
+    machine : Machine, arm, drives, effects and sensors
+    rng : numpy.random.Generator, of the sensors' noise
+    block : int, servo steps between two looks at where the arm is; see :class:`~gpcorrect.sim.live.LiveArm`
     """
 
     def __init__(self, machine: Machine, rng: np.random.Generator, *, block: int = 5) -> None:
@@ -118,8 +112,7 @@ class LiveRobot:
 
         Parameters
         ----------
-        tracked : bool
-            Whether the tracker is asked, which takes longest.
+        tracked : bool, whether the tracker is asked, which takes longest
         """
         here = self._live.moment
         seen = self._sensors.read(here.motion, here.torque, here.q, here.tip if tracked else None)
@@ -137,8 +130,7 @@ class LiveRobot:
 
         Parameters
         ----------
-        q : (n, dof) array
-            Joints, rad or m.
+        q : (n, dof) array, joints, rad or m
         """
         return self.machine.body.forward(q)
 
@@ -148,7 +140,6 @@ class LiveRobot:
         Parameters
         ----------
         command : str
-            One of those.
 
         Raises
         ------
@@ -180,8 +171,7 @@ class LiveRobot:
 
         Parameters
         ----------
-        q : (dof,) array
-            rad or m.
+        q : (dof,) array, rad or m
 
         Raises
         ------
@@ -209,8 +199,7 @@ class LiveRobot:
 
         Parameters
         ----------
-        q : (dof,) array
-            rad or m.
+        q : (dof,) array, rad or m
 
         Raises
         ------
@@ -228,8 +217,7 @@ class LiveRobot:
 
         Parameters
         ----------
-        T : (4, 4) array
-            Tool pose, base frame.
+        T : (4, 4) array, tool pose, base frame
 
         Raises
         ------
@@ -243,8 +231,7 @@ class LiveRobot:
 
         Parameters
         ----------
-        T : (4, 4) array
-            Tool pose, base frame.
+        T : (4, 4) array, tool pose, base frame
 
         Raises
         ------
@@ -266,8 +253,7 @@ class LiveRobot:
 
         Parameters
         ----------
-        seconds : float
-            Rounded to whole servo steps, at least one.
+        seconds : float, rounded to whole servo steps, at least one
         """
         steps = max(1, round(seconds / self._live.step))
         desired = np.repeat(self._setpoint[None], steps, axis=0)

@@ -3,70 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 
 from gpcorrect.arms import Arm
 from gpcorrect.errors import DataError
-from gpcorrect.sim.body import Body
+from gpcorrect.sim.body import Body, Drive
 from gpcorrect.sim.effects import ChainEffect, DriveEffect, Effect, LoadEffect, in_order, of_kind
 from gpcorrect.sim.plan import Plan
 from gpcorrect.sim.settings import Noise, TrackerFaults
 from gpcorrect.types import FloatArray
-
-Feedforward = Literal["none", "gravity", "rigid-body"]
-
-
-@dataclass(frozen=True, eq=False)
-class Drive:
-    """Motor-side control of every joint, in joint units.
-
-    Parameters
-    ----------
-    kp, kd : (dof,) arrays
-        Proportional and derivative gains on the reported motor position, N m/rad and N m s/rad, or N/m and N s/m.
-    motor_inertia : (dof,) array
-        Rotor and gears reflected to the joint, kg m^2 or kg.
-    rate_hz : float
-        Of the servo loop.
-    feedforward : "none", "gravity" or "rigid-body"
-        Torque added at the commanded motion from the nominal masses: nothing, what holds the arm, or also what
-        accelerates it and its motors.
-    kv : (dof,) array or None
-        Gains on the motor's own velocity, which a controller without a velocity command brakes by; none when None.
-    friction, damping, limit : (dof,) arrays or None
-        Dry friction, viscous damping and largest torque that the drives are known to have, as a robot file gives them;
-        none where it is silent.
-    beyond : (3, dof) array
-        Fractions of gravity's torque, of the inertia's, and of kd times the commanded velocity that are fed forward
-        beyond that.
-    """
-
-    kp: FloatArray
-    kd: FloatArray
-    motor_inertia: FloatArray
-    rate_hz: float = 1000.0
-    feedforward: Feedforward = "none"
-    kv: FloatArray | None = None
-    friction: FloatArray | None = None
-    damping: FloatArray | None = None
-    limit: FloatArray | None = None
-    beyond: FloatArray = field(default_factory=lambda: np.zeros((3, 1)))
-
-    @property
-    def feeds(self) -> bool:
-        """Whether anything is fed forward."""
-        return self.feedforward != "none" or bool(self.beyond.any())
-
-    def __post_init__(self) -> None:
-        if not len(self.kp) == len(self.kd) == len(self.motor_inertia):
-            raise DataError(
-                f"kp, kd and motor_inertia must have one number a joint, got {len(self.kp)}, {len(self.kd)} and "
-                f"{len(self.motor_inertia)}."
-            )
-        if not ((self.kp > 0).all() and (self.kd >= 0).all() and (self.motor_inertia >= 0).all()):
-            raise DataError("kp must be above 0, kd and motor_inertia at least 0.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,24 +21,16 @@ class Machine:
 
     Parameters
     ----------
-    arm : str
-        Name of the arm, for the log.
-    body : Body
-        Nominal geometry and masses.
+    arm : str, name of the arm, for the log
+    body : Body, nominal geometry and masses
     drive : Drive
-        Controller.
     log_rate_hz : float
-        Of the recording.
-    effects : tuple of Effect
-        Where it differs from the nominal machine; put in the order in which they act.
+    effects : tuple of Effect, where it differs from the nominal machine; put in the order in which they act
     noise : Noise
-        Of the sensors.
-    faults : TrackerFaults
-        What goes wrong with the tracker now and then.
+    faults : TrackerFaults, what goes wrong with the tracker now and then
     T_tracker_base, T_tip_marker : (4, 4) arrays
         Base in the tracker's frame, and tracked marker in the tip frame.
-    description : Arm or None
-        The arm's own numbers: limits, rest position, speeds; None for bare joints.
+    description : Arm or None, the arm's own numbers: limits, rest position, speeds; None for bare joints
     """
 
     arm: str
@@ -126,7 +64,6 @@ class Machine:
         Parameters
         ----------
         plan : Plan
-            Its runs.
         """
         return np.where(np.isnan(plan.payload), self.body.links.payload, plan.payload)
 
@@ -135,8 +72,7 @@ class Machine:
 
         Parameters
         ----------
-        payload : (N,) array
-            kg at the tip in each run.
+        payload : (N,) array, kg at the tip in each run
         """
         return replace(self.body, links=replace(self.body.links, payload=payload)).compact()
 
@@ -145,8 +81,7 @@ class Machine:
 
         Parameters
         ----------
-        payload : (N,) array
-            kg at the tip in each run.
+        payload : (N,) array, kg at the tip in each run
         """
         links, chain = replace(self.body.links, payload=payload), self.body.chain
         for load in of_kind(self.effects, LoadEffect):

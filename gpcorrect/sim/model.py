@@ -19,6 +19,7 @@ from gpcorrect.arms import Chain, Joint, RobotEdit, is_robot_file, read_robot
 from gpcorrect.atomic import write_file
 from gpcorrect.errors import DataError
 from gpcorrect.plain import toml_text
+from gpcorrect.sim.body import Feedforward
 from gpcorrect.sim.effects import Effect, Stage, effect_from_dict, in_order
 from gpcorrect.sim.effects.compliance import Payload
 from gpcorrect.sim.effects.geometry import DhError
@@ -46,7 +47,7 @@ class Controller(Settings):
     kd: tuple[NonNegative, ...]
     rate_hz: Positive = 1000.0
     feedback: Literal["motor"] = "motor"
-    feedforward: Literal["none", "gravity", "rigid-body"] = "none"
+    feedforward: Feedforward = "none"
 
 
 class TransmissionTable(Settings):
@@ -71,31 +72,22 @@ class Model(Settings):
     arm : str
         "raven2_left", "raven2_right", "dvrk_psm", or "joints" for a bare joint chain with no kinematics; with a robot
         file only a name for logs.
-    joints : tuple of int
-        Numbers of the joints that the logs speak of, from the base on.
+    joints : tuple of int, numbers of the joints that the logs speak of, from the base on
     robot : str
         Robot file, MJCF or URDF; in a model file relative to it, and `joints` may there be names, or absent for all.
     tool, base : str
         Of the robot file: body or site whose frame is the tip, and body whose frame is the base; see
         :func:`gpcorrect.arms.read_robot`.
-    joint_types : str
-        "R" or "P" for each of them; only for bare joints, "R" throughout when absent.
-    wrist : tuple of float
-        Where the arm's other joints are held, rad or m; at home when absent.
+    joint_types : str, "R" or "P" for each of them; only for bare joints, "R" throughout when absent
+    wrist : tuple of float, where the arm's other joints are held, rad or m; at home when absent
     theta_offset_deg : tuple of float
         Joint value to DH theta, degrees, of revolute joints; the arm's own when absent.
-    gravity : (3,) tuple
-        m/s^2, base frame.
-    payload : float
-        kg at the tip.
-    log_rate_hz : float
-        Of recordings.
-    T_tracker_base, T_tip_marker : Pose
-        Base in the tracker frame, and tracked marker in the tip frame.
+    gravity : (3,) tuple, m/s^2, base frame
+    payload : float, kg at the tip
+    log_rate_hz : float, of recordings
+    T_tracker_base, T_tip_marker : Pose, base in the tracker frame, and tracked marker in the tip frame
     controller, transmission, links, noise, faults : tables
-        See each.
-    effects : tuple of Effect
-        What the model already has beyond the nominal machine.
+    effects : tuple of Effect, what the model already has beyond the nominal machine
     """
 
     arm: str
@@ -137,12 +129,9 @@ def model_from_dict(values: Mapping[str, Any], source: str = "model", folder: Pa
 
     Parameters
     ----------
-    values : mapping
-        Keys of a model file.
-    source : str
-        What the message of an error begins with.
-    folder : Path, optional
-        What the path of a robot file is relative to.
+    values : mapping, keys of a model file
+    source : str, what the message of an error begins with
+    folder : Path, optional, what the path of a robot file is relative to
 
     Raises
     ------
@@ -181,8 +170,7 @@ def read_model(path: str | Path) -> Model:
 
     Parameters
     ----------
-    path : str or Path
-        Of the file.
+    path : str or Path, of the file
 
     Raises
     ------
@@ -230,8 +218,7 @@ def write_model(model: Model, path: str | Path) -> None:
     Parameters
     ----------
     model : Model
-    path : str or Path
-        Of the file; a robot file is named relative to it.
+    path : str or Path, of the file; a robot file is named relative to it
     """
     if model.robot is not None:
         model = model.model_copy(update={"robot": Path(os.path.relpath(model.robot, Path(path).parent)).as_posix()})
@@ -249,8 +236,7 @@ def preset(name: str) -> Model:
 
     Parameters
     ----------
-    name : str
-        One of :func:`preset_names`.
+    name : str, one of :func:`preset_names`
 
     Raises
     ------
@@ -280,12 +266,9 @@ class Written:
 
     Parameters
     ----------
-    model : Path
-        The model file.
-    robot : Path or None
-        The robot file, which the model file names; None where the model has none.
-    words : tuple of Effect
-        Effects that are in the robot file.
+    model : Path, the model file
+    robot : Path or None, the robot file, which the model file names; None where the model has none
+    words : tuple of Effect, effects that are in the robot file
     """
 
     model: Path
@@ -299,8 +282,7 @@ def write_completed(model: Model, path: Path) -> Written:
     Parameters
     ----------
     model : Model
-    path : Path
-        Of the model file (TOML).
+    path : Path, of the model file (TOML)
 
     Raises
     ------

@@ -13,19 +13,14 @@ class Motion:
 
     Parameters
     ----------
-    joints : tuple of int
-        Joint numbers of the columns.
-    time : (n, N) array
-        Seconds since the session began; steps may be uneven.
-    session : (N,) int array
-        Index of the session of each run, from 0.
-    position, velocity : (n, N, dof) arrays
-        Reported motor position (joint units) and its rate.
+    joints : tuple of int, joint numbers of the columns
+    time : (n, N) array, seconds since the session began; steps may be uneven
+    session : (N,) int array, index of the session of each run, from 0
+    position, velocity : (n, N, dof) arrays, reported motor position (joint units) and its rate
     load : (n, N, dof) array
         Torque or force that the transmission passes to each joint: holds the links up, accelerates them, and overcomes
         the friction behind the cable.
-    gravity_load : (n, N, dof) array
-        The part of it that holds the links up.
+    gravity_load : (n, N, dof) array, the part of it that holds the links up
     tip_force : (N, 3) array or None
         Force on the tip in each run, base frame, N: the payload's weight. None is none.
     """
@@ -46,10 +41,8 @@ class Readings:
 
     Parameters
     ----------
-    measured_jp, measured_jv, measured_jf : (n, N, dof) arrays
-        Reported joint positions, velocities and efforts.
-    external_jp : (n, N, dof) array
-        Joint positions seen from outside.
+    measured_jp, measured_jv, measured_jf : (n, N, dof) arrays, reported joint positions, velocities and efforts
+    external_jp : (n, N, dof) array, joint positions seen from outside
     T_tracker_marker : (n, N, 4, 4) array or None
         Marker poses in the tracker's frame; None for an arm without kinematics.
     """

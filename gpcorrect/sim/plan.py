@@ -20,16 +20,11 @@ class Segment:
 
     Parameters
     ----------
-    q : (n, dof) array
-        Desired joint path at the log's rate, rad or m.
-    trajectory : (n,) int array
-        Trajectory number of each sample, -1 where nothing is recorded.
-    session : int
-        Index of the session, from 0.
-    start : float
-        Seconds since the session began.
-    payload : float or None
-        kg at the tip; None is the model's own.
+    q : (n, dof) array, desired joint path at the log's rate, rad or m
+    trajectory : (n,) int array, trajectory number of each sample, -1 where nothing is recorded
+    session : int, index of the session, from 0
+    start : float, seconds since the session began
+    payload : float or None, kg at the tip; None is the model's own
     """
 
     q: FloatArray
@@ -45,18 +40,12 @@ class Plan:
 
     Parameters
     ----------
-    rate_hz : float
-        Of the samples.
-    q : (n, N, dof) array
-        Desired joint paths, rad or m.
-    trajectory : (n, N) int array
-        Trajectory numbers, -1 where nothing is recorded.
-    session : (N,) int array
-        Index of the session of each run, from 0.
-    start : (N,) array
-        Session time at which each run begins, s.
-    payload : (N,) array
-        kg at the tip; NaN is the model's own.
+    rate_hz : float, of the samples
+    q : (n, N, dof) array, desired joint paths, rad or m
+    trajectory : (n, N) int array, trajectory numbers, -1 where nothing is recorded
+    session : (N,) int array, index of the session of each run, from 0
+    start : (N,) array, session time at which each run begins, s
+    payload : (N,) array, kg at the tip; NaN is the model's own
     """
 
     rate_hz: float
@@ -88,9 +77,7 @@ def plan_of(segments: Sequence[Segment], rate_hz: float) -> Plan:
     Parameters
     ----------
     segments : sequence of Segment
-        Of the same joints.
-    rate_hz : float
-        Samples a second.
+    rate_hz : float, samples a second
 
     Raises
     ------
@@ -121,10 +108,8 @@ def minimum_jerk(duration: float, rate_hz: float) -> FloatArray:
 
     Parameters
     ----------
-    duration : float
-        s.
-    rate_hz : float
-        Samples a second.
+    duration : float, s
+    rate_hz : float, samples a second
     """
     n = max(2, round(duration * rate_hz) + 1)
     s = np.linspace(0.0, 1.0, n)
@@ -138,12 +123,9 @@ def trapezoid(distance: float, speed: float, acceleration: float, rate_hz: float
 
     Parameters
     ----------
-    distance : float
-        m or rad, >= 0.
-    speed, acceleration : float
-        In units of the distance per s and s^2, > 0.
-    rate_hz : float
-        Samples a second.
+    distance : float, m or rad, >= 0
+    speed, acceleration : float, in units of the distance per s and s^2, > 0
+    rate_hz : float, samples a second
 
     Raises
     ------

@@ -14,10 +14,10 @@ from functools import cached_property
 
 import numpy as np
 
-from gpcorrect.sim.body import Body
+from gpcorrect.sim.body import Body, Drive
 from gpcorrect.sim.dynamics import JointPath, LinkLoad, link_load, mean_inertia
 from gpcorrect.sim.effects import Effect, PathEffect, Stage, TipEffect, of_kind
-from gpcorrect.sim.machine import Drive, Machine
+from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan
 from gpcorrect.sim.servo import Clock, Reference, ServoPath, follow
@@ -33,14 +33,10 @@ class Outcome:
 
     Parameters
     ----------
-    motion : Motion
-        The motors, and what they carried.
-    torque : (n, N, dof) array
-        Commanded by the controllers, joint units.
-    q : (n, N, dof) array
-        True joint path, when outside sensors see it.
-    T_base_tip : (n, N, 4, 4) array or None
-        True tool poses; None for bare joints.
+    motion : Motion, the motors, and what they carried
+    torque : (n, N, dof) array, commanded by the controllers, joint units
+    q : (n, N, dof) array, true joint path, when outside sensors see it
+    T_base_tip : (n, N, 4, 4) array or None, true tool poses; None for bare joints
     """
 
     motion: Motion
@@ -56,9 +52,7 @@ class Driven:
     Parameters
     ----------
     motion : Motion
-        Of the motors.
-    torque, q : (n, N, dof) arrays
-        Commanded torque; joint path behind every mechanical effect.
+    torque, q : (n, N, dof) arrays, commanded torque; joint path behind every mechanical effect
     """
 
     motion: Motion
@@ -72,15 +66,9 @@ def run(machine: Machine, plan: Plan, passes: int | None = None) -> Outcome:
     Parameters
     ----------
     machine : Machine
-        Arm, drives and effects.
     plan : Plan
-        Desired paths.
     passes : int, optional
         Times that motion and load are computed from each other; as many as the drives need when None.
-
-    Returns
-    -------
-    Outcome
     """
     driven = follow_command(machine, Command.of(machine, plan), passes)
     motion = driven.motion
@@ -95,15 +83,8 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
     Parameters
     ----------
     machine : Machine
-        Arm, drives and effects.
-    command : Command
-        Made once for this arm, drive and plan; the effects may be others each time.
-    passes : int, optional
-        As for :func:`run`.
-
-    Returns
-    -------
-    Driven
+    command : Command, made once for this arm, drive and plan; the effects may be others each time
+    passes : int, optional, as for :func:`run`
     """
     plan, clock = command.plan, command.clock
     body, drive = machine.actual_body(machine.payload(plan)), machine.actual_drive
@@ -112,7 +93,9 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
     path, load = _first_guess(machine, body, command, drive, fed)
     for number in range(passes or (PASSES if drive.kv is None else LAGGING_PASSES)):
         load = link_load(body, path) if number or load is None else load
-        reference = command.reference(fed, load.total, mass * path.acceleration, drive.motor_inertia + mass)
+        beyond_inertia = load.total - mass * path.acceleration
+        inertia = drive.motor_inertia + mass
+        reference = Reference(command.position, command.velocity, fed, beyond_inertia, inertia, load.total)
         servo = follow(drive, reference, clock, body.joints, machine.effects)
         motion = _motion(body, plan, servo, load)
         q = joint_path(_mechanical(machine), motion)
@@ -142,10 +125,8 @@ def joint_path(effects: Sequence[Effect], motion: Motion) -> FloatArray:
 
     Parameters
     ----------
-    effects : sequence of Effect
-        In the order in which they act.
+    effects : sequence of Effect, in the order in which they act
     motion : Motion
-        Of the motors.
     """
     return _through(effects, motion.position, motion)
 
@@ -155,12 +136,9 @@ def tip_path(effects: Sequence[Effect], T_base_tip: FloatArray | None, motion: M
 
     Parameters
     ----------
-    effects : sequence of Effect
-        In the order in which they act.
-    T_base_tip : (n, N, 4, 4) array or None
-        Poses of the kinematics.
+    effects : sequence of Effect, in the order in which they act
+    T_base_tip : (n, N, 4, 4) array or None, poses of the kinematics
     motion : Motion
-        Of the motors.
     """
     if T_base_tip is None:
         return None
@@ -200,21 +178,13 @@ class Command:
     Parameters
     ----------
     plan : Plan
-        Desired paths.
-    body, drive : Body, Drive
-        As the controller knows them.
+    body, drive : Body and Drive, as the controller knows them
     clock : Clock
-        Of the servo loop.
-    desired : JointPath
-        Desired motion at the log's samples.
-    position, velocity : (N, m, dof) arrays
-        The same at the loop's m steps.
-    nominal_load : LinkLoad
-        Of the nominal arm along the desired path.
-    feedforward : (n, N, dof) array
-        Torque that the controller adds, at the log's samples.
-    mass : (dof,) array
-        Mean inertia of the nominal links at each joint.
+    desired : JointPath, desired motion at the log's samples
+    position, velocity : (N, m, dof) arrays, the same at the loop's m steps
+    nominal_load : LinkLoad, of the nominal arm along the desired path
+    feedforward : (n, N, dof) array, torque that the controller adds, at the log's samples
+    mass : (dof,) array, mean inertia of the nominal links at each joint
     """
 
     plan: Plan
@@ -234,10 +204,8 @@ class Command:
 
         Parameters
         ----------
-        machine : Machine
-            Arm and drive; its effects do not count.
+        machine : Machine, arm and drive; its effects do not count
         plan : Plan
-            Desired paths.
         """
         clock, spline = Clock.of(machine.drive.rate_hz, plan.rate_hz), plan.spline()
         body = machine.nominal_body(machine.payload(plan))
@@ -261,22 +229,6 @@ class Command:
         """Load of the nominal arm there."""
         return link_load(self.body, self.guess)
 
-    def reference(self, fed: FloatArray, carried: FloatArray, of_inertia: FloatArray, inertia: FloatArray) -> Reference:
-        """Return what the servo loop is given.
-
-        Parameters
-        ----------
-        fed : (n, N, dof) array
-            Torque that the controller adds.
-        carried : (n, N, dof) array
-            Load along the path.
-        of_inertia : (n, N, dof) array
-            What of it the loop's own inertia makes up.
-        inertia : (dof,) array
-            That the loop accelerates.
-        """
-        return Reference(self.position, self.velocity, fed, carried - of_inertia, inertia, carried)
-
 
 def _pushed_aside(drive: Drive, desired: JointPath, load: LinkLoad, feedforward: FloatArray) -> FloatArray:
     """Motor path `(n, N, dof)` without delay and friction: the controller yields to what nothing feeds forward."""
@@ -289,11 +241,8 @@ def feedforward(drive: Drive, desired: JointPath, nominal_load: LinkLoad) -> Flo
     Parameters
     ----------
     drive : Drive
-        With its kind of feedforward.
     desired : JointPath
-        Commanded motion.
-    nominal_load : LinkLoad
-        Of the nominal arm along it.
+    nominal_load : LinkLoad, of the nominal arm along it
     """
     gravity, inertia, velocity = drive.beyond
     gravity = gravity + (drive.feedforward != "none")

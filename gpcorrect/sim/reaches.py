@@ -45,26 +45,18 @@ def debridement_log(
     position_only: bool = False,
     model: Model | None = None,
 ) -> CalibrationLog:
-    """Simulate the debridement recording: 303 reaches of a RAVEN-II to fragments.
+    """Simulate the debridement recording: 303 reaches of a RAVEN-II to fragments, a trajectory each, at 100 Hz.
+
+    The tracker frame is the nominal base frame, registered by hand: the raw error between `tracker_cp` and
+    `setpoint_cp` means something. The column `fault` holds the truth about tracker faults.
 
     Parameters
     ----------
-    seed : int
-        Of fragments, noise and faults.
-    reaches : int
-        How many; the study had 303.
-    faults : bool
-        Whether the tracker fails now and then.
-    position_only : bool
-        Leave the tracker's orientations out.
-    model : Model, optional
-        Another machine than the packaged `raven2_debridement`; all six joints of an arm.
-
-    Returns
-    -------
-    CalibrationLog
-        One trajectory a reach, 100 Hz. The tracker frame is the nominal base frame, registered by hand: the raw error
-        between `tracker_cp` and `setpoint_cp` means something. The column `fault` holds the truth about tracker faults.
+    seed : int, of fragments, noise and faults
+    reaches : int, how many; the study had 303
+    faults : bool, whether the tracker fails now and then
+    position_only : bool, leave the tracker's orientations out
+    model : Model, optional, another machine than the packaged `raven2_debridement`; all six joints of an arm
     """
     machine = machine_of(preset(DEBRIDEMENT_PRESET) if model is None else model)
     if not faults:
@@ -79,13 +71,9 @@ def debridement_plan(arm: RemoteCentreArm, reaches: int, rate_hz: float, rng: np
     Parameters
     ----------
     arm : RemoteCentreArm
-        That reaches.
     reaches : int
-        How many.
-    rate_hz : float
-        Samples a second.
-    rng : numpy.random.Generator
-        Of the fragments.
+    rate_hz : float, samples a second
+    rng : numpy.random.Generator, of the fragments
     """
     workspace = _workspace(arm, DEBRIDEMENT_SIZE, DEBRIDEMENT_TILT, CROWDING)
     segments, start, T_home = [], 0.0, arm.forward(working_posture(arm))
@@ -113,22 +101,15 @@ def random_reaches_log(
 
     Parameters
     ----------
-    arm : str
-        "raven2_left", "raven2_right" or "dvrk_psm"; the packaged model of that name is used.
-    n_trajectories : int
-        Reaches, one trajectory each, over all sessions.
-    seed : int
-        Of targets, homings, noise and faults.
-    sessions : int
-        The arm is homed anew between sessions, which shifts its joints' zeros.
+    arm : str, "raven2_left", "raven2_right" or "dvrk_psm"; the packaged model of that name is used
+    n_trajectories : int, reaches, one trajectory each, over all sessions
+    seed : int, of targets, homings, noise and faults
+    sessions : int, the arm is homed anew between sessions, which shifts its joints' zeros
     payloads : sequence of float
         Payloads at the tip, kg, taken in turn by runs of ten reaches; the model's own when empty.
-    position_only : bool
-        Leave the tracker's orientations out.
-    faults : bool
-        Whether the tracker fails now and then.
-    model : Model, optional
-        Another machine, of all six joints of an arm; `arm` is then not used.
+    position_only : bool, leave the tracker's orientations out
+    faults : bool, whether the tracker fails now and then
+    model : Model, optional, another machine, of all six joints of an arm; `arm` is then not used
 
     Returns
     -------

@@ -26,14 +26,10 @@ class Pace:
 
     Parameters
     ----------
-    speed, acceleration : float
-        Cruising speed and acceleration along the path, m/s and m/s^2.
-    turn_rate : float
-        Largest turning rate of the tool, rad/s: a reach that turns far goes slower.
-    law : "trapezoid" or "minimum-jerk"
-        Constant speed between ramps, or bell-shaped with the speed as its mean.
-    pause : float
-        Rest after each reach, s.
+    speed, acceleration : float, cruising speed and acceleration along the path, m/s and m/s^2
+    turn_rate : float, largest turning rate of the tool, rad/s: a reach that turns far goes slower
+    law : "trapezoid" or "minimum-jerk", constant speed between ramps, or bell-shaped with the speed as its mean
+    pause : float, rest after each reach, s
     """
 
     speed: float = 0.05
@@ -47,10 +43,8 @@ class Pace:
 
         Parameters
         ----------
-        distance, turn : float
-            Of the reach, m and rad.
-        rate_hz : float
-            Samples a second.
+        distance, turn : float, of the reach, m and rad
+        rate_hz : float, samples a second
         """
         longest = max(distance, turn * self.speed / self.turn_rate)
         if self.law == "minimum-jerk":
@@ -64,14 +58,10 @@ class Workspace:
 
     Parameters
     ----------
-    T_base_centre : (4, 4) array
-        The box's centre and axes, base frame.
-    size : (3,) array
-        Full widths along its axes, m.
-    R_base_tool : (3, 3) array
-        Middle orientation of the tool.
-    tilt : float
-        Largest turn away from it, rad.
+    T_base_centre : (4, 4) array, the box's centre and axes, base frame
+    size : (3,) array, full widths along its axes, m
+    R_base_tool : (3, 3) array, middle orientation of the tool
+    tilt : float, largest turn away from it, rad
     crowding : float
         1 spreads targets evenly; more draws them towards the middle (both parameters of a beta law).
     """
@@ -88,9 +78,7 @@ class Workspace:
         Parameters
         ----------
         arm : RemoteCentreArm
-            That must reach the poses.
         count : int
-            How many.
         rng : numpy.random.Generator
 
         Raises
@@ -123,8 +111,7 @@ class Tour:
 
     Parameters
     ----------
-    T_base_tip : (n, 4, 4) array
-        Desired tool poses at the log's rate.
+    T_base_tip : (n, 4, 4) array, desired tool poses at the log's rate
     trajectory : (n,) int array
         Number of the reach each sample belongs to; the rest after a reach is part of it.
     """
@@ -138,14 +125,10 @@ def tour(stops: FloatArray, numbers: Sequence[int], paces: Sequence[Pace], rate_
 
     Parameters
     ----------
-    stops : (k + 1, 4, 4) array
-        Tool poses, base frame.
-    numbers : sequence of k int
-        Trajectory numbers of the reaches.
+    stops : (k + 1, 4, 4) array, tool poses, base frame
+    numbers : sequence of k int, trajectory numbers of the reaches
     paces : sequence of k Pace
-        How fast each reach goes.
-    rate_hz : float
-        Samples a second.
+    rate_hz : float, samples a second
     """
     poses, labels = [stops[:1]], [np.array([numbers[0]])]
     for start, goal, number, pace in zip(stops[:-1], stops[1:], numbers, paces, strict=True):
@@ -162,9 +145,7 @@ def joint_tour(arm: RemoteCentreArm, path: Tour) -> FloatArray:
     Parameters
     ----------
     arm : RemoteCentreArm
-        That follows.
     path : Tour
-        Of its tool.
 
     Raises
     ------
@@ -187,7 +168,6 @@ def working_posture(arm: RemoteCentreArm) -> FloatArray:
     Parameters
     ----------
     arm : RemoteCentreArm
-        With a remote centre.
     """
     depths = np.linspace(arm.limits[2, 0], arm.limits[2, 1], DEPTH_GRID)
     postures = np.repeat(arm.home[None], DEPTH_GRID, axis=0)
@@ -201,8 +181,7 @@ def upright(gravity: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    gravity : (3,) array
-        Free fall in the base frame, m/s^2.
+    gravity : (3,) array, free fall in the base frame, m/s^2
     """
     up = -gravity / np.linalg.norm(gravity)
     across = np.eye(3)[np.argmin(np.abs(up))]

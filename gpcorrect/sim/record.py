@@ -35,20 +35,15 @@ def corrupted(
 
     Parameters
     ----------
-    T : (n, 4, 4) array
-        Tracked poses in recorded order.
-    rate_hz : float
-        Of the samples.
+    T : (n, 4, 4) array, tracked poses in recorded order
+    rate_hz : float, of the samples
     faults : TrackerFaults
-        How often, and how badly.
     rng : numpy.random.Generator
 
     Returns
     -------
-    poses : (n, 4, 4) array
-        A missing sample is NaN.
-    code : (n,) int array
-        :class:`Fault` of each sample; a sample fails in one way only, the first of the list.
+    poses : (n, 4, 4) array, a missing sample is NaN
+    code : (n,) int array, :class:`Fault` of each sample; a sample fails in one way only, the first of the list
     """
     poses, code = np.array(T), np.zeros(len(T), dtype=np.int64)
     for fault, events in _events(len(T), rate_hz, faults, rng):
@@ -119,24 +114,17 @@ SESSION_BREAK = 600.0  # s between the end of one session and the start of the n
 
 
 def simulate(machine: Machine, plan: Plan, seed: int = 0, *, position_only: bool = False) -> CalibrationLog:
-    """Let a machine follow a plan and record it.
+    """Let a machine follow a plan and record it, sessions and runs one after the other.
+
+    The `extra` column `fault` says of each tracked sample what was done to it (:class:`Fault`), where the machine's
+    tracker has faults.
 
     Parameters
     ----------
     machine : Machine
-        Arm, drives, effects and sensors.
-    plan : Plan
-        Desired paths; only their recorded samples become rows.
-    seed : int
-        Of noise and faults; the same seed gives the same log.
-    position_only : bool
-        Leave the tracker's orientations out.
-
-    Returns
-    -------
-    CalibrationLog
-        Sessions and runs one after the other. Its `extra` column `fault` says of each tracked sample what the simulator
-        did to it (:class:`~gpcorrect.sim.record.Fault`), when the machine's tracker has faults.
+    plan : Plan, desired paths; only their recorded samples become rows
+    seed : int, of noise and faults; the same seed gives the same log
+    position_only : bool, leave the tracker's orientations out
     """
     rng = np.random.default_rng(seed)
     outcome = run(machine, plan)

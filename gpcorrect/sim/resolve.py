@@ -9,12 +9,12 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.arms import Arm, Chain, Robot, arm_named, read_robot
 from gpcorrect.errors import DataError
-from gpcorrect.sim.body import Body, Links
+from gpcorrect.sim.body import Body, Drive, Links
 from gpcorrect.sim.dynamics import mean_inertia
 from gpcorrect.sim.effects import ChainEffect, LoadEffect, TipEffect
 from gpcorrect.sim.effects.geometry import HomingOffset
-from gpcorrect.sim.machine import Drive, Machine
-from gpcorrect.sim.model import Controller, Model, Pose
+from gpcorrect.sim.machine import Machine
+from gpcorrect.sim.model import Model, Pose
 from gpcorrect.sim.settings import Noise, TrackerFaults
 from gpcorrect.types import FloatArray
 
@@ -33,8 +33,7 @@ def robot_of(model: Model) -> Robot | None:
 
     Parameters
     ----------
-    model : Model
-        As read from a file.
+    model : Model, as read from a file
     """
     return None if model.robot is None else read_robot(model.robot, tool=model.tool, base=model.base)
 
@@ -44,8 +43,7 @@ def arm_of(model: Model) -> Arm | None:
 
     Parameters
     ----------
-    model : Model
-        As read from a file, or packaged.
+    model : Model, as read from a file, or packaged
 
     Raises
     ------
@@ -63,8 +61,7 @@ def has_controller(model: Model) -> bool:
 
     Parameters
     ----------
-    model : Model
-        As read from a file, or packaged.
+    model : Model, as read from a file, or packaged
     """
     robot = robot_of(model)
     known = robot is not None and robot.drives.servo[[number - 1 for number in model.joints]].all()
@@ -76,8 +73,7 @@ def machine_of(model: Model) -> Machine:
 
     Parameters
     ----------
-    model : Model
-        As read from a file, or packaged.
+    model : Model, as read from a file, or packaged
 
     Raises
     ------
@@ -99,7 +95,7 @@ def machine_of(model: Model) -> Machine:
     return Machine(
         arm=model.arm,
         body=body,
-        drive=_drive(model, body) if robot is None else _robot_drive(model, body, robot),
+        drive=_drive(model, body, robot),
         log_rate_hz=model.log_rate_hz,
         effects=model.effects,
         noise=noise,
@@ -115,10 +111,8 @@ def rehomed(model: Model, sessions: int, rng: np.random.Generator) -> Model:
 
     Parameters
     ----------
-    model : Model
-        The machine.
-    sessions : int
-        Homings; one leaves the model as it is.
+    model : Model, the machine
+    sessions : int, homings; one leaves the model as it is
     rng : numpy.random.Generator
     """
     if sessions == 1:
@@ -132,51 +126,30 @@ def rehomed(model: Model, sessions: int, rng: np.random.Generator) -> Model:
     return model.with_effects(*homed, *others)
 
 
-def _drive(model: Model, body: Body) -> Drive:
-    dof = len(body.joints)
-    if model.transmission is None:
-        inertia = _motor_inertia(model.arm, body)
-    else:
-        inertia = _check_length("transmission.motor_inertia", model.transmission.motor_inertia, dof)
-    omega = 2 * np.pi * BANDWIDTH_HZ
-    controller = model.controller or Controller(
-        kp=tuple((inertia * omega**2).tolist()), kd=tuple((2 * DAMPING_RATIO * omega * inertia).tolist())
-    )
-    return Drive(
-        kp=_check_length("controller.kp", controller.kp, dof),
-        kd=_check_length("controller.kd", controller.kd, dof),
-        motor_inertia=inertia,
-        rate_hz=controller.rate_hz,
-        feedforward=controller.feedforward,
-    )
-
-
-def _robot_drive(model: Model, body: Body, robot: Robot) -> Drive:
-    """Drive of a robot file; what the model file says counts more."""
-    known, columns, dof = robot.drives, body.columns, len(body.joints)
-    inertia, kv = known.armature[columns], None
+def _drive(model: Model, body: Body, robot: Robot | None) -> Drive:
+    """Drive as the model file says, or else its robot file; where both are silent, gains of the usual bandwidth."""
+    dof, columns, controller = len(body.joints), body.columns, model.controller
     if model.transmission is not None:
         inertia = _check_length("transmission.motor_inertia", model.transmission.motor_inertia, dof)
-    if model.controller is not None:
-        kp = _check_length("controller.kp", model.controller.kp, dof)
-        kd = _check_length("controller.kd", model.controller.kd, dof)
     else:
-        omega, servo = 2 * np.pi * BANDWIDTH_HZ, known.servo[columns]
-        moved = inertia + mean_inertia(body, robot.arm.home[columns][None, None])
-        kp = np.where(servo, known.kp[columns], moved * omega**2)
-        kd = np.where(servo, 0.0, 2 * DAMPING_RATIO * omega * moved)
-        kv = np.where(servo, known.kv[columns], 0.0)
-    return Drive(
-        kp=kp,
-        kd=kd,
-        motor_inertia=inertia,
-        rate_hz=1.0 / robot.step if model.controller is None else model.controller.rate_hz,
-        feedforward="none" if model.controller is None else model.controller.feedforward,
-        kv=kv,
-        friction=known.friction[columns],
-        damping=known.damping[columns],
-        limit=known.limit[columns],
-    )
+        inertia = _motor_inertia(model.arm, body) if robot is None else robot.drives.armature[columns]
+    if controller is not None:
+        kp = _check_length("controller.kp", controller.kp, dof)
+        kd = _check_length("controller.kd", controller.kd, dof)
+        drive = Drive(kp, kd, inertia, controller.rate_hz, controller.feedforward)
+    else:
+        omega = 2 * np.pi * BANDWIDTH_HZ
+        moved = inertia if robot is None else inertia + mean_inertia(body, robot.arm.home[columns][None, None])
+        drive = Drive(moved * omega**2, 2 * DAMPING_RATIO * omega * moved, inertia)
+    if robot is None:
+        return drive
+    known = robot.drives
+    if controller is None:
+        servo = known.servo[columns]
+        kp, kd = np.where(servo, known.kp[columns], drive.kp), np.where(servo, 0.0, drive.kd)
+        drive = replace(drive, kp=kp, kd=kd, kv=np.where(servo, known.kv[columns], 0.0), rate_hz=1.0 / robot.step)
+    friction, damping, limit = known.friction[columns], known.damping[columns], known.limit[columns]
+    return replace(drive, friction=friction, damping=damping, limit=limit)
 
 
 def _motor_inertia(arm: str, body: Body) -> FloatArray:

@@ -29,26 +29,16 @@ class Tables(NamedTuple):
 
     Parameters
     ----------
-    dh : (dof, 5) array
-        cos(alpha), sin(alpha), a, d, theta.
-    placements : (dof, 4, 4) or (0, 4, 4) array
-        Fixed motion before each row, or none at all.
-    prismatic : (dof,) bool array
-        Whether the joint value adds to d, not theta.
-    modified : bool
-        Craig's convention.
-    column : (dof,) int array
-        Column of each moving joint, -1 for held ones.
-    base, tool : (4, 4) arrays
-        As in the chain.
-    mass : (dof,) array
-        kg.
-    com : (dof, 3) array
-        m, link frames.
-    moments : (dof, 6) array
-        Inertia about the centre of mass, link frames: xx, yy, zz, xy, xz, yz, kg m^2.
-    gravity : (3,) array
-        m/s^2.
+    dh : (dof, 5) array, cos(alpha), sin(alpha), a, d, theta
+    placements : (dof, 4, 4) or (0, 4, 4) array, fixed motion before each row, or none at all
+    prismatic : (dof,) bool array, whether the joint value adds to d, not theta
+    modified : bool, Craig's convention
+    column : (dof,) int array, column of each moving joint, -1 for held ones
+    base, tool : (4, 4) arrays, as in the chain
+    mass : (dof,) array, kg
+    com : (dof, 3) array, m, link frames
+    moments : (dof, 6) array, inertia about the centre of mass, link frames: xx, yy, zz, xy, xz, yz, kg m^2
+    gravity : (3,) array, m/s^2
     """
 
     dh: FloatArray
@@ -79,18 +69,12 @@ def rigid_loads(
 
     Parameters
     ----------
-    first, last : int
-        Of the m postures.
-    tables : Tables
-        The arm.
-    payload : (m,) array
-        kg at the tip.
-    q : (m, dof) array
-        All joint values.
-    velocity, acceleration : (m, k) arrays
-        Rates of the moving ones.
-    out : (2, m, k) array
-        Loads that hold the arm up, and loads that accelerate it.
+    first, last : int, of the m postures
+    tables : Tables, the arm
+    payload : (m,) array, kg at the tip
+    q : (m, dof) array, all joint values
+    velocity, acceleration : (m, k) arrays, rates of the moving ones
+    out : (2, m, k) array, loads that hold the arm up, and loads that accelerate it
     """
     screws, wrenches = np.empty((velocity.shape[1], 6)), np.empty((q.shape[1], 12))
     for r in range(first, last):
@@ -106,8 +90,7 @@ def rigid_inertias(first: int, last: int, tables: Tables, payload: FloatArray, q
     ----------
     first, last, tables, payload, q
         As of :func:`rigid_loads`.
-    out : (m, k) array
-        Result.
+    out : (m, k) array, result
     """
     screws = np.empty((out.shape[1], 6))
     for r in range(first, last):

@@ -23,12 +23,9 @@ class SensorNoise:
     Parameters
     ----------
     rng : numpy.random.Generator
-    white, slow : (d,) arrays or float
-        Standard deviations of the two parts.
-    phi : float
-        Correlation of the slow part from one log sample to the next.
-    rate_hz : float
-        Log samples a second.
+    white, slow : (d,) arrays or float, standard deviations of the two parts
+    phi : float, correlation of the slow part from one log sample to the next
+    rate_hz : float, log samples a second
     """
 
     def __init__(
@@ -43,10 +40,8 @@ class SensorNoise:
 
         Parameters
         ----------
-        time : (n, N) array
-            s.
-        width : int
-            Numbers that are measured at each.
+        time : (n, N) array, s
+        width : int, numbers that are measured at each
         """
         fresh = self._rng.standard_normal((*time.shape, width))
         slow = math.sqrt(1.0 - self._phi**2) * fresh
@@ -66,7 +61,6 @@ class Sensors:
     Parameters
     ----------
     machine : Machine
-        With its noise and effects.
     rng : numpy.random.Generator
     """
 
@@ -85,10 +79,8 @@ class Sensors:
 
         Parameters
         ----------
-        motion : Motion
-            A stretch of n samples of N runs.
-        torque, q : (n, N, dof) arrays
-            Commanded torque, and true joints when outside sensors see them.
+        motion : Motion, A stretch of n samples of N runs
+        torque, q : (n, N, dof) arrays, commanded torque, and true joints when outside sensors see them
         T_base_tip : (n, N, 4, 4) array or None
             True tool poses; None for bare joints, and where the tracker is not asked.
         """
@@ -111,10 +103,8 @@ class Sensors:
 
         Parameters
         ----------
-        time : (n, N) array
-            s.
-        T_base_tip : (n, N, 4, 4) array
-            True tool poses.
+        time : (n, N) array, s
+        T_base_tip : (n, N, 4, 4) array, true tool poses
         """
         return self._noisy(self._marker(T_base_tip), time)
 

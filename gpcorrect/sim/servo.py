@@ -16,11 +16,11 @@ import numpy as np
 from numba import njit
 
 from gpcorrect.errors import DataError
+from gpcorrect.sim.body import Drive
 from gpcorrect.sim.dynamics import in_parts
 from gpcorrect.sim.effects.base import SIDES, Effect, FrictionEffect, TorqueEffect
+from gpcorrect.sim.effects.catalogue import of_kind
 from gpcorrect.sim.effects.laws import FrictionLaw, TorqueLaw, contact, resisting
-from gpcorrect.sim.effects.registry import of_kind
-from gpcorrect.sim.machine import Drive
 from gpcorrect.types import FloatArray, IntArray
 
 Sides = tuple[float, float]  # before the transmission and behind it
@@ -41,8 +41,7 @@ class Clock:
 
         Parameters
         ----------
-        rate_hz, log_rate_hz : float
-            Of the loop, and of the log.
+        rate_hz, log_rate_hz : float, of the loop, and of the log
         """
         stride = max(1, int(np.ceil(rate_hz / log_rate_hz - 1e-9)))
         return cls(step=1.0 / (log_rate_hz * stride), stride=stride)
@@ -58,10 +57,8 @@ class Reference:
         Desired motor motion at each of the loop's m steps, joint units; runs first, as the loop reads them.
     feedforward : (n, N, dof) array
         Torque added to the controller's, at the log's samples; linear between them, as the two loads are.
-    load : (n, N, dof) array
-        Torque that the links ask of the motor, beyond `inertia` times its acceleration.
-    inertia : (dof,) array
-        Motor and mean link inertia that the loop accelerates, kg m^2 or kg.
+    load : (n, N, dof) array, torque that the links ask of the motor, beyond `inertia` times its acceleration
+    inertia : (dof,) array, motor and mean link inertia that the loop accelerates, kg m^2 or kg
     carried : (n, N, dof) array or None
         Torque that the links ask of the joint altogether, on which friction may depend; `load` when None.
     """
@@ -93,11 +90,8 @@ class Loop:
     Parameters
     ----------
     drive : Drive
-        Gains and feedforward.
-    joints : tuple of int
-        Joint numbers of the columns.
-    effects : sequence of Effect
-        Of the machine; those that act in the loop are used.
+    joints : tuple of int, joint numbers of the columns
+    effects : sequence of Effect, of the machine; those that act in the loop are used
     """
 
     def __init__(self, drive: Drive, joints: tuple[int, ...], effects: Sequence[Effect]) -> None:
@@ -121,10 +115,8 @@ class Loop:
 
         Parameters
         ----------
-        inertia : (dof,) array
-            Of motor and links, kg m^2 or kg.
-        step : float
-            s.
+        inertia : (dof,) array, of motor and links, kg m^2 or kg
+        step : float, s
 
         Raises
         ------
@@ -148,12 +140,9 @@ class Loop:
 
         Parameters
         ----------
-        reference : Reference
-            Of N runs.
-        clock : Clock
-            Of the loop.
-        position, velocity : (N, dof) arrays
-            State of the motors, which is moved on in place.
+        reference : Reference, of N runs
+        clock : Clock, of the loop
+        position, velocity : (N, dof) arrays, state of the motors, which is moved on in place
         """
         given, laws = _given(self._drive, reference, clock), self._laws
         samples = np.empty((4, *given.load.shape))
@@ -173,13 +162,9 @@ def follow(
     Parameters
     ----------
     drive : Drive
-        Gains and feedforward.
-    reference, clock : Reference, Clock
-        What the loop is given, and its steps.
-    joints : tuple of int
-        Joint numbers of the columns.
+    reference, clock : Reference, clock, what the loop is given, and its steps
+    joints : tuple of int, joint numbers of the columns
     effects : sequence of Effect
-        Of the machine.
 
     Raises
     ------

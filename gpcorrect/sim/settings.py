@@ -25,14 +25,10 @@ class Noise(Settings):
     ----------
     external_jp_white, external_jp_ar_std : tuples of float
         White and AR part on the outside joint sensors, for each joint, rad or m.
-    external_jp_ar_phi, tracker_ar_phi : float
-        Correlation of the AR parts from one sample to the next.
-    tracker_white, tracker_ar_std : float
-        On each axis of the tracked position, m.
-    tracker_rotation_white, tracker_rotation_ar_std : float
-        On each axis of the tracked orientation, rad.
-    encoder_step : tuple of float
-        Resolution of the motor encoders at the joint, rad or m.
+    external_jp_ar_phi, tracker_ar_phi : float, correlation of the AR parts from one sample to the next
+    tracker_white, tracker_ar_std : float, on each axis of the tracked position, m
+    tracker_rotation_white, tracker_rotation_ar_std : float, on each axis of the tracked orientation, rad
+    encoder_step : tuple of float, resolution of the motor encoders at the joint, rad or m
     """
 
     external_jp_white: tuple[NonNegative, ...] = ()
@@ -53,18 +49,14 @@ class TrackerFaults(Settings):
     ----------
     lost_share : float
         Fraction of the recording, in one block, in which a fiducial is lost and the pose is solved from the others.
-    lost_shift, lost_turn : float
-        How far the pose is then off, m and rad.
-    jumps_hz : float
-        Occlusions a second: the pose jumps away and back, with false velocities at both ends.
-    jump_seconds, jump_shift, jump_turn : float
-        Their mean duration, and how far the pose jumps, s, m and rad.
+    lost_shift, lost_turn : float, how far the pose is then off, m and rad
+    jumps_hz : float, occlusions a second: the pose jumps away and back, with false velocities at both ends
+    jump_seconds, jump_shift, jump_turn : float, their mean duration, and how far the pose jumps, s, m and rad
     outlier_share, outlier_shift, outlier_turn : float
         Fraction of single samples that are grossly wrong, and the standard deviation of their error on each axis.
     flip_share : float
         Fraction of single samples whose orientation is mirrored to the other solution: half a turn about a body axis.
-    dropout_share : float
-        Fraction of samples that are missing, singly or a few in a row.
+    dropout_share : float, fraction of samples that are missing, singly or a few in a row
     """
 
     lost_share: Fraction = 0.0

@@ -59,21 +59,15 @@ class Claim:
 
     Parameters
     ----------
-    says : str
-        The claim, as a sentence.
-    where : str
-        Table, figure or section that prints it.
+    says : str, the claim, as a sentence
+    where : str, table, figure or section that prints it
     of, against : str
         Places of the number, and of what it is divided by, in the figures (:func:`number_at`). A ratio claims an
         order too: below 1, the first is less.
-    better : Better
-        Which numbers are at least as good.
-    printed : float, optional
-        The number itself, where the printed tables do not have it.
-    missing : str
-        Why `reproduce` does not measure it; empty where it does.
-    tried : sequence of str
-        Ablations that are tried where it is not reproduced: names in the table `ablations`.
+    better : Better, which numbers are at least as good
+    printed : float, optional, the number itself, where the printed tables do not have it
+    missing : str, why `reproduce` does not measure it; empty where it does
+    tried : sequence of str, ablations that are tried where it is not reproduced: names in the table `ablations`
     """
 
     says: str
@@ -101,9 +95,7 @@ class Claim:
         ----------
         printed : float
         ours : float or None
-            None is not measured.
         tolerance : float
-            As :class:`CompareSettings` has it.
         """
         if ours is None:
             return Verdict.NOT_MEASURED
@@ -128,14 +120,11 @@ class Ablated:
 
     Parameters
     ----------
-    name : str
-        Of the ablation.
-    without : str
-        What was taken away: words that begin with "without" or "with".
+    name : str, of the ablation
+    without : str, what was taken away: words that begin with "without" or "with"
     ours : float
     verdict : Verdict
-    outcome : str
-        "comes back", "its order comes back" or "stays so".
+    outcome : str, "comes back", "its order comes back" or "stays so"
     """
 
     name: str
@@ -193,8 +182,7 @@ class Comparison:
 
         Parameters
         ----------
-        factor : float
-            Times the tolerance.
+        factor : float, times the tolerance
         """
         tolerance = factor * self.settings.tolerance
         found = [row.claim.verdict(row.printed, row.ours, tolerance) for row in self.rows]
@@ -232,14 +220,10 @@ class ClaimTable:
     Parameters
     ----------
     claims : sequence of Claim
-    printed : mapping
-        Printed numbers, under the names that the figures of a run have.
-    setup : mapping
-        Printed numbers of the set-up: no claims.
-    caveat : str
-        What to bear in mind with all of them.
-    ablations : mapping
-        What each ablation takes away, by its name.
+    printed : mapping, printed numbers, under the names that the figures of a run have
+    setup : mapping, printed numbers of the set-up: no claims
+    caveat : str, what to bear in mind with all of them
+    ablations : mapping, what each ablation takes away, by its name
     """
 
     claims: Sequence[Claim]
@@ -254,8 +238,7 @@ class ClaimTable:
 
         Parameters
         ----------
-        study : str
-            Folder beside this module.
+        study : str, folder beside this module
         """
         table = tomllib.loads((files("gpcorrect_studies") / study / "claims.toml").read_text(encoding="utf-8"))
         claims = [Claim(**{**row, "better": Better(row.get("better", Better.LOWER))}) for row in table["claim"]]
@@ -267,10 +250,8 @@ class ClaimTable:
 
         Parameters
         ----------
-        figures : mapping
-            As in `reproduce.json`; those of the ablations by name under `ablations`.
-        settings : CompareSettings, optional
-            What counts as the printed number.
+        figures : mapping, as in `reproduce.json`; those of the ablations by name under `ablations`
+        settings : CompareSettings, optional, what counts as the printed number
         """
         settings, done = settings or CompareSettings(), figures.get("ablations", {})
         rows = []
@@ -319,12 +300,9 @@ class StudyResult(ABC):
 
     Parameters
     ----------
-    scope : dataclass
-        How much was done.
+    scope : dataclass, how much was done
     seed : int
-        Of everything random.
-    seconds : float
-        Of the whole study.
+    seconds : float, of the whole study
     """
 
     CLAIMS: ClassVar[ClaimTable]
@@ -360,8 +338,7 @@ def number_at(figures: Any, place: str) -> float | None:
 
     Parameters
     ----------
-    figures : mapping or sequence
-        Tables and lists inside each other.
+    figures : mapping or sequence, tables and lists inside each other
     place : str
         Keys, or places in a list, with "/" between. Keys with "," between stand for the root of the sum of their
         squares: the norm of a mean vector, as the papers' norms are made.

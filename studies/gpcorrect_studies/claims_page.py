@@ -8,6 +8,7 @@ from pathlib import Path
 from gpcorrect.report.page import Page, Section, TableData, write_page
 from gpcorrect_studies.claims import Compared, Comparison, StudyResult, Verdict
 
+# What the verdicts of claims mean, under each table of them.
 LEGEND = (
     "Beyond: better than printed by more than the tolerance. Reversed: the order of the two things that are compared "
     "is the other one here, or a gain is a loss, whichever is better."
@@ -26,16 +27,12 @@ def write_study_page(
 
     Parameters
     ----------
-    study : str
-        Its name on the command line.
+    study : str, its name on the command line
     result : StudyResult
-        The whole study.
     verdict : str
         Its own first sentences; of a run of less than the whole study, the page says so before anything else.
-    facts, sections : sequences
-        What else the page shows.
+    facts, sections : sequences, what else the page shows
     path : Path
-        HTML file.
 
     Raises
     ------
@@ -95,8 +92,7 @@ def setup_section(printed: Mapping[str, float], here: Mapping[str, float]) -> Se
 
     Parameters
     ----------
-    printed, here : mapping
-        Numbers by name; those that a run does not have are left empty.
+    printed, here : mapping, numbers by name; those that a run does not have are left empty
     """
     rows = [
         [name.replace("_", " "), number(value), number(here[name]) if name in here else "-"]

@@ -6,7 +6,7 @@ import json as json_text
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 from rich.table import Table
@@ -20,7 +20,7 @@ from gpcorrect.plain import json_ready
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-    from gpcorrect_studies.parts import Parts
+    from gpcorrect_studies.claims import StudyResult
 
 CLAIM_WIDTH = 60
 """Characters of a claim on one line: with the figures beside it, some 100."""
@@ -62,12 +62,9 @@ def mahler2014(
     from gpcorrect_studies.mahler2014.page import write_mahler_report  # the report's libraries are an extra
 
     scope = Scope.quick() if quick else Scope.short() if short else Scope(reaches)
-    make_folder(output)
-    parts = _parts("mahler2014", scope, seed, output)
-    with progress_bar(quiet=json) as progress, workers(jobs, scheduler):
-        result = reproduce_mahler2014(scope, seed, progress, parts)
-    write_mahler_report(result, output / "report.html")
-    _finish(result.to_dict(), output, _show_mahler2014, parts, json=json)
+    how = _How("mahler2014", reproduce_mahler2014, write_mahler_report, _show_mahler2014)
+    with workers(jobs, scheduler):
+        _reproduce(how, scope, seed, output, json=json)
 
 
 @reproduce_app.command()
@@ -87,13 +84,9 @@ def peng2020(
     from gpcorrect_studies.peng2020 import Peng2020Scope, reproduce_peng2020
     from gpcorrect_studies.peng2020.page import write_peng2020_report  # the report's libraries are an extra
 
-    make_folder(output)
     scope = Peng2020Scope.quick() if quick else Peng2020Scope.short() if short else Peng2020Scope()
-    parts = _parts("peng2020", scope, seed, output)
-    with progress_bar(quiet=json) as progress:
-        result = reproduce_peng2020(scope, seed, progress, parts)
-    write_peng2020_report(result, output / "report.html")
-    _finish(result.to_dict(), output, _show_peng2020, parts, json=json)
+    how = _How("peng2020", reproduce_peng2020, write_peng2020_report, _show_peng2020)
+    _reproduce(how, scope, seed, output, json=json)
 
 
 @reproduce_app.command()
@@ -121,36 +114,38 @@ def peng2024(
     from gpcorrect_studies.peng2024 import PengScope, reproduce_peng2024
     from gpcorrect_studies.peng2024.page import write_peng_report  # the report's libraries are an extra
 
-    make_folder(output)
     scope = PengScope.quick() if quick else PengScope.short() if short else PengScope()
-    parts = _parts("peng2024", scope, seed, output, as_published=as_published)
-    with progress_bar(quiet=json) as progress:
-        result = reproduce_peng2024(scope, seed, progress, parts, as_published=as_published)
-    write_peng_report(result, output / "report.html")
-    _finish(result.to_dict(), output, _show_peng2024, parts, json=json)
+    how = _How("peng2024", reproduce_peng2024, write_peng_report, _show_peng2024)
+    _reproduce(how, scope, seed, output, json=json, as_published=as_published)
 
 
-def _parts(study: str, scope: DataclassInstance, seed: int, output: Path, **choices: bool) -> Parts:
-    """Go on with what an earlier run of the same study left in the folder, and say so."""
+class _How(NamedTuple):
+    """Name of a study, what does it, writes its page, and prints its own figures."""
+
+    study: str
+    reproduce: Callable[..., StudyResult]
+    write_page: Callable[[Any, Path], None]
+    show: Callable[[dict[str, Any]], None]
+
+
+def _reproduce(how: _How, scope: DataclassInstance, seed: int, output: Path, *, json: bool, **choices: bool) -> None:
+    """Do a study, going on with what an earlier run of the same left in the folder; write page and figures."""
     from gpcorrect_studies.parts import Parts
 
-    parts = Parts(output / "parts.jsonl", {"study": study, "scope": asdict(scope), "seed": seed, **choices})
+    make_folder(output)
+    parts = Parts(output / "parts.jsonl", {"study": how.study, "scope": asdict(scope), "seed": seed, **choices})
     if parts.count:
         note(f"goes on with an earlier run: {parts.count} parts are done ({parts.seconds_before:.0f} s).")
-    return parts
-
-
-def _finish(
-    result: dict[str, Any], output: Path, show: Callable[[dict[str, Any]], None], parts: Parts, *, json: bool
-) -> None:
-    """Write the figures, and print them for programs or for people; what was kept for a run that goes on goes."""
-    figures = json_ready(result)
+    with progress_bar(quiet=json) as progress:
+        result = how.reproduce(scope, seed, progress, parts, **choices)
+    how.write_page(result, output / "report.html")
+    figures = json_ready(result.to_dict())
     write_file(output / "reproduce.json", json_text.dumps(figures, indent=2))
     parts.remove()
     if json:
         print_json(figures)
         return
-    show(figures)
+    how.show(figures)
     _show_claims(figures)
     out.print(f"{figures['seconds']:.0f} s; page: {output / 'report.html'}   figures: {output / 'reproduce.json'}")
 

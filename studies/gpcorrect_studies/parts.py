@@ -25,10 +25,8 @@ class Parts:
 
     Parameters
     ----------
-    path : Path, optional
-        File of JSON lines; nothing is written without one.
-    run : mapping, optional
-        What is run: study, scope, seed.
+    path : Path, optional, file of JSON lines; nothing is written without one
+    run : mapping, optional, what is run: study, scope, seed
     """
 
     def __init__(self, path: Path | None = None, run: Mapping[str, Any] | None = None) -> None:
@@ -69,8 +67,7 @@ class Parts:
         Parameters
         ----------
         name : str
-        value : Any
-            What JSON can hold.
+        value : Any, what JSON can hold
         """
         value = self._values[name] = json_ready(value)
         spent, self._clock = time.perf_counter() - self._clock, time.perf_counter()
@@ -86,13 +83,10 @@ class Parts:
 
         Parameters
         ----------
-        stage : str
-            Name of the whole, for `progress` and before the names of its parts.
-        function : callable
-            As :func:`gpcorrect.parallel.each` has it; returns what JSON can hold.
+        stage : str, name of the whole, for `progress` and before the names of its parts
+        function : callable, as :func:`gpcorrect.parallel.each` has it; returns what JSON can hold
         items : mapping
-        progress : Progress
-            Receives a step after each part.
+        progress : Progress, receives a step after each part
         """
         missing = {name: item for name, item in items.items() if f"{stage}: {name}" not in self}
         for name, value in zip(missing, each(function, missing.values(), progress, stage), strict=True):

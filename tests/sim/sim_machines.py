@@ -6,9 +6,8 @@ import numpy as np
 
 from gpcorrect.arms import arm_named
 from gpcorrect.sim import Machine, Plan, Segment, plan_of
-from gpcorrect.sim.body import Body, Links
+from gpcorrect.sim.body import Body, Drive, Feedforward, Links
 from gpcorrect.sim.effects import Effect
-from gpcorrect.sim.machine import Drive, Feedforward
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import minimum_jerk
 from gpcorrect.types import FloatArray

@@ -9,7 +9,7 @@ import pytest
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim import EFFECTS, effects
-from gpcorrect.sim.effects.registry import find_effects
+from gpcorrect.sim.effects.catalogue import find_effects
 
 ROOT = Path(__file__).parents[2]
 NEW = """

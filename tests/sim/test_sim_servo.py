@@ -5,8 +5,8 @@ from sim_machines import INERTIA, RATE_HZ, constant_speed, drive, hold, moves, r
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim import Segment, plan_of, run
+from gpcorrect.sim.body import Drive
 from gpcorrect.sim.effects import CableStretch, CoulombFriction, ViscousFriction
-from gpcorrect.sim.machine import Drive
 from gpcorrect.sim.plan import minimum_jerk
 from gpcorrect.sim.servo import Clock, Reference, ServoPath, follow
 

@@ -7,9 +7,8 @@ from sim_machines import RATE_HZ
 
 from gpcorrect.arms import Chain, Joint
 from gpcorrect.sim import Machine, Segment, plan_of, run
-from gpcorrect.sim.body import Body, Links
+from gpcorrect.sim.body import Body, Drive, Links
 from gpcorrect.sim.effects import CableStretch
-from gpcorrect.sim.machine import Drive
 from gpcorrect.sim.plan import minimum_jerk
 
 MASS, LENGTH, MOTOR, GRAVITY = 0.8, 0.2, 0.3, 9.81

@@ -18,8 +18,8 @@ from gpcorrect_studies.debridement import (
     rehearsal_log,
     stations,
 )
-from gpcorrect_studies.debridement.charts import path_charts, seconds_chart
 from gpcorrect_studies.debridement.mission import MIDDLE, ArmRecord, Fetched
+from gpcorrect_studies.debridement.page import path_charts, seconds_chart
 from gpcorrect_studies.debridement.scene import Gripper
 
 

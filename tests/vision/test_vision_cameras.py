@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from board_pictures import board_picture
 from vision_support import board_before, cameras_of, intrinsics_of, place_of, turned
 
 from gpcorrect import se3
@@ -27,7 +28,7 @@ from gpcorrect.vision.calibrate import _found_from
 from gpcorrect.vision.files import Rig
 from gpcorrect.vision.markers import find_blobs
 from gpcorrect.vision.opencv import cv2
-from gpcorrect_studies.rendering import Ball, Stage, Studio, backdrop, board_picture, four_cameras, marker_points
+from gpcorrect_studies.rendering import Ball, Stage, Studio, backdrop, four_cameras, marker_points
 
 SEED = 401
 BOARD = Chessboard(9, 6, 0.015)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from board_pictures import Board, board_picture
 from command_line import CommandLine, Outcome, assert_refused
 from vision_support import COVER, board_before, cameras_of, path_of, place_of, record
 
@@ -20,7 +21,7 @@ from gpcorrect.logs import read_log
 from gpcorrect.types import FloatArray
 from gpcorrect.vision import read_cameras, write_cameras
 from gpcorrect.vision.opencv import cv2
-from gpcorrect_studies.rendering import Ball, Board, Stage, Studio, backdrop, board_picture, four_cameras, marker_points
+from gpcorrect_studies.rendering import Ball, Stage, Studio, backdrop, four_cameras, marker_points
 
 Vision = Callable[..., Outcome]
 SEED = 405

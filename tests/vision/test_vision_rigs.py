@@ -6,6 +6,7 @@ import zlib
 from pathlib import Path
 
 import numpy as np
+from board_pictures import Board, board_picture
 from command_line import exit_status
 from vision_support import board_before, path_of, place_of, record
 
@@ -13,7 +14,7 @@ from gpcorrect import se3
 from gpcorrect.logs import read_log
 from gpcorrect.vision import read_cameras
 from gpcorrect.vision.opencv import cv2
-from gpcorrect_studies.rendering import Board, Stage, Studio, backdrop, board_picture, four_cameras
+from gpcorrect_studies.rendering import Stage, Studio, backdrop, four_cameras
 
 SEED = 407
 

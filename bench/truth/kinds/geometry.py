@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from truth import alike
+from truth.alike import ROW_TERMS, SIMILARITY, draw_row, draw_similarity, moved, row_changed
 from truth.arm import ROWS, forward
 from truth.body import Body
 from truth.history import History
-from truth.kinds.kind import Array, Kind, Params, Scene, column, draw_sign
+from truth.kinds.kind import Array, Kind, Params, Scene, column
 from truth.loop import Loop
-from truth.tables import ROW_TERMS, SIMILARITY, draw_row, draw_similarity, moved, row_changed
-
-
-def _draw_homing(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    offsets = [float(draw_sign(rng) * rng.uniform(0.5, 1.5) * scene.noise[j]) for _ in range(scene.sessions)]
-    return {"offset": offsets if scene.sessions > 1 else offsets[0]}
 
 
 def _homing(params: Params, j: int, history: History, q: Array) -> Array:
@@ -24,7 +20,7 @@ def _homing(params: Params, j: int, history: History, q: Array) -> Array:
 
 
 def _draw_ratio(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"error": draw_sign(rng) * scene.noise[j] / float(np.sqrt(np.mean(scene.path(j) ** 2)))}
+    return {"error": alike.sign(rng) * scene.noise[j] / alike.rms(scene.path(j))}
 
 
 def _ratio(params: Params, j: int, history: History, q: Array) -> Array:
@@ -34,16 +30,11 @@ def _ratio(params: Params, j: int, history: History, q: Array) -> Array:
 def _draw_coupling(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     source = int(rng.choice([k for k in range(3) if k != j]))
     rms = float(np.sqrt(np.mean(scene.path(source) ** 2)))
-    return {"source": source + 1, "coefficient": draw_sign(rng) * float(scene.noise[j]) / rms}
+    return {"source": source + 1, "coefficient": alike.sign(rng) * float(scene.noise[j]) / rms}
 
 
 def _coupling(params: Params, j: int, history: History, q: Array) -> Array:
     return column(len(q), j, params["coefficient"] * q[:, params["source"] - 1])
-
-
-def _draw_eccentricity(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    number = float(rng.uniform(*(5.0, 18.0) if j < 2 else (80.0, 260.0)))
-    return {"amplitude": float(1.4 * scene.noise[j]), "waves": number, "phase": float(rng.uniform(-np.pi, np.pi))}
 
 
 def _eccentricity(params: Params, j: int, history: History, q: Array) -> Array:
@@ -67,10 +58,10 @@ def _table_tip(params: Params, j: int, history: History, q: Array, T: Array) -> 
 
 
 KINDS = {
-    "homing_offset": Kind(_draw_homing, grow=("offset",), path=_homing, bare=True),
+    "homing_offset": Kind(alike.draw_homing, grow=("offset",), path=_homing, bare=True),
     "transmission_ratio": Kind(_draw_ratio, grow=("error",), path=_ratio, bare=True),
     "cable_coupling": Kind(_draw_coupling, grow=("coefficient",), path=_coupling, bare=True),
-    "pulley_eccentricity": Kind(_draw_eccentricity, grow=("amplitude",), path=_eccentricity, bare=True),
+    "pulley_eccentricity": Kind(alike.draw_eccentricity, grow=("amplitude",), path=_eccentricity, bare=True),
     "registration_error": Kind(
         lambda rng, j, scene: draw_similarity(rng),
         where="base",

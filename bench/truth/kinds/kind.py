@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truth.alike import rms
 from truth.body import Body
 from truth.hidden import Params
 from truth.history import History, Readings
 from truth.loop import Loop
+from truth.reference import Reference
 
 Array = NDArray[np.float64]
 REVOLUTE = (True, True, False)
-
-Where = Literal["joint", "all", "tool", "base"]
+GAIN = (450.0, 360.0, 110000.0)  # typical kp, to turn an error into a torque
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,81 +27,110 @@ class Scene:
 
     Parameters
     ----------
-    history : History
-        Motion of the machine without hidden effects.
-    noise : (3,) array
-        RMS of the noise on the outside joint sensors, rad or m.
-    sessions : int
-        How many.
+    history : History, motion of the machine without hidden effects
+    noise : (3,) array, RMS of the noise on the outside joint sensors, rad or m
+    sessions : int, how many
     """
 
     history: History
     noise: Array
     sessions: int
 
-    def load(self, j: int) -> Array:
-        """Torque that the cable of column j carries, at logged ticks."""
-        return self.history.motion.load[self.history.reference.logged, j]
+    @property
+    def reference(self) -> Reference:
+        """What the arm was told to do."""
+        return self.history.reference
+
+    def unit(self, j: int, revolute: Any, prismatic: Any) -> Any:
+        """Return what is for a turning or for a sliding joint."""
+        return revolute if REVOLUTE[j] else prismatic
+
+    def load(self, j: int) -> float:
+        """RMS of the torque that the cable of column j carries, at least a little."""
+        return max(rms(self._at(self.history.motion.load, j)), self.unit(j, 0.2, 0.5))
+
+    def weight(self, j: int) -> float:
+        """RMS of the part that holds the links up, at least a little."""
+        return max(rms(self._at(self.history.motion.weight, j)), self.unit(j, 0.1, 0.3))
+
+    def torque(self, j: int) -> float:
+        """Torque that moves the motor by the noise, against its controller."""
+        return float(GAIN[j] * self.noise[j])
+
+    def stop_stiffness(self, j: int) -> float:
+        """Stiffness of a stop before it is sized."""
+        return float(self.unit(j, 3.0, 800.0))
+
+    def command(self, j: int) -> Array:
+        """Commanded torque at logged ticks."""
+        return self._at(self.history.motion.command, j)
+
+    def moving(self, j: int) -> Array:
+        """Whether the joint moves at each tick."""
+        return np.abs(self.history.motion.speed[:, j]) > 0
+
+    def other(self, rng: np.random.Generator, j: int) -> int:
+        """Return the column of another joint."""
+        return int(rng.choice([k for k in range(3) if k != j]))
 
     def path(self, j: int) -> Array:
         """Motor path of column j, at logged ticks."""
-        return self.history.motion.motor[self.history.reference.logged, j]
+        return self._at(self.history.motion.motor, j)
+
+    def _at(self, signal: Array, j: int) -> Array:
+        return signal[self.reference.logged, j]
 
 
-Draw = Callable[[np.random.Generator, int, Scene], Params]
+Draw = Callable[[np.random.Generator, int, Any], Params]
 
 
 @dataclass(frozen=True)
-class Kind:
-    """One sort of hidden cause.
+class Cause:
+    """One sort of hidden cause, of either truth; a run is what the truth's simulator recorded.
 
     Parameters
     ----------
-    draw : callable
-        `(rng, column, scene) -> params` of about the size of the noise.
-    where : "joint", "all", "tool" or "base"
-        What the label's `joint` says.
-    grow, shrink : tuples of str
-        Parameters that are multiplied, or divided, to make the effect larger.
-    loop : callable or None
-        `(params, column, loop, body) -> (loop, body)`: acts in the closed loop.
+    draw : callable, `(rng, column, scene) -> params` of about the size of the noise
+    where : "joint", "all", "tool" or "base", what the label's `joint` says
+    grow, shrink : tuples of str, parameters that are multiplied, or divided, to make the effect larger
+    power : mapping of str to float, how a parameter is multiplied: by the factor to this power
     path : callable or None
-        `(params, column, history, q) -> error`: reported minus true joint path `(n, 3)`, given the path so far.
+        `(params, column, run, q) -> error`: reported minus true joint path `(n, k)`, given the path so far.
     tip : callable or None
-        `(params, column, history, q, T) -> T`: acts on tool poses.
-    read : callable or None
-        `(params, column, history, readings) -> readings`.
-    force : callable or None
-        `(params, column, history) -> (n, 3)` torque from outside the machine.
+        `(params, column, run, T) -> T`: acts on tool poses; of the NumPy truth, q comes before T.
+    read : callable or None, `(params, column, run, readings) -> readings`
     tracker_only, bare : bool
         Seen by the tracker alone; leaves its trace also where only joints are logged and nothing is known of loads.
-    peaks : bool
-        Acts only where the command is greatest, or the joint farthest out.
-    power : mapping of str to float
-        How a parameter is multiplied: by the factor to this power.
-    channel : str
-        Signal in which its size is measured.
+    peaks : bool, acts only where the command is greatest, or the joint farthest out
+    channel : str, signal in which its size is measured
     """
 
     draw: Draw
-    where: Where = "joint"
+    where: Literal["joint", "all", "tool", "base"] = "joint"
     grow: tuple[str, ...] = ()
     shrink: tuple[str, ...] = ()
-    loop: Callable[[Params, int, Loop, Body], tuple[Loop, Body]] | None = None
-    path: Callable[[Params, int, History, Array], Array] | None = None
-    tip: Callable[[Params, int, History, Array, Array], Array] | None = None
-    read: Callable[[Params, int, History, Readings], Readings] | None = None
-    force: Callable[[Params, int, History], Array] | None = None
+    power: Mapping[str, float] = field(default_factory=dict)
+    path: Callable[..., Array] | None = None
+    tip: Callable[..., Array] | None = None
+    read: Callable[..., Readings] | None = None
     tracker_only: bool = False
     bare: bool = False
     peaks: bool = False
     channel: Literal["outside", "reported", "noise"] = "outside"
-    power: Mapping[str, float] = field(default_factory=dict)
 
 
-def unit(j: int, revolute: float, prismatic: float) -> float:
-    """Return number for a turning or a sliding joint."""
-    return revolute if REVOLUTE[j] else prismatic
+@dataclass(frozen=True)
+class Kind(Cause):
+    """One that may also act in the closed loop.
+
+    Parameters
+    ----------
+    loop : callable or None, `(params, column, loop, body) -> (loop, body)`
+    force : callable or None, `(params, column, history) -> (n, 3)` torque from outside the machine
+    """
+
+    loop: Callable[[Params, int, Loop, Body], tuple[Loop, Body]] | None = None
+    force: Callable[[Params, int, History], Array] | None = None
 
 
 def at(values: Array, j: int, value: float) -> Array:
@@ -115,8 +145,3 @@ def column(n: int, j: int, values: Array) -> Array:
     out = np.zeros((n, 3))
     out[:, j] = values
     return out
-
-
-def draw_sign(rng: np.random.Generator) -> float:
-    """One or minus one."""
-    return float(rng.choice([-1.0, 1.0]))

@@ -6,28 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from truth import alike
 from truth.arm import RANGES
 from truth.body import Body
 from truth.history import History, Readings
-from truth.kinds.kind import Array, Kind, Params, Scene, at, column, draw_sign, unit
+from truth.kinds.kind import GAIN, Array, Kind, Params, Scene, at, column
 from truth.loop import Loop
 from truth.operators import warm_up
 
 MIDDLE = RANGES.mean(axis=1)
 HALF = 0.5 * np.ptp(RANGES, axis=1)
-GAIN = (450.0, 360.0, 110000.0)
-
-
-def _noise(scene: Scene, j: int) -> float:
-    return float(scene.noise[j])
-
-
-def _phase(rng: np.random.Generator) -> float:
-    return float(rng.uniform(-np.pi, np.pi))
-
-
-def _other(rng: np.random.Generator, j: int) -> int:
-    return int(rng.choice([k for k in range(3) if k != j]))
 
 
 def _span(q: Array) -> Array:
@@ -37,8 +25,8 @@ def _span(q: Array) -> Array:
 
 def _draw_cogging(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     """Poles pass teeth some times a motor turn; the motor turns about 130 times (2160 a metre) as far as the joint."""
-    number = float(unit(j, 130.0, 2160.0) * rng.integers(1, 4))
-    return {"torque": 1.6 * GAIN[j] * _noise(scene, j), "cycles": number, "phase": _phase(rng)}
+    number = float(scene.unit(j, 130.0, 2160.0) * rng.integers(1, 4))
+    return {"torque": 1.6 * GAIN[j] * float(scene.noise[j]), "cycles": number, "phase": alike.phase(rng)}
 
 
 def _cogging(params: Params, j: int, loop: Loop, body: Body) -> tuple[Loop, Body]:
@@ -51,7 +39,7 @@ def _cogging(params: Params, j: int, loop: Loop, body: Body) -> tuple[Loop, Body
 
 
 def _draw_quadratic(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"source": _other(rng, j) + 1, "amplitude": draw_sign(rng) * 2.5 * _noise(scene, j)}
+    return {"source": scene.other(rng, j) + 1, "amplitude": alike.sign(rng) * 2.5 * float(scene.noise[j])}
 
 
 def _quadratic(params: Params, j: int, history: History, q: Array) -> Array:
@@ -61,9 +49,9 @@ def _quadratic(params: Params, j: int, history: History, q: Array) -> Array:
 
 def _draw_thermal_bend(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     return {
-        "amplitude": draw_sign(rng) * 3.0 * _noise(scene, j),
+        "amplitude": alike.sign(rng) * 3.0 * float(scene.noise[j]),
         "time_constant": float(rng.uniform(60.0, 200.0)),
-        "source": _other(rng, j) + 1,
+        "source": scene.other(rng, j) + 1,
     }
 
 
@@ -72,14 +60,6 @@ def _thermal_bend(params: Params, j: int, history: History, q: Array) -> Array:
     power = (history.motion.speed[:, j] / (2 * HALF[j])) ** 2
     warm = warm_up(history.reference.session_time, power / power.mean(), params["time_constant"])
     return column(len(q), j, params["amplitude"] * warm * np.sin(6.0 * _span(q)[:, params["source"] - 1]))
-
-
-def _draw_interpolation(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {
-        "amplitude": 1.2 * _noise(scene, j),
-        "cycles": float(unit(j, 1.0, 12.0) * rng.uniform(25.0, 60.0)),
-        "phase": _phase(rng),
-    }
 
 
 def _interpolation(params: Params, j: int, history: History, q: Array) -> Array:
@@ -91,9 +71,9 @@ def _interpolation(params: Params, j: int, history: History, q: Array) -> Array:
 
 def _draw_mesh(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     return {
-        "amplitude": 2.4 * _noise(scene, j),
+        "amplitude": 2.4 * float(scene.noise[j]),
         "teeth": float(rng.uniform(3.0, 5.0)),
-        "phase": _phase(rng),
+        "phase": alike.phase(rng),
     }
 
 
@@ -106,7 +86,7 @@ def _mesh(params: Params, j: int, history: History, q: Array) -> Array:
 
 def _draw_depth_scale(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     direction = rng.standard_normal(3)
-    return {"gain": draw_sign(rng) * 0.1, "axis": (direction / np.linalg.norm(direction)).tolist()}
+    return {"gain": alike.sign(rng) * 0.1, "axis": (direction / np.linalg.norm(direction)).tolist()}
 
 
 def _depth_scale(params: Params, j: int, history: History, q: Array, T: Array) -> Array:
@@ -120,7 +100,7 @@ def _depth_scale(params: Params, j: int, history: History, q: Array, T: Array) -
 
 def _draw_stick(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     return {
-        "reach": 3.0 * _noise(scene, j),
+        "reach": 3.0 * float(scene.noise[j]),
         "every": float(rng.uniform(4.0, 8.0)),
         "seconds": float(rng.uniform(0.8, 2.0)),
         "seed": int(rng.integers(2**31)),
@@ -142,7 +122,11 @@ def _stick(params: Params, j: int, history: History, q: Array) -> Array:
 
 
 def _draw_vibration(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"amplitude": 1.4 * _noise(scene, j), "frequency": float(rng.uniform(0.7, 9.0)), "phase": _phase(rng)}
+    return {
+        "amplitude": 1.4 * float(scene.noise[j]),
+        "frequency": float(rng.uniform(0.7, 9.0)),
+        "phase": alike.phase(rng),
+    }
 
 
 def _vibration(params: Params, j: int, history: History, readings: Readings) -> Readings:
@@ -153,7 +137,7 @@ def _vibration(params: Params, j: int, history: History, readings: Readings) -> 
 
 def _draw_bumps(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     return {
-        "torque": 4.0 * GAIN[j] * _noise(scene, j),
+        "torque": 4.0 * GAIN[j] * float(scene.noise[j]),
         "every": float(rng.uniform(3.0, 6.0)),
         "seed": int(rng.integers(2**31)),
     }
@@ -173,10 +157,6 @@ def _bumps(params: Params, j: int, history: History) -> Array:
     return column(len(time), j, params["torque"] * torque)
 
 
-def _draw_spiral(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"amplitude": draw_sign(rng) * 2.5 * _noise(scene, j), "source": _other(rng, j) + 1}
-
-
 def _spiral(params: Params, j: int, history: History, q: Array) -> Array:
     """Model this: a cable that climbs over the turns of another one on a shared drum."""
     x = _span(q)
@@ -184,13 +164,13 @@ def _spiral(params: Params, j: int, history: History, q: Array) -> Array:
 
 
 def _draw_differential(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    source = _other(rng, j)
+    source = scene.other(rng, j)
     return {
-        "amplitude": 1.4 * _noise(scene, j),
+        "amplitude": 1.4 * float(scene.noise[j]),
         "source": source + 1,
         "waves": float(rng.uniform(3.0, 5.0) / HALF[j]),
-        "source_waves": float(draw_sign(rng) * rng.uniform(3.0, 5.0) / HALF[source]),
-        "phase": _phase(rng),
+        "source_waves": float(alike.sign(rng) * rng.uniform(3.0, 5.0) / HALF[source]),
+        "phase": alike.phase(rng),
     }
 
 
@@ -202,7 +182,7 @@ def _differential(params: Params, j: int, history: History, q: Array) -> Array:
 
 def _draw_toggle(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     place = float(np.quantile(scene.path(j), rng.uniform(0.35, 0.65)))
-    return {"amplitude": draw_sign(rng) * _noise(scene, j), "place": place}
+    return {"amplitude": alike.sign(rng) * float(scene.noise[j]), "place": place}
 
 
 def _toggle(params: Params, j: int, history: History, q: Array) -> Array:
@@ -216,7 +196,7 @@ KINDS = {
     "magnetic_cogging": Kind(_draw_cogging, grow=("torque",), loop=_cogging),
     "quadratic_coupling": Kind(_draw_quadratic, grow=("amplitude",), path=_quadratic, bare=True),
     "thermal_gradient_bend": Kind(_draw_thermal_bend, grow=("amplitude",), path=_thermal_bend, bare=True),
-    "encoder_interpolation": Kind(_draw_interpolation, grow=("amplitude",), path=_interpolation, bare=True),
+    "encoder_interpolation": Kind(alike.draw_interpolation, grow=("amplitude",), path=_interpolation, bare=True),
     "gear_mesh": Kind(_draw_mesh, grow=("amplitude",), path=_mesh, bare=True),
     "tracker_depth_scale": Kind(_draw_depth_scale, where="base", grow=("gain",), tip=_depth_scale, tracker_only=True),
     "intermittent_stick": Kind(_draw_stick, grow=("reach",), path=_stick, bare=True),
@@ -224,5 +204,5 @@ KINDS = {
     "differential_wheel": Kind(_draw_differential, grow=("amplitude",), path=_differential, bare=True),
     "toggling_latch": Kind(_draw_toggle, grow=("amplitude",), path=_toggle, bare=True),
     "random_bumps": Kind(_draw_bumps, grow=("torque",), force=_bumps),
-    "climbing_cable": Kind(_draw_spiral, grow=("amplitude",), path=_spiral, bare=True),
+    "climbing_cable": Kind(alike.draw_climbing, grow=("amplitude",), path=_spiral, bare=True),
 }

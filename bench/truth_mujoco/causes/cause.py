@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Literal
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from truth import alike
 from truth.hidden import Params
-from truth.history import Readings
+from truth.kinds.kind import Cause as SharedCause
+from truth.reference import Reference
 
 from truth_mujoco.arms import Arm
 from truth_mujoco.motion import Run
@@ -31,17 +33,38 @@ class Scene:
         """Return the arm."""
         return self.run.plant.arm
 
+    @property
+    def reference(self) -> Reference:
+        """What the arm was told to do."""
+        return self.run.reference
+
+    def unit(self, j: int, revolute: Any, prismatic: Any) -> Any:
+        """Return what is for a turning or for a sliding joint."""
+        return self.arm.unit(j, revolute, prismatic)
+
+    def stop_stiffness(self, j: int) -> float:
+        """Stiffness of a stop before it is sized."""
+        return 0.02 * float(self.run.plant.kp[j])
+
+    def command(self, j: int) -> Array:
+        """Commanded torque at logged ticks."""
+        return self.run.recorded.command[self.reference.logged, j]
+
+    def moving(self, j: int) -> Array:
+        """Whether the joint moves at each tick."""
+        return np.abs(self.run.speed[:, j]) > 1e-6
+
     def load(self, j: int) -> float:
         """RMS of the torque that the links ask of a joint, at least a little."""
-        return max(rms(self.run.load[self.run.reference.logged, j]), self.arm.unit(j, 0.2, 0.5))
+        return max(alike.rms(self.run.load[self.reference.logged, j]), self.arm.unit(j, 0.2, 0.5))
 
     def weight(self, j: int) -> float:
         """RMS of the part that holds the links up, at least a little."""
-        return max(rms(self.run.weight[self.run.reference.logged, j]), self.arm.unit(j, 0.1, 0.3))
+        return max(alike.rms(self.run.weight[self.reference.logged, j]), self.arm.unit(j, 0.1, 0.3))
 
     def path(self, j: int) -> Array:
         """Motor path at logged ticks."""
-        return self.run.recorded.reported[self.run.reference.logged, j]
+        return self.run.recorded.reported[self.reference.logged, j]
 
     def torque(self, j: int) -> float:
         """Torque that moves the motor by the noise, against its controller."""
@@ -53,55 +76,18 @@ class Scene:
         return int(rng.choice(near))
 
 
-Draw = Callable[[np.random.Generator, int, Scene], Params]
-
-
 @dataclass(frozen=True)
-class Cause:
+class Cause(SharedCause):
     """One sort of hidden cause.
 
     Parameters
     ----------
-    draw : callable
-        `(rng, column, scene) -> params` of about the size of the noise.
-    where : "joint", "all", "tool" or "base"
-        What the label's `joint` says.
-    grow, shrink : tuples of str
-        Parameters that are multiplied, or divided, to make the effect larger.
-    power : mapping of str to float
-        How a parameter is multiplied: by the factor to this power.
-    build : callable or None
-        `(params, column, plant) -> plant`: acts in MuJoCo's model or its controller.
-    path : callable or None
-        `(params, column, run, q) -> error (n, k)`: motor less link, behind what MuJoCo moves.
-    tip : callable or None
-        `(params, column, run, T) -> T`: acts on tool poses.
-    read : callable or None
-        `(params, column, run, readings) -> readings`.
-    tracker_only, bare : bool
-        Seen by a tracker alone; leaves its trace also where only joints are logged and nothing is known of loads.
-    peaks : bool
-        Acts only where the command is greatest, or the joint farthest out.
-    feedforward : str
-        Of the controller, where the cause needs one of a sort; empty takes any.
-    channel : str
-        Signal in which its size is measured.
+    build : callable or None, `(params, column, plant) -> plant`: acts in MuJoCo's model or its controller
+    feedforward : str, of the controller, where the cause needs one of a sort; empty takes any
     """
 
-    draw: Draw
-    where: Literal["joint", "all", "tool", "base"] = "joint"
-    grow: tuple[str, ...] = ()
-    shrink: tuple[str, ...] = ()
-    power: Mapping[str, float] = field(default_factory=dict)
     build: Callable[[Params, int, Plant], Plant] | None = None
-    path: Callable[[Params, int, Run, Array], Array] | None = None
-    tip: Callable[[Params, int, Run, Array], Array] | None = None
-    read: Callable[[Params, int, Run, Readings], Readings] | None = None
-    tracker_only: bool = False
-    bare: bool = False
-    peaks: bool = False
     feedforward: Literal["", "none", "rigid-body"] = ""
-    channel: Literal["outside", "reported", "noise"] = "outside"
 
 
 def column(n: int, k: int, j: int, values: Array) -> Array:
@@ -109,13 +95,3 @@ def column(n: int, k: int, j: int, values: Array) -> Array:
     out = np.zeros((n, k))
     out[:, j] = values
     return out
-
-
-def rms(values: Array) -> float:
-    """Return the root mean square."""
-    return float(np.sqrt(np.mean(values**2)))
-
-
-def sign(rng: np.random.Generator) -> float:
-    """One or minus one."""
-    return float(rng.choice([-1.0, 1.0]))

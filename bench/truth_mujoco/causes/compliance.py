@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import mujoco
 import numpy as np
-from truth.loop import TICK_HZ
+from truth import alike
 from truth.reference import Reference
 
 from truth_mujoco.body import TOOL_ARMATURE, kinematics, tips
@@ -18,27 +18,14 @@ from truth_mujoco.plant import Plant, State, with_value
 BEND_DAMPING = 0.3  # of critical
 
 
-def _typical(j: int, scene: Scene) -> float:
-    return scene.load(j) / float(scene.noise[j])
-
-
 def _elastic(plant: Plant, j: int, stiffness: float, cubic: float = 0.0) -> Plant:
     elastic = with_value(plant.elastic, j, True)
     k, k3 = with_value(plant.stiffness, j, stiffness), with_value(plant.cubic, j, cubic)
     return replace(plant, elastic=elastic, stiffness=k, cubic=k3)
 
 
-def _draw_stretch(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"stiffness": _typical(j, scene) * float(rng.uniform(0.8, 1.2))}
-
-
 def _stretch(params: Params, j: int, plant: Plant) -> Plant:
     return _elastic(plant, j, params["stiffness"])
-
-
-def _draw_nonlinear(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    k = 0.4 * _typical(j, scene)
-    return {"stiffness": k, "cubic": float(rng.uniform(1.5, 5.0)) * k / float(scene.noise[j]) ** 2}
 
 
 def _nonlinear(params: Params, j: int, plant: Plant) -> Plant:
@@ -49,7 +36,7 @@ def _draw_length(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     """Return a cable whose free length is the insertion and a constant, as the insertion's zero is a convention."""
     middle = float(scene.arm.ranges[2].mean())
     length = float(rng.uniform(0.03, 0.25)) - float(scene.arm.ranges[2, 0])
-    return {"source": 3, "rigidity": (middle + length) * _typical(j, scene), "length": length}
+    return {"source": 3, "rigidity": (middle + length) * alike.typical_stiffness(j, scene), "length": length}
 
 
 def _length(params: Params, j: int, plant: Plant) -> Plant:
@@ -69,10 +56,6 @@ def _length(params: Params, j: int, plant: Plant) -> Plant:
     return replace(changed, hooks=(*changed.hooks, hook))
 
 
-def _draw_sag(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"stiffness": scene.weight(j) / float(scene.noise[j])}
-
-
 def _sag(params: Params, j: int, run: Run, q: Array) -> Array:
     return column(len(q), q.shape[1], j, run.weight[:, j] / params["stiffness"])
 
@@ -83,10 +66,6 @@ def _draw_payload(rng: np.random.Generator, j: int, scene: Scene) -> Params:
 
 def _payload(params: Params, j: int, plant: Plant) -> Plant:
     return replace(plant, hidden_mass=plant.hidden_mass + params["mass"])
-
-
-def _draw_bending(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"rigidity": float(rng.uniform(2.0, 6.0))}
 
 
 def _bending(params: Params, j: int, plant: Plant) -> Plant:
@@ -120,43 +99,25 @@ def _bent(params: Params, j: int, run: Run, T: Array) -> Array:
     place = T[:, :3, 3]
     length = np.linalg.norm(place, axis=1, keepdims=True)
     turn = np.cross(place / length, 1.5 * run.recorded.bend / length)
-    return turned(T, turn, run.recorded.bend)
-
-
-def turned(T: Array, turn: Array, shift: Array) -> Array:
-    """Poses turned by small rotation vectors and shifted."""
-    moved = np.array(T)
-    for i in range(3):
-        moved[:, :3, i] += np.cross(turn, T[:, :3, i])
-    moved[:, :3, 3] += shift
-    return moved
-
-
-def lateral_force(run: Run, T: Array) -> Array:
-    """Part `(n, 3)` of the payload's pull, N, across the shaft from the remote centre to the tip."""
-    place = T[:, :3, 3]
-    acceleration = np.gradient(np.gradient(place, axis=0), axis=0) * TICK_HZ**2
-    force = run.reference.payload[:, None] * (run.plant.gravity - acceleration)
-    shaft = place / np.linalg.norm(place, axis=1, keepdims=True)
-    return force - shaft * (force * shaft).sum(axis=1, keepdims=True)
-
-
-def _draw_rcm(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"stiffness": float(rng.uniform(5e3, 2e4))}
+    return alike.turned(T, turn, run.recorded.bend)
 
 
 def _rcm(params: Params, j: int, run: Run, T: Array) -> Array:
-    return turned(T, np.zeros((len(T), 3)), lateral_force(run, T) / params["stiffness"])
+    return alike.turned(
+        T, np.zeros((len(T), 3)), alike.lateral_force(run.reference.payload, run.plant.gravity, T) / params["stiffness"]
+    )
 
 
 CAUSES = {
-    "cable_stretch": Cause(_draw_stretch, shrink=("stiffness",), build=_stretch),
-    "nonlinear_stretch": Cause(_draw_nonlinear, shrink=("stiffness", "cubic"), power={"cubic": 3.0}, build=_nonlinear),
+    "cable_stretch": Cause(alike.draw_stretch, shrink=("stiffness",), build=_stretch),
+    "nonlinear_stretch": Cause(
+        alike.draw_nonlinear, shrink=("stiffness", "cubic"), power={"cubic": 3.0}, build=_nonlinear
+    ),
     "length_dependent_stiffness": Cause(_draw_length, shrink=("rigidity",), build=_length),
-    "gravity_sag": Cause(_draw_sag, shrink=("stiffness",), path=_sag),
+    "gravity_sag": Cause(alike.draw_sag, shrink=("stiffness",), path=_sag),
     "payload": Cause(_draw_payload, where="all", grow=("mass",), build=_payload),
     "shaft_bending": Cause(
-        _draw_bending, where="tool", shrink=("rigidity",), build=_bending, tip=_bent, tracker_only=True
+        alike.draw_bending, where="tool", shrink=("rigidity",), build=_bending, tip=_bent, tracker_only=True
     ),
-    "rcm_shift": Cause(_draw_rcm, where="base", shrink=("stiffness",), tip=_rcm, tracker_only=True),
+    "rcm_shift": Cause(alike.draw_rcm, where="base", shrink=("stiffness",), tip=_rcm, tracker_only=True),
 }

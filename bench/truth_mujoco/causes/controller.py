@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from truth import alike
 from truth.hidden import with_column
 from truth.history import Readings
 
-from truth_mujoco.causes.cause import Cause, Params, Scene, rms, sign
+from truth_mujoco.causes.cause import Cause, Params, Scene
 from truth_mujoco.motion import Run
 from truth_mujoco.plant import Plant
 
@@ -24,8 +25,8 @@ def _needed(term: int, j: int, scene: Scene) -> float:
     acceleration = run.reference.acceleration[::2][rows, j]
     torque = (
         scene.weight(j),
-        rms(acceleration) * float(run.plant.arm.motor_inertia[j] + run.plant.link_inertia[j]),
-        rms(speed) * float(run.plant.kd[j]),
+        alike.rms(acceleration) * float(run.plant.arm.motor_inertia[j] + run.plant.link_inertia[j]),
+        alike.rms(speed) * float(run.plant.kd[j]),
     )[term]
     return scene.torque(j) / max(torque, 1e-9)
 
@@ -46,7 +47,7 @@ def _term(params: Params, j: int, plant: Plant) -> Plant:
 
 
 def _draw_gains(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"proportional": sign(rng) * 0.15, "derivative": sign(rng) * float(rng.uniform(0.0, 0.15))}
+    return {"proportional": alike.sign(rng) * 0.15, "derivative": alike.sign(rng) * float(rng.uniform(0.0, 0.15))}
 
 
 def _gains(params: Params, j: int, plant: Plant) -> Plant:
@@ -57,7 +58,7 @@ def _gains(params: Params, j: int, plant: Plant) -> Plant:
 
 def _draw_speed_noise(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     rows = scene.run.reference.logged
-    return {"seconds": float(scene.noise[j]) / rms(scene.run.speed[rows, j])}
+    return {"seconds": float(scene.noise[j]) / alike.rms(scene.run.speed[rows, j])}
 
 
 def _speed_noise(params: Params, j: int, run: Run, readings: Readings) -> Readings:

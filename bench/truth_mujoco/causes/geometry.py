@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from truth import alike
+from truth.alike import ROW_TERMS, SIMILARITY, draw_row, draw_similarity, moved, row_changed
 from truth.reference import Reference
-from truth.tables import ROW_TERMS, SIMILARITY, draw_row, draw_similarity, moved, row_changed
 
-from truth_mujoco.causes.cause import Array, Cause, Params, Scene, column, rms, sign
+from truth_mujoco.causes.cause import Array, Cause, Params, Scene, column
 from truth_mujoco.plant import PER_TICK, Plant, with_value
 
 HOMING = 0.35  # of half the range about its middle, where an arm is homed
@@ -17,11 +18,6 @@ HOMING = 0.35  # of half the range about its middle, where an arm is homed
 def _home(rng: np.random.Generator, j: int, scene: Scene) -> float:
     low, high = scene.arm.ranges[j]
     return float(0.5 * (low + high) + HOMING * 0.5 * (high - low) * rng.uniform(-1, 1))
-
-
-def _draw_homing(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    offsets = [float(sign(rng) * rng.uniform(0.5, 1.5) * scene.noise[j]) for _ in range(scene.sessions)]
-    return {"offset": offsets if scene.sessions > 1 else offsets[0]}
 
 
 def _homing(params: Params, j: int, plant: Plant) -> Plant:
@@ -36,7 +32,7 @@ def _homing(params: Params, j: int, plant: Plant) -> Plant:
 
 def _draw_ratio(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     home = _home(rng, j, scene)
-    return {"error": sign(rng) * float(scene.noise[j]) / rms(scene.path(j) - home), "home": home}
+    return {"error": alike.sign(rng) * float(scene.noise[j]) / alike.rms(scene.path(j) - home), "home": home}
 
 
 def _ratio(params: Params, j: int, plant: Plant) -> Plant:
@@ -51,7 +47,7 @@ def _draw_coupling(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     home = _home(rng, k, scene)
     return {
         "source": k + 1,
-        "coefficient": sign(rng) * float(scene.noise[j]) / rms(scene.path(k) - home),
+        "coefficient": alike.sign(rng) * float(scene.noise[j]) / alike.rms(scene.path(k) - home),
         "home": home,
     }
 
@@ -63,11 +59,6 @@ def _coupling(params: Params, j: int, plant: Plant) -> Plant:
     return replace(plant, mapping=mapping, home=with_value(plant.home, k, params["home"]))
 
 
-def _draw_eccentricity(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    number = float(rng.uniform(*(5.0, 18.0) if scene.arm.types[j] == "R" else (80.0, 260.0)))
-    return {"amplitude": float(1.4 * scene.noise[j]), "waves": number, "phase": float(rng.uniform(-np.pi, np.pi))}
-
-
 def _eccentricity(params: Params, j: int, plant: Plant) -> Plant:
     return replace(plant, waves=(*plant.waves, (j, params["amplitude"], params["waves"], params["phase"])))
 
@@ -77,10 +68,10 @@ def _table(params: Params, j: int, plant: Plant) -> Plant:
 
 
 CAUSES = {
-    "homing_offset": Cause(_draw_homing, grow=("offset",), build=_homing, bare=True),
+    "homing_offset": Cause(alike.draw_homing, grow=("offset",), build=_homing, bare=True),
     "transmission_ratio": Cause(_draw_ratio, grow=("error",), build=_ratio, bare=True),
     "cable_coupling": Cause(_draw_coupling, grow=("coefficient",), build=_coupling, bare=True),
-    "pulley_eccentricity": Cause(_draw_eccentricity, grow=("amplitude",), build=_eccentricity, bare=True),
+    "pulley_eccentricity": Cause(alike.draw_eccentricity, grow=("amplitude",), build=_eccentricity, bare=True),
     "registration_error": Cause(
         lambda rng, j, scene: draw_similarity(rng),
         where="base",

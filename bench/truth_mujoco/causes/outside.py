@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 
 import mujoco
 import numpy as np
+from truth import alike
 from truth.operators import warm_up
 from truth.reference import Reference
 
-from truth_mujoco.causes.cause import Array, Cause, Params, Scene, column, sign
-from truth_mujoco.causes.compliance import turned
+from truth_mujoco.causes.cause import Array, Cause, Params, Scene, column
 from truth_mujoco.causes.reversal import Level, friction_hook
 from truth_mujoco.motion import Run
 from truth_mujoco.plant import Plant, State
 from truth_mujoco.stages import mode, plays, ring
 
 Step = Callable[[int, int, State], None]
-
-
-def _phase(rng: np.random.Generator) -> float:
-    return float(rng.uniform(-np.pi, np.pi))
 
 
 def _seed(rng: np.random.Generator) -> int:
@@ -40,7 +36,7 @@ def _hooked(plant: Plant, hook: Callable[..., Step]) -> Plant:
 
 def _draw_growth(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     return {
-        "amplitude": sign(rng) * 3.0 * float(scene.noise[j]),
+        "amplitude": alike.sign(rng) * 3.0 * float(scene.noise[j]),
         "time_constant": float(rng.uniform(40.0, 150.0)),
         "source": scene.other(rng, j) + 1,
     }
@@ -61,7 +57,7 @@ def _draw_sway(rng: np.random.Generator, j: int, scene: Scene) -> Params:
         "angle": 0.02,
         "axis": (lean / np.linalg.norm(lean)).tolist(),
         "frequency": float(rng.uniform(0.05, 0.4)),
-        "phase": _phase(rng),
+        "phase": alike.phase(rng),
     }
 
 
@@ -87,15 +83,7 @@ def _sway(params: Params, j: int, plant: Plant) -> Plant:
 
 def _swayed(params: Params, j: int, run: Run, T: Array) -> Array:
     turn = _swing(params, run.reference.time)[:, None] * np.array(params["axis"])
-    return turned(T, turn, np.cross(turn, T[:, :3, 3]))
-
-
-def _moments(seed: int, every: float, last: float) -> Iterator[tuple[float, np.random.Generator]]:
-    rng = np.random.default_rng(seed)
-    moment = float(rng.exponential(every))
-    while moment < last:
-        yield moment, rng
-        moment += float(rng.exponential(every))
+    return alike.turned(T, turn, np.cross(turn, T[:, :3, 3]))
 
 
 def _draw_derailing(rng: np.random.Generator, j: int, scene: Scene) -> Params:
@@ -106,7 +94,7 @@ def _derailing(params: Params, j: int, run: Run, q: Array) -> Array:
     """Now and then the cable leaves its groove, runs on another radius for a while, and falls back."""
     time, x = run.reference.time, _span(run, q)[:, j]
     error = np.zeros(len(q))
-    for moment, rng in _moments(params["seed"], params["every"], time[-1]):
+    for moment, rng in alike.moments(params["seed"], params["every"], time[-1]):
         rows = slice(*np.searchsorted(time, [moment, moment + rng.uniform(1.0, 5.0)]))
         error[rows] = params["amplitude"] * (rng.normal() + rng.normal() * x[rows])
     return column(len(q), q.shape[1], j, error)
@@ -117,7 +105,7 @@ def _draw_mode(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     run = scene.run
     frequency, ratio = float(rng.uniform(2.5, 5.0)), float(rng.uniform(0.01, 0.03))
     trace = mode(run.recorded.link[:, k], frequency, ratio)[run.reference.logged]
-    gain = sign(rng) * float(scene.noise[j] / np.sqrt(np.mean(trace**2)))
+    gain = alike.sign(rng) * float(scene.noise[j] / np.sqrt(np.mean(trace**2)))
     return {"source": k + 1, "frequency": frequency, "damping_ratio": ratio, "gain": gain}
 
 
@@ -152,12 +140,12 @@ def _ageing(params: Params, j: int, plant: Plant) -> Plant:
 
         return level
 
-    return _hooked(plant, friction_hook(j, make))  # type: ignore[arg-type]
+    return _hooked(plant, friction_hook(j, make))
 
 
 def _draw_cogging(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     cycles = scene.arm.unit(j, 130.0, 2160.0) * float(rng.integers(1, 4))
-    return {"torque": 1.6 * scene.torque(j), "cycles": cycles, "phase": _phase(rng)}
+    return {"torque": 1.6 * scene.torque(j), "cycles": cycles, "phase": alike.phase(rng)}
 
 
 def _torque_hook(j: int, torque: Callable[[State], float]) -> Callable[..., Step]:
@@ -207,7 +195,7 @@ def _pushes(params: Params, j: int, plant: Plant) -> Plant:
 
     def hook(model: mujoco.MjModel, data: mujoco.MjData, reference: Reference, plant: Plant) -> Step:
         time, force = reference.time, np.zeros((len(reference.time), 3))
-        for moment, rng in _moments(params["seed"], params["every"], time[-1]):
+        for moment, rng in alike.moments(params["seed"], params["every"], time[-1]):
             near = slice(*np.searchsorted(time, [moment - 1.5, moment + 1.5]))
             width, push = rng.uniform(0.15, 0.35), rng.standard_normal(3)
             force[near] += push * np.exp(-0.5 * ((time[near, None] - moment) / width) ** 2)
@@ -221,20 +209,11 @@ def _pushes(params: Params, j: int, plant: Plant) -> Plant:
     return _hooked(plant, hook)
 
 
-def _draw_climbing(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"amplitude": sign(rng) * 2.5 * float(scene.noise[j]), "source": scene.other(rng, j) + 1}
-
-
 def _climbing(params: Params, j: int, run: Run, q: Array) -> Array:
     """Let a cable climb over the turns of another one on a shared drum."""
     x = _span(run, q)
     wave = np.sin(4.0 * x[:, j]) * np.sin(4.0 * x[:, params["source"] - 1])
     return column(len(q), q.shape[1], j, params["amplitude"] * wave)
-
-
-def _draw_interpolation(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    cycles = scene.arm.unit(j, 1.0, 12.0) * float(rng.uniform(25.0, 60.0))
-    return {"amplitude": 1.2 * float(scene.noise[j]), "cycles": cycles, "phase": _phase(rng)}
 
 
 def _interpolation(params: Params, j: int, plant: Plant) -> Plant:
@@ -261,7 +240,7 @@ def _table(params: Params, j: int, run: Run, T: Array) -> Array:
     size = float(np.sqrt(np.mean(pushed**2)))
     moved = plays(pushed, np.array([params["hold"] * size]))[:, 0] / size
     shift = params["amplitude"] * moved[:, None] * np.array(params["axis"])
-    return turned(T, np.zeros_like(shift), shift)
+    return alike.turned(T, np.zeros_like(shift), shift)
 
 
 def _draw_warp(rng: np.random.Generator, j: int, scene: Scene) -> Params:
@@ -280,11 +259,11 @@ def _warp(params: Params, j: int, run: Run, T: Array) -> Array:
     distance = np.linalg.norm(away, axis=1, keepdims=True)
     moment, unit = np.array(params["moment"]), away / distance
     field = (3.0 * unit * (unit @ moment)[:, None] - moment) * (0.15 / distance) ** 3
-    return turned(T, np.zeros_like(field), params["amplitude"] * field)
+    return alike.turned(T, np.zeros_like(field), params["amplitude"] * field)
 
 
 def _draw_cross(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"angle": 2e-3, "turn": _phase(rng), "source": int(rng.integers(2)) + 1}
+    return {"angle": 2e-3, "turn": alike.phase(rng), "source": int(rng.integers(2)) + 1}
 
 
 def _cross(params: Params, j: int, run: Run, T: Array) -> Array:
@@ -295,7 +274,7 @@ def _cross(params: Params, j: int, run: Run, T: Array) -> Array:
     lie = params["angle"] * np.tanh(4.0 * (settled - settled.mean()))
     axis = T[:, :3, 0] * np.cos(params["turn"]) + T[:, :3, 1] * np.sin(params["turn"])
     turn = lie[:, None] * axis
-    return turned(T, turn, np.cross(turn, T[:, :3, 3]))
+    return alike.turned(T, turn, np.cross(turn, T[:, :3, 3]))
 
 
 def _draw_rolling(rng: np.random.Generator, j: int, scene: Scene) -> Params:
@@ -307,7 +286,7 @@ def _rolling(params: Params, j: int, run: Run, T: Array) -> Array:
     place = T[:, :3, 3]
     speed = np.gradient(place, run.reference.time, axis=0)
     late = params["readout"] * np.sin(params["lines"] * place[:, params["axis"]])
-    return turned(T, np.zeros_like(place), -late[:, None] * speed)
+    return alike.turned(T, np.zeros_like(place), -late[:, None] * speed)
 
 
 CAUSES = {
@@ -319,8 +298,8 @@ CAUSES = {
     "magnetic_cogging": Cause(_draw_cogging, grow=("torque",), build=_cogging),
     "rubbing_cables": Cause(_draw_rubbing, grow=("torque",), build=_rubbing),
     "random_pushes": Cause(_draw_pushes, where="all", grow=("force",), build=_pushes),
-    "climbing_cable": Cause(_draw_climbing, grow=("amplitude",), path=_climbing, bare=True),
-    "encoder_interpolation": Cause(_draw_interpolation, grow=("amplitude",), build=_interpolation, bare=True),
+    "climbing_cable": Cause(alike.draw_climbing, grow=("amplitude",), path=_climbing, bare=True),
+    "encoder_interpolation": Cause(alike.draw_interpolation, grow=("amplitude",), build=_interpolation, bare=True),
     "wobbling_table": Cause(_draw_table, where="base", grow=("amplitude",), tip=_table, tracker_only=True),
     "field_warp": Cause(_draw_warp, where="base", grow=("amplitude",), tip=_warp, tracker_only=True),
     "cross_axis_play": Cause(_draw_cross, where="tool", grow=("angle",), tip=_cross, tracker_only=True),

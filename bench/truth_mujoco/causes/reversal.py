@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import mujoco
 import numpy as np
+from truth import alike
 from truth.reference import Reference
 
 from truth_mujoco.causes.cause import Array, Cause, Params, Scene, column
@@ -39,11 +40,7 @@ def friction_hook(
 
 
 def _with(plant: Plant, hook: Callable[..., object]) -> Plant:
-    return replace(plant, hooks=(*plant.hooks, hook))  # type: ignore[arg-type]
-
-
-def _draw_backlash(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"radius": float(1.1 * scene.noise[j])}
+    return replace(plant, hooks=(*plant.hooks, hook))
 
 
 def _backlash(params: Params, j: int, run: Run, q: Array) -> Array:
@@ -63,26 +60,12 @@ def _hysteresis(params: Params, j: int, run: Run, q: Array) -> Array:
     return column(len(q), q.shape[1], j, lag)
 
 
-def _draw_coulomb(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"torque": scene.torque(j), "side": "motor"}
-
-
 def _coulomb(params: Params, j: int, plant: Plant) -> Plant:
     return replace(plant, coulomb=with_value(plant.coulomb, j, params["torque"]))
 
 
-def _draw_viscous(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"damping": scene.torque(j) / scene.arm.unit(j, 0.15, 0.02), "side": "motor"}
-
-
 def _viscous(params: Params, j: int, plant: Plant) -> Plant:
     return replace(plant, viscous=with_value(plant.viscous, j, params["damping"]))
-
-
-def _draw_stribeck(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    level = 0.8 * scene.torque(j)
-    speed = scene.arm.unit(j, 1.0, 0.12) * float(np.exp(rng.uniform(np.log(0.03), np.log(0.12))))
-    return {"torque": level, "static_torque": level * float(rng.uniform(2.0, 3.5)), "speed": speed, "side": "motor"}
 
 
 def _stribeck(params: Params, j: int, plant: Plant) -> Plant:
@@ -91,10 +74,6 @@ def _stribeck(params: Params, j: int, plant: Plant) -> Plant:
         return lambda i, state: params["torque"] + rise * float(np.exp(-((state.speed[j] / params["speed"]) ** 2)))
 
     return _with(plant, friction_hook(j, make))
-
-
-def _draw_capstan(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    return {"wrap": scene.torque(j) / scene.load(j), "side": "motor"}
 
 
 def _capstan(params: Params, j: int, plant: Plant) -> Plant:
@@ -116,17 +95,6 @@ def _capstan(params: Params, j: int, plant: Plant) -> Plant:
     return _with(plant, friction_hook(j, make))
 
 
-def _draw_wavy(rng: np.random.Generator, j: int, scene: Scene) -> Params:
-    torque = scene.torque(j)
-    return {
-        "torque": torque,
-        "swing": torque * float(rng.uniform(0.7, 0.98)),
-        "waves": scene.arm.unit(j, 1.0, 12.0) * float(rng.uniform(6.0, 14.0)),
-        "phase": float(rng.uniform(-np.pi, np.pi)),
-        "side": "motor",
-    }
-
-
 def _wavy(params: Params, j: int, plant: Plant) -> Plant:
     def make(model: mujoco.MjModel, data: mujoco.MjData, reference: Reference, dof: int) -> Level:
         def level(i: int, state: State) -> float:
@@ -139,11 +107,11 @@ def _wavy(params: Params, j: int, plant: Plant) -> Plant:
 
 
 CAUSES = {
-    "backlash": Cause(_draw_backlash, grow=("radius",), path=_backlash, bare=True),
-    "coulomb_friction": Cause(_draw_coulomb, grow=("torque",), build=_coulomb),
-    "viscous_friction": Cause(_draw_viscous, grow=("damping",), build=_viscous),
-    "stribeck_friction": Cause(_draw_stribeck, grow=("torque", "static_torque"), build=_stribeck),
-    "capstan_friction": Cause(_draw_capstan, grow=("wrap",), build=_capstan),
-    "position_dependent_friction": Cause(_draw_wavy, grow=("torque", "swing"), build=_wavy),
+    "backlash": Cause(alike.draw_backlash, grow=("radius",), path=_backlash, bare=True),
+    "coulomb_friction": Cause(alike.draw_coulomb, grow=("torque",), build=_coulomb),
+    "viscous_friction": Cause(alike.draw_viscous, grow=("damping",), build=_viscous),
+    "stribeck_friction": Cause(alike.draw_stribeck, grow=("torque", "static_torque"), build=_stribeck),
+    "capstan_friction": Cause(alike.draw_capstan, grow=("wrap",), build=_capstan),
+    "position_dependent_friction": Cause(alike.draw_wavy, grow=("torque", "swing"), build=_wavy),
     "hysteresis": Cause(_draw_hysteresis, grow=("width",), path=_hysteresis, bare=True),
 }

@@ -18,11 +18,18 @@ from gpcorrect.sim.effects.base import (
     with_column,
 )
 from gpcorrect.sim.effects.bouc_wen import bouc_wen
-from gpcorrect.sim.effects.candidates import Candidate, Scope, candidates
+from gpcorrect.sim.effects.catalogue import (
+    EFFECTS,
+    Candidate,
+    Scope,
+    candidates,
+    effect_from_dict,
+    in_order,
+    of_kind,
+)
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.laws import FrictionLaw, TorqueLaw
 from gpcorrect.sim.effects.operators import lag, play, ring
-from gpcorrect.sim.effects.registry import EFFECTS, effect_from_dict, in_order, of_kind
 
 __all__ = [
     "EFFECTS",

@@ -14,21 +14,18 @@ from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import partial
 from math import isnan
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from gpcorrect.arms import Chain
 from gpcorrect.errors import DataError
-from gpcorrect.sim.body import Links
+from gpcorrect.sim.body import Drive, Links
 from gpcorrect.sim.effects.description import Description, Parameter
 from gpcorrect.sim.effects.laws import FrictionLaw, TorqueLaw
 from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion, Readings
 from gpcorrect.types import FloatArray
-
-if TYPE_CHECKING:
-    from gpcorrect.sim.machine import Drive  # it holds effects
 
 WHOLE_ARM = ("all", "tool", "base")  # values of `joint` besides a number
 SIDES = ("motor", "joint")  # of the transmission, in the order of the servo loop's numbers for them
@@ -102,10 +99,8 @@ class Effect(ABC):
 
         Parameters
         ----------
-        joints : tuple of int
-            Joint numbers of the columns.
-        number : int, optional
-            The joint; the effect's own by default.
+        joints : tuple of int, joint numbers of the columns
+        number : int, optional, the joint; the effect's own by default
 
         Raises
         ------
@@ -162,7 +157,6 @@ class LoadEffect(Effect):
         Parameters
         ----------
         links : Links
-            Masses without it.
         """
 
 
@@ -178,7 +172,6 @@ class ChainEffect(Effect):
         Parameters
         ----------
         chain : Chain
-            Kinematics without it.
         """
 
 
@@ -204,9 +197,7 @@ class DriveEffect(Effect):
         Parameters
         ----------
         drive : Drive
-            As the model has them.
-        joints : tuple of int
-            Joint numbers of their columns.
+        joints : tuple of int, joint numbers of their columns
         """
 
 
@@ -217,7 +208,6 @@ class FrictionEffect(Effect):
     Parameters
     ----------
     joint : int
-        Number of the joint.
     side : str
         "motor": before the cable, which then does not feel it; "joint": behind it, so that the cable carries it too.
     """
@@ -242,12 +232,9 @@ class PathEffect(Effect):
 
         Parameters
         ----------
-        q : (n, N, dof) array
-            Path before the effect, rad or m.
+        q : (n, N, dof) array, path before the effect, rad or m
         motion : Motion
-            The stretch.
-        memory : dict
-            Empty at the start of a motion.
+        memory : dict, empty at the start of a motion
         """
 
     def act(self, q: FloatArray, motion: Motion) -> FloatArray:
@@ -255,10 +242,8 @@ class PathEffect(Effect):
 
         Parameters
         ----------
-        q : (n, N, dof) array
-            Path before the effect, rad or m.
+        q : (n, N, dof) array, path before the effect, rad or m
         motion : Motion
-            The whole motion.
         """
         return self.advance(q, motion, {})
 
@@ -297,10 +282,8 @@ class TipEffect(Effect):
 
         Parameters
         ----------
-        T_base_tip : (n, N, 4, 4) array
-            Poses before the effect, base frame.
+        T_base_tip : (n, N, 4, 4) array, poses before the effect, base frame
         motion : Motion
-            Any stretch of samples.
         """
 
 
@@ -316,12 +299,9 @@ class ReadingEffect(Effect):
         Parameters
         ----------
         readings : Readings
-            Of the stretch.
         motion : Motion
-            The stretch.
         rng : numpy.random.Generator
-        memory : dict
-            Empty at the start of a recording.
+        memory : dict, empty at the start of a recording
         """
 
     def operator(self, rng: np.random.Generator) -> ReadingOperator:
@@ -339,12 +319,9 @@ def with_column(q: FloatArray, column: int, path: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    q : (n, N, dof) array
-        Of all joints.
+    q : (n, N, dof) array, of all joints
     column : int
-        Which to replace.
     path : (n, N) array
-        By this.
     """
     changed = np.array(q)
     changed[..., column] = path

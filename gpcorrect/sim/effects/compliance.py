@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import inf
 
 import numpy as np
 
@@ -14,6 +15,12 @@ from gpcorrect.sim.effects.description import Description, Family, Ladder, Param
 from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
+
+# Units, physical ranges and typical sizes on revolute and prismatic joints.
+STIFFNESS = Range("N m/rad", 2.0, 1e5, 200.0), Range("N/m", 100.0, 1e7, 2e4)
+CUBIC = Range("N m/rad^3", 0.0, 1e14, 2e8), Range("N/m^3", 0.0, 1e18, 2e12)
+RIGIDITY = Range("N m^2/rad", 1.0, 5e4, 80.0), Range("N", 50.0, 5e6, 8e3)
+STRUCTURE = Range("N m/rad", 2.0, 1e5, 300.0), Range("N/m", 100.0, 1e7, 3e4)
 
 
 @dataclass(frozen=True)
@@ -28,15 +35,7 @@ class CableStretch(JointEffect):
         family=Family.COMPLIANCE,
         equation="q = m - tau / stiffness",
         source="Hooke's law; Miyasaka et al. 2020, IEEE RA-L 5(2), cable-pulley network",
-        parameters=(
-            Parameter(
-                "stiffness",
-                "stiffness of the cable pair at the joint",
-                Range("N m/rad", 2.0, 1e5, 200.0),
-                Range("N/m", 100.0, 1e7, 2e4),
-                identity=float("inf"),
-            ),
-        ),
+        parameters=(Parameter("stiffness", "stiffness of the cable pair at the joint", *STIFFNESS, identity=inf),),
         neighbours=("transmission_ratio", "gravity_sag"),
         separating_runs=(Run.LOAD_SWAP, Run.POSE_SPREAD, Run.SPEED_LADDER),
     )
@@ -59,18 +58,11 @@ class NonlinearStretch(JointEffect):
         equation="q = m - d, tau = stiffness d + cubic d^3",
         source="Spong 1987, J. Dyn. Syst. Meas. Control 109(4), elastic joints; Duffing's cubic spring",
         parameters=(
-            Parameter(
-                "stiffness",
-                "stiffness at small loads",
-                Range("N m/rad", 2.0, 1e5, 200.0),
-                Range("N/m", 100.0, 1e7, 2e4),
-                identity=float("inf"),
-            ),
+            Parameter("stiffness", "stiffness at small loads", *STIFFNESS, identity=inf),
             Parameter(
                 "cubic",
                 "hardening",
-                Range("N m/rad^3", 0.0, 1e14, 2e8),
-                Range("N/m^3", 0.0, 1e18, 2e12),
+                *CUBIC,
                 ladder=Ladder(
                     Per.PRIOR, (0.001, 0.03, 1.0, 30.0)
                 ),  # as stiff as the linear part at a milliradian, 0.1 mm
@@ -109,13 +101,7 @@ class LengthDependentStiffness(JointEffect):
         equation="q = m - tau / k, k = rigidity / (length + q_source)",
         source="Hooke's law of a rod; Miyasaka et al. 2020, IEEE RA-L 5(2), cable-pulley network",
         parameters=(
-            Parameter(
-                "rigidity",
-                "stiffness times cable length",
-                Range("N m^2/rad", 1.0, 5e4, 80.0),
-                Range("N", 50.0, 5e6, 8e3),
-                identity=float("inf"),
-            ),
+            Parameter("rigidity", "stiffness times cable length", *RIGIDITY, identity=inf),
             Parameter(
                 "length",
                 "cable length at the source's zero",
@@ -158,15 +144,7 @@ class GravitySag(JointEffect):
         family=Family.COMPLIANCE,
         equation="q_link = q - g(q) / stiffness",
         source="Roth, Mooring, Ravani 1987, IEEE J. Robotics and Automation 3(5): non-geometric errors",
-        parameters=(
-            Parameter(
-                "stiffness",
-                "stiffness of the structure",
-                Range("N m/rad", 2.0, 1e5, 300.0),
-                Range("N/m", 100.0, 1e7, 3e4),
-                identity=float("inf"),
-            ),
-        ),
+        parameters=(Parameter("stiffness", "stiffness of the structure", *STRUCTURE, identity=inf),),
         needs=("external_jp|tracker_cp",),
         neighbours=("transmission_ratio", "registration_error", "cable_stretch"),
         separating_runs=(Run.POSE_SPREAD, Run.LOAD_SWAP, Run.SPEED_LADDER),
@@ -214,9 +192,7 @@ class ShaftBending(TipEffect):
         equation="d = F L^3 / (3 rigidity) across the shaft, turned by F L^2 / (2 rigidity)",
         source="Euler-Bernoulli cantilever; Roark's Formulas for Stress and Strain, Table 8.1",
         parameters=(
-            Parameter(
-                "rigidity", "bending stiffness EI of the shaft", Range("N m^2", 0.05, 1e4, 10.0), identity=float("inf")
-            ),
+            Parameter("rigidity", "bending stiffness EI of the shaft", Range("N m^2", 0.05, 1e4, 10.0), identity=inf),
         ),
         needs=("tracker_cp", "payload"),
         remote_centre=True,
@@ -251,10 +227,7 @@ class RcmShift(TipEffect):
         source="Hooke's law at the remote centre of motion",
         parameters=(
             Parameter(
-                "stiffness",
-                "lateral stiffness at the remote centre",
-                Range("N/m", 20.0, 1e7, 3e3),
-                identity=float("inf"),
+                "stiffness", "lateral stiffness at the remote centre", Range("N/m", 20.0, 1e7, 3e3), identity=inf
             ),
         ),
         needs=("tracker_cp", "payload"),
@@ -279,17 +252,13 @@ def lateral_force(tip: FloatArray, tip_force: FloatArray | None) -> tuple[FloatA
 
     Parameters
     ----------
-    tip : (n, N, 3) array
-        Tip positions, base frame, m.
-    tip_force : (N, 3) array or None
-        Force on the tip in each run, base frame, N; None is none.
+    tip : (n, N, 3) array, tip positions, base frame, m
+    tip_force : (N, 3) array or None, force on the tip in each run, base frame, N; None is none
 
     Returns
     -------
-    force : (n, N, 3) array
-        N, base frame.
-    length : (n, N, 1) array
-        m.
+    force : (n, N, 3) array, N, base frame
+    length : (n, N, 1) array, m
     """
     length = np.linalg.norm(tip, axis=-1, keepdims=True)
     if tip_force is None:

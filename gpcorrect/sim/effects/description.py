@@ -67,10 +67,8 @@ class Ladder:
 
     Parameters
     ----------
-    per : Per
-        What the rungs are counted in.
+    per : Per, what the rungs are counted in
     rungs : tuple of float
-        Values.
     absent : bool
         Whether the effect is also tried without the parameter: at its field's default. Shapes with two such parameters
         at once are left out.
@@ -91,10 +89,8 @@ class Range:
 
     Parameters
     ----------
-    unit : str
-        SI unit.
-    low, high : float
-        Values outside are not physical for a surgical cable-driven arm.
+    unit : str, SI unit
+    low, high : float, values outside are not physical for a surgical cable-driven arm
     typical : float
         Median of the prior when the parameter is positive, its standard deviation around zero otherwise.
     """
@@ -111,29 +107,20 @@ class Parameter:
 
     Parameters
     ----------
-    name, meaning : str
-        Field of the effect, and what it is in one phrase.
-    revolute : Range
-        Unit, range and prior on a revolute joint.
-    prismatic : Range, optional
-        The same on a prismatic joint, where it is another one.
-    positive : bool
-        Whether negative values have no meaning; the prior is then log-normal, else normal.
-    identity : float
-        The value at which the effect does nothing.
-    per_session : bool
-        Whether there may be one value a session.
-    factor : float
-        Width of the log-normal prior of a positive parameter: its geometric standard deviation.
+    name, meaning : str, field of the effect, and what it is in one phrase
+    revolute : Range, unit, range and prior on a revolute joint
+    prismatic : Range, optional, the same on a prismatic joint, where it is another one
+    positive : bool, whether negative values have no meaning; the prior is then log-normal, else normal
+    identity : float, the value at which the effect does nothing
+    per_session : bool, whether there may be one value a session
+    factor : float, width of the log-normal prior of a positive parameter: its geometric standard deviation
     ladder : Ladder or None
         Values to try, for a parameter that shapes the effect's trace; None where the trace grows with the parameter
         (or with its inverse, when it does nothing at infinity).
-    shaped_by : str
-        Name of the parameter without which this one does nothing; empty when there is none.
+    shaped_by : str, name of the parameter without which this one does nothing; empty when there is none
     change_point : bool
         Whether it is an instant at which something happens: the trace does not change smoothly with it.
-    period : float or None
-        After which it means the same again.
+    period : float or None, after which it means the same again
     valleys : bool
         Whether the misfit has several minima along it, as along the frequency of what rings for some cycles: the final
         fit is started to both sides of where it was found too.
@@ -158,8 +145,7 @@ class Parameter:
 
         Parameters
         ----------
-        joint_type : str
-            "R" or "P".
+        joint_type : str, "R" or "P"
         """
         return self.prismatic if joint_type == "P" and self.prismatic is not None else self.revolute
 
@@ -168,13 +154,23 @@ class Parameter:
 
         Parameters
         ----------
-        joint_type : str
-            "R" or "P".
+        joint_type : str, "R" or "P"
         """
         typical = self.range(joint_type).typical
         if self.positive:
             return stats.lognorm(s=np.log(self.factor), scale=typical)
         return stats.norm(loc=0.0, scale=typical)
+
+
+PHASE = Parameter(
+    "phase",
+    "phase at zero",
+    Range("rad", -np.pi, np.pi, 1.0),
+    positive=False,
+    ladder=Ladder(Per.VALUE, (0.0, np.pi / 2)),
+    period=2 * np.pi,
+)
+"""Of a wave: every effect that has one."""
 
 
 @dataclass(frozen=True)
@@ -183,28 +179,19 @@ class Description:
 
     Parameters
     ----------
-    name : str
-        Canonical name.
-    number : int
-        Place in the catalogue: effects of one stage act in this order.
+    name : str, canonical name
+    number : int, place in the catalogue: effects of one stage act in this order
     family : Family
-        Its class in the catalogue.
-    equation, source : str
-        Minimal equation, and where it comes from.
+    equation, source : str, minimal equation, and where it comes from
     parameters : tuple of Parameter
-        Its numbers.
-    neighbours : tuple of str
-        Names of its look-alikes; docs/simulator.md says what separates them.
-    separating_runs : tuple of Run
-        Recordings that separate it from them.
-    needs : tuple of str
-        Log signals without which it leaves no trace; alternatives are joined by "|".
+    neighbours : tuple of str, names of its look-alikes; docs/simulator.md says what separates them
+    separating_runs : tuple of Run, recordings that separate it from them
+    needs : tuple of str, log signals without which it leaves no trace; alternatives are joined by "|"
     sites : tuple of Site
         Where it may sit; empty leaves that to whoever puts it there, and a search leaves it out.
     choices : tuple of (field, values)
         Fields that are no numbers, and what they may be; other values are refused.
-    remote_centre : bool
-        Whether only an arm that pivots about a remote centre of motion can have it.
+    remote_centre : bool, whether only an arm that pivots about a remote centre of motion can have it
     """
 
     name: str

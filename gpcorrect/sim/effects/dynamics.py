@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from math import inf
 
 import numpy as np
 
 from gpcorrect.errors import DataError
+from gpcorrect.sim.body import Drive
 from gpcorrect.sim.effects.base import DriveEffect, JointEffect
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run
 from gpcorrect.sim.effects.operators import Memory, ring
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
-
-if TYPE_CHECKING:
-    from gpcorrect.sim.machine import Drive  # it holds effects
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,7 @@ class Resonance(JointEffect):
                 "frequency",
                 "natural frequency",
                 Range("Hz", 3.0, 60.0, 14.0),
-                identity=float("inf"),
+                identity=inf,
                 factor=1.9,
                 ladder=Ladder(Per.VALUE, (5.0, 10.0, 20.0, 40.0)),
                 valleys=True,

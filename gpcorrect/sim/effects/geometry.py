@@ -11,10 +11,18 @@ from gpcorrect import se3
 from gpcorrect.arms import Chain, Joint
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import ChainEffect, JointEffect, Stage, TipEffect
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.description import PHASE, Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory, play, upright
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
+
+# Units, physical ranges and typical sizes on revolute and prismatic joints.
+OFFSET = Range("rad", -0.35, 0.35, 0.05), Range("m", -0.05, 0.05, 0.005)
+PLACE = Range("rad", -6.5, 6.5, 1.0), Range("m", -1.0, 1.0, 0.2)
+COUPLING = Range("rad per unit of source", -1.0, 1.0, 0.05), Range("m per unit of source", -0.05, 0.05, 0.002)
+DRAG = Range("rad per unit of source", -5.0, 5.0, 0.2), Range("m per unit of source", -0.25, 0.25, 0.01)
+WAVE = Range("rad", -0.1, 0.1, 0.003), Range("m", -0.01, 0.01, 2e-4)
+WAVES = Range("1", 1.0, 60.0, 10.0), Range("rad/m", 1.0, 500.0, 150.0)
 
 
 @dataclass(frozen=True)
@@ -30,16 +38,7 @@ class HomingOffset(JointEffect):
         family=Family.GEOMETRY,
         equation="reported = q + offset, a new one each session",
         source="Hwang et al. 2020, IEEE RA-L 5(4), offset model",
-        parameters=(
-            Parameter(
-                "offset",
-                "reported minus true position",
-                Range("rad", -0.35, 0.35, 0.05),
-                Range("m", -0.05, 0.05, 0.005),
-                positive=False,
-                per_session=True,
-            ),
-        ),
+        parameters=(Parameter("offset", "reported minus true position", *OFFSET, positive=False, per_session=True),),
         neighbours=("registration_error", "gravity_sag"),
         separating_runs=(Run.POSE_SPREAD, Run.REHOMING),
     )
@@ -78,8 +77,7 @@ class TransmissionRatio(JointEffect):
             Parameter(
                 "home",
                 "where the joint was homed",
-                Range("rad", -6.5, 6.5, 1.0),
-                Range("m", -1.0, 1.0, 0.2),
+                *PLACE,
                 positive=False,
                 ladder=Ladder(Per.PLACE, (0.5,), absent=True),
             ),
@@ -116,15 +114,13 @@ class CableCoupling(JointEffect):
             Parameter(
                 "coefficient",
                 "reported minus true position of this joint for each unit of the source",
-                Range("rad per unit of source", -1.0, 1.0, 0.05),
-                Range("m per unit of source", -0.05, 0.05, 0.002),
+                *COUPLING,
                 positive=False,
             ),
             Parameter(
                 "drag",
                 "reported minus true position of this joint for each unit of the source's motion since its reversal",
-                Range("rad per unit of source", -5.0, 5.0, 0.2),
-                Range("m per unit of source", -0.25, 0.25, 0.01),
+                *DRAG,
                 positive=False,
                 shaped_by="drag_radius",
             ),
@@ -183,30 +179,16 @@ class PulleyEccentricity(JointEffect):
         equation="reported = q + amplitude sin(waves reported + phase)",
         source="first harmonic of a pulley whose axis is off its centre; the phase is counted on the motor's side",
         parameters=(
-            Parameter(
-                "amplitude",
-                "size of the wave, reported minus true position",
-                Range("rad", -0.1, 0.1, 0.003),
-                Range("m", -0.01, 0.01, 2e-4),
-                positive=False,
-            ),
+            Parameter("amplitude", "size of the wave, reported minus true position", *WAVE, positive=False),
             Parameter(
                 "waves",
                 "phase of the pulley for each unit of the joint",
-                Range("1", 1.0, 60.0, 10.0),  # the joint's own pulley turns slowest
-                Range("rad/m", 1.0, 500.0, 150.0),
+                *WAVES,
                 factor=2.0,
                 # Half a wave apart: none is missed. Three quarters of a wave at least, or any bend would be one.
                 ladder=Ladder(Per.SWEEP, tuple(np.pi * k for k in range(2, 15)), within=(1.5 * np.pi, 1e9)),
             ),
-            Parameter(
-                "phase",
-                "phase at zero",
-                Range("rad", -np.pi, np.pi, 1.0),
-                positive=False,
-                ladder=Ladder(Per.VALUE, (0.0, np.pi / 2)),
-                period=2 * np.pi,
-            ),
+            PHASE,
         ),
         neighbours=("position_dependent_friction", "transmission_ratio"),
         separating_runs=(Run.AMPLITUDES, Run.ONE_JOINT),

@@ -23,16 +23,12 @@ class FrictionLaw(NamedTuple):
 
     Parameters
     ----------
-    torque, static : float
-        Kinetic and static limit, N m or N.
-    speed : float
-        Over which the one becomes the other, rad/s or m/s; at 0 there is no static limit.
+    torque, static : float, kinetic and static limit, N m or N
+    speed : float, over which the one becomes the other, rad/s or m/s; at 0 there is no static limit
     swing, waves, phase : float
         Part that varies with position: N m or N, rad of phase per unit of the joint, rad.
-    wrap : float
-        Friction coefficient times wrap angle of a cable under the load.
-    damping : float
-        N m s/rad or N s/m.
+    wrap : float, friction coefficient times wrap angle of a cable under the load
+    damping : float, N m s/rad or N s/m
     """
 
     torque: float = 0.0
@@ -50,12 +46,9 @@ class TorqueLaw(NamedTuple):
 
     Parameters
     ----------
-    limit : float
-        N m or N.
-    stiffness : float
-        Of the stop, N m/rad or N/m.
-    upper, lower : float
-        Joint values beyond which it pushes, rad or m.
+    limit : float, N m or N
+    stiffness : float, of the stop, N m/rad or N/m
+    upper, lower : float, joint values beyond which it pushes, rad or m
     """
 
     limit: float = inf
@@ -70,12 +63,9 @@ def resisting(laws: FloatArray, i: int, q: float, v: float, load: float) -> tupl
 
     Parameters
     ----------
-    laws : (k, 8) array
-        Rows of :class:`FrictionLaw` numbers.
+    laws : (k, 8) array, rows of :class:`FrictionLaw` numbers
     i : int
-        Row that counts.
-    q, v, load : float
-        Position, speed and load of the joint, SI units.
+    q, v, load : float, position, speed and load of the joint, SI units
     """
     torque, static, speed = laws[i, 0], laws[i, 1], laws[i, 2]
     swing, waves, phase, wrap = laws[i, 3], laws[i, 4], laws[i, 5], laws[i, 6]
@@ -97,12 +87,9 @@ def contact(laws: FloatArray, i: int, q: float) -> float:
 
     Parameters
     ----------
-    laws : (k, 4) array
-        Rows of :class:`TorqueLaw` numbers.
+    laws : (k, 4) array, rows of :class:`TorqueLaw` numbers
     i : int
-        Row that counts.
-    q : float
-        Position of the joint, rad or m.
+    q : float, position of the joint, rad or m
     """
     stiffness, upper, lower = laws[i, 1], laws[i, 2], laws[i, 3]
     if stiffness == 0.0:

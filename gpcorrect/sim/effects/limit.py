@@ -9,6 +9,11 @@ from gpcorrect.sim.effects.base import TorqueEffect
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run
 from gpcorrect.sim.effects.laws import TorqueLaw
 
+# Units, physical ranges and typical sizes on revolute and prismatic joints.
+TORQUE = Range("N m", 1e-3, 1e4, 3.0), Range("N", 0.01, 1e6, 30.0)
+STOP = Range("N m/rad", 0.0, 1e4, 100.0), Range("N/m", 0.0, 1e6, 1e4)
+PLACE = Range("rad", -6.5, 6.5, 1.0), Range("m", -1.0, 1.0, 0.2)
+
 
 @dataclass(frozen=True)
 class TorqueSaturation(TorqueEffect):
@@ -26,9 +31,8 @@ class TorqueSaturation(TorqueEffect):
             Parameter(
                 "limit",
                 "largest torque",
-                Range("N m", 1e-3, 1e4, 3.0),
-                Range("N", 0.01, 1e6, 30.0),
-                identity=float("inf"),
+                *TORQUE,
+                identity=inf,
                 ladder=Ladder(Per.TORQUE, (0.995, 0.99, 0.98, 0.97, 0.96, 0.95, 0.93, 0.9, 0.85, 0.7, 0.5, 0.3)),
             ),
         ),
@@ -65,14 +69,11 @@ class JointStop(TorqueEffect):
         equation="tau_stop = stiffness max(0, q - limit)",
         source="penalty contact of a unilateral constraint; Brogliato 2016, Nonsmooth Mechanics, Ch. 2",
         parameters=(
-            Parameter(
-                "stiffness", "stiffness of the stop", Range("N m/rad", 0.0, 1e4, 100.0), Range("N/m", 0.0, 1e6, 1e4)
-            ),
+            Parameter("stiffness", "stiffness of the stop", *STOP),
             Parameter(
                 "limit",
                 "where it begins",
-                Range("rad", -6.5, 6.5, 1.0),
-                Range("m", -1.0, 1.0, 0.2),
+                *PLACE,
                 positive=False,
                 ladder=Ladder(Per.END, (0.1, 0.3), within=(0.0, 0.4)),  # beyond, most of the travel would lie on it
             ),

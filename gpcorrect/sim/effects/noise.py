@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import inf
 
 import numpy as np
 
@@ -12,6 +13,10 @@ from gpcorrect.sim.effects.description import Description, Family, Ladder, Param
 from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion, Readings
 from gpcorrect.types import FloatArray
+
+# Units, physical ranges and typical sizes on revolute and prismatic joints.
+STEP = Range("rad", 0.0, 0.1, 1e-3), Range("m", 0.0, 0.01, 1e-4)
+STD = Range("rad", 0.0, 0.1, 1e-3), Range("m", 0.0, 0.01, 2e-4)
 
 
 @dataclass(frozen=True)
@@ -31,13 +36,7 @@ class EncoderQuantisation(ReadingEffect):
         equation="reported = step round(q / step), each count lost with probability `lost`",
         source="Widrow and Kollar 2008, Quantization Noise, Ch. 1",
         parameters=(
-            Parameter(
-                "step",
-                "size of one count at the joint",
-                Range("rad", 0.0, 0.1, 1e-3),
-                Range("m", 0.0, 0.01, 1e-4),
-                ladder=Ladder(Per.PRIOR, (0.3, 1.0, 3.0)),
-            ),
+            Parameter("step", "size of one count at the joint", *STEP, ladder=Ladder(Per.PRIOR, (0.3, 1.0, 3.0))),
             Parameter("lost", "fraction of the counts that are missed", Range("1", 0.0, 0.5, 0.01)),
         ),
         needs=("measured_jp", "setpoint_jp|external_jp|tracker_cp"),
@@ -68,7 +67,7 @@ class NoiseChange(ReadingEffect):
     """Further noise of zero mean on an outside joint sensor, or ("tool") on each axis of the tracked position."""
 
     std: float
-    tail: float = float("inf")  # normal
+    tail: float = inf  # normal
     since: float = 0.0
 
     about = Description(
@@ -78,18 +77,13 @@ class NoiseChange(ReadingEffect):
         equation="y = x + std e [t >= since], e Student with `tail` degrees of freedom and unit variance",
         source="Lange, Little, Taylor 1989, J. Am. Stat. Assoc. 84(408), Student errors",
         parameters=(
-            Parameter(
-                "std",
-                "standard deviation of the further noise",
-                Range("rad", 0.0, 0.1, 1e-3),
-                Range("m", 0.0, 0.01, 2e-4),
-            ),
+            Parameter("std", "standard deviation of the further noise", *STD),
             Parameter(
                 "tail",
                 "degrees of freedom",
-                Range("1", 2.0, float("inf"), 8.0),
+                Range("1", 2.0, inf, 8.0),
                 factor=2.0,
-                ladder=Ladder(Per.VALUE, (float("inf"), 3.0)),
+                ladder=Ladder(Per.VALUE, (inf, 3.0)),
             ),
             Parameter(
                 "since",

@@ -1,8 +1,9 @@
 """Operators with memory that effects share, compiled; time runs along the first axis, each column on its own.
 
 They act on the sequence of samples: between two samples the input is taken as monotone or linear, however far apart
-they are. A missing sample stays missing and is forgotten. Each takes a `memory`, which it moves on: calls with the same
-memory on one stretch of a path after the other give what one call on the whole path gives.
+they are. A missing sample stays missing and is forgotten. Each takes a path `(n, ...)`, every column on its own, and
+returns an array of its shape; and a `memory`, which it moves on: calls with the same memory on one stretch of a path
+after the other give what one call on the whole path gives.
 """
 
 from __future__ import annotations
@@ -31,16 +32,8 @@ def play(path: FloatArray, radius: float, memory: Memory | None = None) -> Float
     Parameters
     ----------
     path : (n, ...) array
-        Input, each column on its own.
-    radius : float
-        Half width of the gap, in the unit of the path.
+    radius : float, half width of the gap, in the unit of the path
     memory : dict, optional
-        Moved on; see the module.
-
-    Returns
-    -------
-    (n, ...) array
-        Output.
 
     Raises
     ------
@@ -58,21 +51,11 @@ def plays(path: FloatArray, radii: FloatArray, memory: Memory | None = None) -> 
     Parameters
     ----------
     path : (n, ...) array
-        Input, each column on its own.
-    radii : (k,) array
-        Half widths >= 0, in the unit of the path.
+    radii : (k,) array, half widths >= 0, in the unit of the path
     memory : dict, optional
-        Moved on; see the module.
-
-    Returns
-    -------
-    (n, ...) array
-        Output.
     """
-    columns = as_columns(path)
-    return _plays(columns, np.asarray(radii, dtype=np.float64), remembered(memory, len(radii), columns)).reshape(
-        path.shape
-    )
+    columns, half_widths = as_columns(path), np.asarray(radii, dtype=np.float64)
+    return _plays(columns, half_widths, remembered(memory, len(radii), columns)).reshape(path.shape)
 
 
 def upright(size: float, phase: float) -> tuple[float, float]:
@@ -80,10 +63,8 @@ def upright(size: float, phase: float) -> tuple[float, float]:
 
     Parameters
     ----------
-    size : float
-        Of either sign.
-    phase : float
-        In rad.
+    size : float, of either sign
+    phase : float, in rad
     """
     turned = phase + (np.pi if size < 0 else 0.0)
     return abs(size), float(np.angle(np.exp(1j * turned)))
@@ -104,20 +85,11 @@ def lag(
     Parameters
     ----------
     path : (n, ...) array
-        Input, each column on its own.
-    time : array of the path's shape
-        s; steps may be uneven.
-    time_constant : float
-        T >= 0, s.
+    time : array of the path's shape, s; steps may be uneven
+    time_constant : float, T >= 0, s
     session : (N,) int array, optional
         Session of each column; without it the columns know nothing of each other.
     memory : dict, optional
-        Moved on; see the module.
-
-    Returns
-    -------
-    (n, ...) array
-        Output.
 
     Raises
     ------
@@ -147,20 +119,10 @@ def ring(
     Parameters
     ----------
     path : (n, ...) array
-        Input, each column on its own.
-    time : array of the path's shape
-        s; steps may be uneven.
-    frequency_hz : float
-        Undamped natural frequency, w / (2 pi), > 0; infinite follows at once.
-    damping_ratio : float
-        d >= 0.
+    time : array of the path's shape, s; steps may be uneven
+    frequency_hz : float, undamped natural frequency, w / (2 pi), > 0; infinite follows at once
+    damping_ratio : float, d >= 0
     memory : dict, optional
-        Moved on; see the module.
-
-    Returns
-    -------
-    (n, ...) array
-        Output.
 
     Raises
     ------
@@ -184,7 +146,6 @@ def as_columns(path: FloatArray) -> FloatArray:
     Parameters
     ----------
     path : (n, ...) array
-        Any shape behind time.
     """
     return np.ascontiguousarray(path, dtype=np.float64).reshape(len(path), -1)
 
@@ -195,11 +156,8 @@ def remembered(memory: Memory | None, size: int, columns: FloatArray) -> FloatAr
     Parameters
     ----------
     memory : dict or None
-        Of the stretches before.
     size : int
-        Numbers a column.
     columns : (n, N) array
-        The path.
     """
     fresh = np.full((size, columns.shape[1]), np.nan)
     return fresh if memory is None else memory.setdefault("state", fresh)
@@ -316,12 +274,7 @@ def shifted(path: FloatArray, time: FloatArray, delay: float) -> FloatArray:
     ----------
     path, time : (n, m) arrays
         Values, and seconds that do not fall. Missing values, and rows that repeat a moment, are left out.
-    delay : float
-        s; negative looks ahead.
-
-    Returns
-    -------
-    (n, m) array
+    delay : float, s; negative looks ahead
     """
     output = path.copy()
     for j in range(path.shape[1]):

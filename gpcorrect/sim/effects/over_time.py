@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
@@ -12,6 +13,11 @@ from gpcorrect.sim.effects.description import Description, Family, Ladder, Param
 from gpcorrect.sim.effects.operators import Memory, lag, shifted
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
+
+# Units, physical ranges and typical sizes on revolute and prismatic joints.
+COMPLIANCE = Range("rad/(N m)", 0.0, 0.1, 2e-3), Range("m/N", 0.0, 1e-3, 2e-5)
+RATE = Range("rad/s", -1e-3, 1e-3, 2e-6), Range("m/s", -1e-4, 1e-4, 2e-7)
+SLIP = Range("rad", -0.5, 0.5, 0.01), Range("m", -0.05, 0.05, 5e-4)
 
 
 @dataclass(frozen=True)
@@ -32,12 +38,7 @@ class Creep(JointEffect):
         equation="q = m - x, time_constant x' + x = compliance tau",
         source="Kelvin-Voigt element; Findley, Lai, Onaran 1976, Creep and Relaxation of Nonlinear Materials, Ch. 5",
         parameters=(
-            Parameter(
-                "compliance",
-                "settled stretch for each unit of load",
-                Range("rad/(N m)", 0.0, 0.1, 2e-3),
-                Range("m/N", 0.0, 1e-3, 2e-5),
-            ),
+            Parameter("compliance", "settled stretch for each unit of load", *COMPLIANCE),
             Parameter(
                 "time_constant",
                 "time in which it settles",
@@ -59,7 +60,7 @@ class Drift(JointEffect):
     """An offset that grows with session time: steadily, or towards a limit."""
 
     rate: float
-    time_constant: float = float("inf")
+    time_constant: float = inf
 
     stage = Stage.ENCODER
     about = Description(
@@ -69,18 +70,12 @@ class Drift(JointEffect):
         equation="reported = q + rate T (1 - exp(-t / T)), T = time_constant; rate t as T grows",
         source="RAVEN-II calibration paper: shift over six hours of running; first-order warm-up law",
         parameters=(
-            Parameter(
-                "rate",
-                "first rate of reported minus true position",
-                Range("rad/s", -1e-3, 1e-3, 2e-6),
-                Range("m/s", -1e-4, 1e-4, 2e-7),
-                positive=False,
-            ),
+            Parameter("rate", "first rate of reported minus true position", *RATE, positive=False),
             Parameter(
                 "time_constant",
                 "time over which it settles",
-                Range("s", 10.0, float("inf"), 3600.0),
-                ladder=Ladder(Per.SESSION, (float("inf"), 0.5, 0.1)),
+                Range("s", 10.0, inf, 3600.0),
+                ladder=Ladder(Per.SESSION, (inf, 0.5, 0.1)),
             ),
         ),
         neighbours=("creep", "cable_slip"),
@@ -153,13 +148,7 @@ class CableSlip(JointEffect):
         equation="reported = q + step [t >= instant]",
         source="a step at a change-point: Page 1954, Biometrika 41",
         parameters=(
-            Parameter(
-                "step",
-                "reported minus true position after the slip",
-                Range("rad", -0.5, 0.5, 0.01),
-                Range("m", -0.05, 0.05, 5e-4),
-                positive=False,
-            ),
+            Parameter("step", "reported minus true position after the slip", *SLIP, positive=False),
             Parameter(
                 "instant",
                 "when it slips, in session time",

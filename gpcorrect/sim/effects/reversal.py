@@ -9,7 +9,7 @@ import numpy as np
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import SIDES, FrictionEffect, JointEffect
 from gpcorrect.sim.effects.bouc_wen import bouc_wen
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run
+from gpcorrect.sim.effects.description import PHASE, Description, Family, Ladder, Parameter, Per, Range, Run
 from gpcorrect.sim.effects.laws import FrictionLaw
 from gpcorrect.sim.effects.operators import Memory, play, plays, upright
 from gpcorrect.sim.motion import Motion
@@ -18,6 +18,15 @@ from gpcorrect.types import FloatArray
 TORQUES = ("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp")  # what friction needs to be seen
 LAWS = ("bouc_wen", "plays")
 PLAYS = 8  # in the sum: with twice as many the path changes by less than a hundredth of the radius
+
+# Units, physical ranges and typical sizes on revolute and prismatic joints.
+RADIUS = Range("rad", 0.0, 0.6, 0.01), Range("m", 0.0, 0.02, 5e-4)
+TORQUE = Range("N m", 0.0, 20.0, 0.3), Range("N", 0.0, 500.0, 3.0)
+DAMPING = Range("N m s/rad", 0.0, 300.0, 0.5), Range("N s/m", 0.0, 2e4, 20.0)
+STATIC = Range("N m", 0.0, 30.0, 0.5), Range("N", 0.0, 600.0, 5.0)
+SPEED = Range("rad/s", 1e-4, 2.0, 0.05), Range("m/s", 1e-5, 0.2, 0.005)
+SWING = Range("N m", -20.0, 20.0, 0.2), Range("N", -100.0, 100.0, 2.0)
+WAVES = Range("1", 0.1, 300.0, 6.0), Range("rad/m", 1.0, 5000.0, 60.0)
 
 
 @dataclass(frozen=True)
@@ -32,15 +41,7 @@ class Backlash(JointEffect):
         family=Family.REVERSAL,
         equation="q = play(m, radius): w = min(max(w_before, m - radius), m + radius)",
         source="Krasnosel'skii and Pokrovskii 1989, Systems with Hysteresis, Sec. 2",
-        parameters=(
-            Parameter(
-                "radius",
-                "half the gap",
-                Range("rad", 0.0, 0.6, 0.01),
-                Range("m", 0.0, 0.02, 5e-4),
-                ladder=Ladder(Per.RANGE, (0.003, 0.01, 0.03, 0.1)),
-            ),
-        ),
+        parameters=(Parameter("radius", "half the gap", *RADIUS, ladder=Ladder(Per.RANGE, (0.003, 0.01, 0.03, 0.1))),),
         neighbours=("coulomb_friction", "hysteresis"),
         separating_runs=(Run.AMPLITUDES, Run.LOAD_SWAP, Run.GAIN_CHANGE, Run.SPEED_LADDER),
     )
@@ -61,9 +62,7 @@ class CoulombFriction(FrictionEffect):
         family=Family.REVERSAL,
         equation="F = torque sign(v), |F| <= torque at rest",
         source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
-        parameters=(
-            Parameter("torque", "size of the friction", Range("N m", 0.0, 20.0, 0.3), Range("N", 0.0, 500.0, 3.0)),
-        ),
+        parameters=(Parameter("torque", "size of the friction", *TORQUE),),
         needs=TORQUES,
         neighbours=("viscous_friction", "delay", "backlash"),
         separating_runs=(Run.SPEED_LADDER, Run.GAIN_CHANGE),
@@ -87,14 +86,7 @@ class ViscousFriction(FrictionEffect):
         family=Family.REVERSAL,
         equation="F = damping v",
         source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
-        parameters=(
-            Parameter(
-                "damping",
-                "torque for each unit of speed",
-                Range("N m s/rad", 0.0, 300.0, 0.5),
-                Range("N s/m", 0.0, 2e4, 20.0),
-            ),
-        ),
+        parameters=(Parameter("damping", "torque for each unit of speed", *DAMPING),),
         needs=TORQUES,
         neighbours=("delay", "coulomb_friction"),
         separating_runs=(Run.SPEED_LADDER, Run.GAIN_CHANGE),
@@ -121,14 +113,10 @@ class StribeckFriction(FrictionEffect):
         equation="F = (torque + (static_torque - torque) exp(-(v / speed)^2)) sign v",
         source="Bo and Pavelescu 1982, Wear 82(3); Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
         parameters=(
-            Parameter("torque", "friction at speed", Range("N m", 0.0, 20.0, 0.3), Range("N", 0.0, 500.0, 3.0)),
-            Parameter("static_torque", "friction at rest", Range("N m", 0.0, 30.0, 0.5), Range("N", 0.0, 600.0, 5.0)),
+            Parameter("torque", "friction at speed", *TORQUE),
+            Parameter("static_torque", "friction at rest", *STATIC),
             Parameter(
-                "speed",
-                "speed over which the one becomes the other",
-                Range("rad/s", 1e-4, 2.0, 0.05),
-                Range("m/s", 1e-5, 0.2, 0.005),
-                ladder=Ladder(Per.PRIOR, (0.2, 1.0, 5.0)),
+                "speed", "speed over which the one becomes the other", *SPEED, ladder=Ladder(Per.PRIOR, (0.2, 1.0, 5.0))
             ),
         ),
         needs=TORQUES,
@@ -187,29 +175,15 @@ class PositionDependentFriction(FrictionEffect):
         equation="F = max(0, torque + swing sin(waves q + phase)) sign v",
         source="Armstrong 1988, ICRA, Friction: experimental determination, modeling and compensation",
         parameters=(
-            Parameter("torque", "mean friction", Range("N m", 0.0, 20.0, 0.3), Range("N", 0.0, 500.0, 3.0)),
-            Parameter(
-                "swing",
-                "size of the part that varies",
-                Range("N m", -20.0, 20.0, 0.2),
-                Range("N", -100.0, 100.0, 2.0),
-                positive=False,
-            ),
+            Parameter("torque", "mean friction", *TORQUE),
+            Parameter("swing", "size of the part that varies", *SWING, positive=False),
             Parameter(
                 "waves",
                 "phase for each unit of the joint",
-                Range("1", 0.1, 300.0, 6.0),
-                Range("rad/m", 1.0, 5000.0, 60.0),
+                *WAVES,
                 ladder=Ladder(Per.SWEEP, (1.5 * np.pi, 2 * np.pi, 4 * np.pi), within=(np.pi, 1e9)),
             ),
-            Parameter(
-                "phase",
-                "phase at zero",
-                Range("rad", -np.pi, np.pi, 1.0),
-                positive=False,
-                ladder=Ladder(Per.VALUE, (0.0, np.pi / 2)),
-                period=2 * np.pi,
-            ),
+            PHASE,
         ),
         needs=TORQUES,
         neighbours=("coulomb_friction", "pulley_eccentricity"),
@@ -245,13 +219,7 @@ class Hysteresis(JointEffect):
         source="Bouc 1967; Wen 1976; Ismail, Ikhouane, Rodellar 2009, Arch. Comput. Methods Eng. 16; "
         "Brokate and Sprekels 1996, Hysteresis and Phase Transitions, Sec. 2.4",
         parameters=(
-            Parameter(
-                "radius",
-                "largest lag",
-                Range("rad", 0.0, 0.6, 0.01),
-                Range("m", 0.0, 0.02, 5e-4),
-                ladder=Ladder(Per.RANGE, (0.01, 0.03, 0.1)),
-            ),
+            Parameter("radius", "largest lag", *RADIUS, ladder=Ladder(Per.RANGE, (0.01, 0.03, 0.1))),
             Parameter(
                 "sharpness",
                 "exponent of the curve",

@@ -26,10 +26,8 @@ class Condition:
     Parameters
     ----------
     name : str
-    speed : float
-        m/s.
-    outcomes : tuple of Outcome
-        One a set; pictures show the first.
+    speed : float, m/s
+    outcomes : tuple of Outcome, one a set; pictures show the first
     """
 
     name: str
@@ -47,8 +45,7 @@ class Condition:
 
         Parameters
         ----------
-        sets : sequence
-            From :func:`compare`, one a set.
+        sets : sequence, from :func:`compare`, one a set
         """
         return tuple(
             cls(ways[0].name, ways[0].speed, tuple(outcome for way in ways for outcome in way.outcomes))
@@ -100,16 +97,11 @@ def compare(
     Parameters
     ----------
     mission : Mission
-    correctors : sequence of Corrects
-        One an arm, in the order of the stations.
-    seed : int
-        Of the camera's noise; the same for every condition.
-    fast, slow : float
-        Speeds of the open loop and with pictures, m/s.
-    margins, mode
-        See :class:`OpenLoop`.
-    progress : Progress, optional
-        Receives how far each condition is.
+    correctors : sequence of Corrects, one an arm, in the order of the stations
+    seed : int, of the camera's noise; the same for every condition
+    fast, slow : float, speeds of the open loop and with pictures, m/s
+    margins, mode, See :class:`OpenLoop`
+    progress : Progress, optional, receives how far each condition is
 
     Returns
     -------

@@ -23,22 +23,15 @@ class Fetched:
     Parameters
     ----------
     arm : str
-    fragment : (3,) array
-        Where it lay, tracker frame.
+    fragment : (3,) array, where it lay, tracker frame
     removed : bool
     attempts : int
-    seconds : float
-        From finding it to having dropped it, or given it up.
-    clock : float
-        Task time at that end, s.
-    misses_mm : tuple of float
-        How far the tool was from the fragment at each closing of the jaws.
-    looks : int
-        Pictures of the tool.
-    replanned : int
-        Grasps that were left because their correction was not sure enough.
-    careful : bool
-        Whether the arm went by pictures for want of a sure correction.
+    seconds : float, from finding it to having dropped it, or given it up
+    clock : float, task time at that end, s
+    misses_mm : tuple of float, how far the tool was from the fragment at each closing of the jaws
+    looks : int, pictures of the tool
+    replanned : int, grasps that were left because their correction was not sure enough
+    careful : bool, whether the arm went by pictures for want of a sure correction
     """
 
     arm: str
@@ -60,12 +53,9 @@ class ArmRecord:
     Parameters
     ----------
     name : str
-    trace : (n, 4) array
-        Task time (s) and true tool position (m, tracker frame).
-    seconds : float
-        When the arm was done.
-    waited : float
-        Seconds of it in which the other arm had the middle.
+    trace : (n, 4) array, task time (s) and true tool position (m, tracker frame)
+    seconds : float, when the arm was done
+    waited : float, seconds of it in which the other arm had the middle
     """
 
     name: str
@@ -122,18 +112,13 @@ class Mission:
     Parameters
     ----------
     scene : Scene
-    stations : tuple of Station
-        One or two arms.
-    fragments : (n, 3) array
-        Tracker frame.
+    stations : tuple of Station, one or two arms
+    fragments : (n, 3) array, tracker frame
     gripper : Gripper
     times : Times
-    attempts : int
-        Most grasps at one fragment before it is given up.
-    sight : float
-        Standard deviation of a fragment's place as the camera finds it, along each axis, m.
-    start : float
-        Session time at which it begins, s.
+    attempts : int, most grasps at one fragment before it is given up
+    sight : float, standard deviation of a fragment's place as the camera finds it, along each axis, m
+    start : float, session time at which it begins, s
     """
 
     scene: Scene
@@ -145,24 +130,13 @@ class Mission:
     sight: float = 0.0005
     start: float = 0.0
 
-    def fragments_of(self, station: Station) -> list[int]:
-        """Return the numbers of the fragments on this arm's side.
-
-        Parameters
-        ----------
-        station : Station
-        """
+    def _fragments_of(self, station: Station) -> list[int]:
+        """Return the numbers of the fragments on this arm's side."""
         x = self.scene.along(self.fragments)[:, 0]
         return [i for i in range(len(x)) if station.side == 0.0 or (x[i] >= 0) == (station.side > 0)]
 
-    def in_the_middle(self, number: int) -> bool:
-        """Return whether a fragment lies where both arms could meet.
-
-        Parameters
-        ----------
-        number : int
-            Of the fragment.
-        """
+    def _in_the_middle(self, number: int) -> bool:
+        """Return whether a fragment lies where both arms could meet."""
         return len(self.stations) > 1 and abs(float(self.scene.along(self.fragments[number])[0])) < MIDDLE
 
 
@@ -178,14 +152,10 @@ def debride(
     Parameters
     ----------
     mission : Mission
-    strategies : sequence of Strategy
-        One an arm, in the order of the stations.
-    rng : numpy.random.Generator
-        Of the camera's noise.
-    progress : Progress, optional
-        Receives a step after each fragment.
-    stage : str
-        Name of the work for `progress`.
+    strategies : sequence of Strategy, one an arm, in the order of the stations
+    rng : numpy.random.Generator, of the camera's noise
+    progress : Progress, optional, receives a step after each fragment
+    stage : str, name of the work for `progress`
     """
     workers = [
         _Worker(mission, station, strategy, child)
@@ -195,15 +165,15 @@ def debride(
     while any(worker.left for worker in workers):
         worker = min((w for w in workers if w.left), key=lambda w: w.robot.clock)
         # A fragment in the middle comes next only when the middle is free or nothing else is left.
-        free = [n for n in worker.left if worker.robot.clock >= middle_free or not mission.in_the_middle(n)]
+        free = [n for n in worker.left if worker.robot.clock >= middle_free or not mission._in_the_middle(n)]
         number = (free or worker.left)[0]
         worker.left.remove(number)
-        if mission.in_the_middle(number):
+        if mission._in_the_middle(number):
             seconds = max(0.0, middle_free - worker.robot.clock)
             worker.robot.wait(seconds)
             worker.waited += seconds
         fetched.append(worker.fetch(mission.fragments[number]))
-        if mission.in_the_middle(number):
+        if mission._in_the_middle(number):
             middle_free = worker.robot.clock
         if progress is not None:
             progress.step(stage, len(fetched) / len(mission.fragments))
@@ -227,7 +197,7 @@ class _Worker:
     def __init__(self, mission: Mission, station: Station, strategy: Strategy, rng: np.random.Generator) -> None:
         self._mission, self._strategy, self._rng = mission, strategy, rng
         self.robot = SimulatedRobot(station, rng, mission.start)
-        self.left = mission.fragments_of(station)
+        self.left = mission._fragments_of(station)
         self.waited = 0.0
         strategy.begin(self.robot)
 
@@ -236,8 +206,7 @@ class _Worker:
 
         Parameters
         ----------
-        fragment : (3,) array
-            m, tracker frame.
+        fragment : (3,) array, m, tracker frame
         """
         begin = self.robot.clock
         tries: list[_Try] = []

@@ -45,14 +45,10 @@ def rehearsal_log(
     ----------
     scene : Scene
     station : Station
-    fragments : int
-        Rehearsed places; each is one trajectory, with a random one of the grasps.
-    speed : float
-        m/s, the task's own.
-    rng : numpy.random.Generator
-        Of places and grasps.
-    seed : int
-        Of the tracker's noise and faults.
+    fragments : int, rehearsed places; each is one trajectory, with a random one of the grasps
+    speed : float, m/s, the task's own
+    rng : numpy.random.Generator, of places and grasps
+    seed : int, of the tracker's noise and faults
 
     Raises
     ------
@@ -115,12 +111,9 @@ def learn(scene: Scene, place: Station, folder: Path, rehearsals: int, speed: fl
     ----------
     scene : Scene
     place : Station
-    folder : Path
-        The model is `<name of the place>.gpc` in it.
+    folder : Path, the model is `<name of the place>.gpc` in it
     rehearsals : int
-        Fragments.
-    speed : float
-        m/s.
+    speed : float, m/s
     seed : int
 
     Returns

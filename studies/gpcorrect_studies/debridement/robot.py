@@ -9,7 +9,7 @@ from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect.planning import reach
 from gpcorrect.sim.live import LiveArm
-from gpcorrect.sim.reaching import Pace, working_posture
+from gpcorrect.sim.reaching import CONTINUOUS, Pace, working_posture
 from gpcorrect.sim.sensors import Sensors
 from gpcorrect.types import FloatArray
 from gpcorrect_studies.debridement.scene import Station
@@ -18,7 +18,6 @@ BLOCK = 20  # servo steps between two samples of the tool's true pose: paths are
 STILL = 4  # blocks that are one, where no joint moves further in them than in one block at 6 cm/s
 MOVED = {"R": 12e-3, "P": 1.2e-3}  # rad and m: that far
 JOINING = Pace(speed=0.03, turn_rate=0.5)  # to where a path begins, a millimetre away as a rule; chosen by hand
-CONTINUOUS = 0.5  # rad or m; a larger step between samples is another branch, not motion
 
 
 class SimulatedRobot:
@@ -27,11 +26,8 @@ class SimulatedRobot:
     Parameters
     ----------
     station : Station
-        Arm and place.
-    rng : numpy.random.Generator
-        Of the tracker's noise.
-    start : float
-        Session time at which the task begins, s: the arm has drifted since its recording.
+    rng : numpy.random.Generator, of the tracker's noise
+    start : float, session time at which the task begins, s: the arm has drifted since its recording
     """
 
     def __init__(self, station: Station, rng: np.random.Generator, start: float = 0.0) -> None:
@@ -71,10 +67,8 @@ class SimulatedRobot:
 
         Parameters
         ----------
-        times : (n,) array
-            Seconds.
-        T : (n, 4, 4) array
-            Base frame.
+        times : (n,) array, seconds
+        T : (n, 4, 4) array, base frame
 
         Raises
         ------

@@ -33,14 +33,10 @@ class Times:
 
     Parameters
     ----------
-    find : float
-        To find a fragment in the camera's picture.
-    settle : float
-        For the arm to come to rest.
-    look : float
-        To take and evaluate a picture of the tool.
-    grasp, release : float
-        To close and to open the jaws.
+    find : float, to find a fragment in the camera's picture
+    settle : float, for the arm to come to rest
+    look : float, to take and evaluate a picture of the tool
+    grasp, release : float, to close and to open the jaws
     """
 
     find: float = 0.5
@@ -58,10 +54,8 @@ class Gripper:
     ----------
     sideways, height : float
         Largest distance between the jaws' middle and the fragment's, along the floor and up, m.
-    turn : float
-        Largest turn away from the planned orientation, rad.
-    bowl : float
-        Radius of the bowl, m.
+    turn : float, largest turn away from the planned orientation, rad
+    bowl : float, radius of the bowl, m
     """
 
     sideways: float = 0.005
@@ -74,12 +68,9 @@ class Gripper:
 
         Parameters
         ----------
-        T_tool : (4, 4) array
-            True tool pose.
-        T_grasp : (4, 4) array
-            Planned one, same frame.
-        fragment, up : (3,) arrays
-            Its place (m), and the direction away from the floor, same frame.
+        T_tool : (4, 4) array, true tool pose
+        T_grasp : (4, 4) array, planned one, same frame
+        fragment, up : (3,) arrays, its place (m), and the direction away from the floor, same frame
         """
         miss = T_tool[:3, 3] - fragment
         height = float(miss @ up)
@@ -92,10 +83,8 @@ class Gripper:
 
         Parameters
         ----------
-        T_tool : (4, 4) array
-            True tool pose.
-        bowl, up : (3,) arrays
-            The bowl's centre (m), and the direction away from the floor, same frame.
+        T_tool : (4, 4) array, true tool pose
+        bowl, up : (3,) arrays, the bowl's centre (m), and the direction away from the floor, same frame
         """
         miss = T_tool[:3, 3] - bowl
         return float(np.linalg.norm(miss - (miss @ up) * up)) <= self.bowl
@@ -107,16 +96,11 @@ class Station:
 
     Parameters
     ----------
-    name : str
-        CRTK name.
-    machine : Machine
-        As it really is; its base in the tracker's frame included.
-    T_tracker_base : (4, 4) array
-        Its base as registered by hand: what a planner without correction goes by.
-    R_tool : (3, 3) array
-        The tool's middle orientation, tracker frame.
-    side : float
-        +1 or -1: the arm's side along the box's first axis; 0 for an arm that works alone.
+    name : str, CRTK name
+    machine : Machine, as it really is; its base in the tracker's frame included
+    T_tracker_base : (4, 4) array, its base as registered by hand: what a planner without correction goes by
+    R_tool : (3, 3) array, the tool's middle orientation, tracker frame
+    side : float, +1 or -1: the arm's side along the box's first axis; 0 for an arm that works alone
     """
 
     name: str
@@ -137,10 +121,8 @@ class Scene:
 
     Parameters
     ----------
-    T_tracker_box : (4, 4) array
-        Centre and axes.
-    size : (3,) array
-        m.
+    T_tracker_box : (4, 4) array, centre and axes
+    size : (3,) array, m
     """
 
     T_tracker_box: FloatArray
@@ -161,8 +143,7 @@ class Scene:
 
         Parameters
         ----------
-        box : (..., 3) array
-            m.
+        box : (..., 3) array, m
         """
         position: FloatArray = box @ self.T_tracker_box[:3, :3].T + self.T_tracker_box[:3, 3]
         return position
@@ -172,8 +153,7 @@ class Scene:
 
         Parameters
         ----------
-        position : (..., 3) array
-            m.
+        position : (..., 3) array, m
         """
         box: FloatArray = (position - self.T_tracker_box[:3, 3]) @ self.T_tracker_box[:3, :3]
         return box
@@ -200,8 +180,7 @@ class Grasp:
 
     Parameters
     ----------
-    T_above, T_grasp, T_bowl : (4, 4) arrays
-        Over the fragment, at it, and over the bowl.
+    T_above, T_grasp, T_bowl : (4, 4) arrays, over the fragment, at it, and over the bowl
     """
 
     T_above: FloatArray
@@ -216,8 +195,7 @@ def grasps(scene: Scene, station: Station, fragment: FloatArray) -> tuple[Grasp,
     ----------
     scene : Scene
     station : Station
-    fragment : (3,) array
-        m, tracker frame.
+    fragment : (3,) array, m, tracker frame
     """
     bowl = scene.bowl(station) + CLEARANCE * scene.up
     ways = []

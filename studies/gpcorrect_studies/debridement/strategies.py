@@ -28,14 +28,10 @@ class Approach:
 
     Parameters
     ----------
-    grasp : Grasp
-        The one that was chosen.
-    looks : int
-        Pictures of the tool that were taken.
-    doubts : tuple of Doubt
-        Why others were not chosen.
-    careful : bool
-        Whether no correction was sure enough, so that the arm went by pictures.
+    grasp : Grasp, the one that was chosen
+    looks : int, pictures of the tool that were taken
+    doubts : tuple of Doubt, why others were not chosen
+    careful : bool, whether no correction was sure enough, so that the arm went by pictures
     """
 
     grasp: Grasp
@@ -61,8 +57,7 @@ class Strategy(Protocol):
         Parameters
         ----------
         robot : SimulatedRobot
-        ways : sequence of Grasp
-            Best first.
+        ways : sequence of Grasp, best first
         """
 
     def carry(self, robot: SimulatedRobot, approach: Approach, *, to_bowl: bool) -> None:
@@ -82,14 +77,10 @@ class LookAndMove:
 
     Parameters
     ----------
-    speed : float
-        m/s.
-    leg : float
-        Longest way between two pictures, m; chosen by hand, like the others below.
-    tolerance : float
-        Miss that is good enough where it matters, m.
-    most_looks : int
-        Pictures at one place before the arm stops improving.
+    speed : float, m/s
+    leg : float, longest way between two pictures, m; chosen by hand, like the others below
+    tolerance : float, miss that is good enough where it matters, m
+    most_looks : int, pictures at one place before the arm stops improving
     times : Times
     """
 
@@ -157,12 +148,9 @@ class OpenLoop:
 
     Parameters
     ----------
-    corrector : Corrects
-        Of this arm.
-    speed : float
-        m/s.
-    margins : Margins
-        How sure the correction must be at the fragment; otherwise another tilt is planned.
+    corrector : Corrects, of this arm
+    speed : float, m/s
+    margins : Margins, how sure the correction must be at the fragment; otherwise another tilt is planned
     mode : "full" or "endpoints"
     times : Times
     careful : LookAndMove or None

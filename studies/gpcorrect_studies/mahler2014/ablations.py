@@ -57,11 +57,9 @@ def ablations(base: Base, names: tuple[str, ...], progress: Progress, parts: Par
     Parameters
     ----------
     base : Base
-    names : tuple of str
-        Of :data:`ABLATIONS`.
+    names : tuple of str, of :data:`ABLATIONS`
     progress : Progress
     parts : Parts
-        What an earlier run has done.
     """
     figures = {}
     for done, name in enumerate(names):

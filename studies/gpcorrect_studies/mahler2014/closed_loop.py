@@ -34,8 +34,7 @@ class Reached:
 
     Parameters
     ----------
-    error : (repetitions, places, 6) array
-        Desired minus reached pose, m and rad, tracker frame.
+    error : (repetitions, places, 6) array, desired minus reached pose, m and rad, tracker frame
     """
 
     error: FloatArray
@@ -73,12 +72,9 @@ def places_to_visit(experiment: Experiment, count: int, rng: np.random.Generator
 
     Parameters
     ----------
-    experiment : Experiment
-        With held-out reaches.
+    experiment : Experiment, with held-out reaches
     count : int
-        Places.
-    rng : numpy.random.Generator
-        Of which reaches.
+    rng : numpy.random.Generator, of which reaches
 
     Returns
     -------
@@ -117,20 +113,13 @@ def closed_loop(
 
     Parameters
     ----------
-    corrector : CommandCorrector
-        Fitted to recordings of this machine.
+    corrector : CommandCorrector, fitted to recordings of this machine
     machine : Machine
-        The robot.
-    places : (k + 1, 4, 4) array
-        Desired poses in the tracker frame; the runs start at the first.
+    places : (k + 1, 4, 4) array, desired poses in the tracker frame; the runs start at the first
     repetitions : int
-        Runs.
-    begin : float
-        Session time of the recording's end, s: the robot has drifted since.
-    rng : numpy.random.Generator
-        Orders of the visits.
-    early : float
-        By how many seconds before a path's stop its last corrected command is given, and then held.
+    begin : float, session time of the recording's end, s: the robot has drifted since
+    rng : numpy.random.Generator, orders of the visits
+    early : float, by how many seconds before a path's stop its last corrected command is given, and then held
 
     Returns
     -------

@@ -39,9 +39,7 @@ def write_mahler_report(result: Mahler2014, path: Path) -> None:
     Parameters
     ----------
     result : Mahler2014
-        The whole study.
     path : Path
-        HTML file.
     """
     percent = result.table1.percent_of_raw("dirty")
     verdict = (

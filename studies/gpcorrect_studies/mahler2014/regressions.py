@@ -96,16 +96,11 @@ def training_sizes(
 
     Parameters
     ----------
-    experiment : Experiment
-        Gives registration, features, cleaned training and held-out samples.
-    fractions : tuple of float
-        Of the training states, 0 to 1.
-    settings : FitSettings
-        Seed, also of which states are taken, and number of inducing points.
+    experiment : Experiment, gives registration, features, cleaned training and held-out samples
+    fractions : tuple of float, of the training states, 0 to 1
+    settings : FitSettings, seed, also of which states are taken, and number of inducing points
     progress : Progress
-        Receives a step after each fit.
     parts : Parts
-        What an earlier run has done.
 
     Returns
     -------
@@ -160,12 +155,9 @@ def limits(reaches: int, settings: FitSettings, progress: Progress) -> tuple[Lim
 
     Parameters
     ----------
-    reaches : int
-        Reaches of the recording, which has no tracker faults.
-    settings : FitSettings
-        Of all fits; the clock and cleaning are left out.
+    reaches : int, reaches of the recording, which has no tracker faults
+    settings : FitSettings, of all fits; the clock and cleaning are left out
     progress : Progress
-        Receives how far it is.
 
     Returns
     -------

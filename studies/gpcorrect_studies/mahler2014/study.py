@@ -61,18 +61,12 @@ class Scope:
 
     Parameters
     ----------
-    reaches : int
-        Reaches of the recording; the paper had 303.
-    places, repetitions : int
-        Of Table II.
-    sets : int
-        Of fragments, in the debridement task.
-    fractions : tuple of float
-        Fractions of the training states for Fig. 5.
-    settings : FitSettings
-        What all fits have in common; their features are those of the columns.
-    ablations : tuple of str
-        Which are done.
+    reaches : int, reaches of the recording; the paper had 303
+    places, repetitions : int, of Table II
+    sets : int, of fragments, in the debridement task
+    fractions : tuple of float, fractions of the training states for Fig. 5
+    settings : FitSettings, what all fits have in common; their features are those of the columns
+    ablations : tuple of str, which are done
     """
 
     reaches: int = 303
@@ -114,19 +108,12 @@ class Mahler2014(StudyResult):
     Parameters
     ----------
     samples : int
-        Of the recording.
     table1 : TableOne
-        Errors of the methods.
-    fig5 : tuple of TrainingSize
-        Error and fitting time by number of training states.
-    table2 : mapping from command to Landing
-        Where the robot really came to rest.
-    task : mapping
-        Figures of the debridement task.
-    limits : tuple of Limit
-        What is left under each assumption.
-    ablations : mapping
-        Figures of the ablations, by name.
+    fig5 : tuple of TrainingSize, error and fitting time by number of training states
+    table2 : mapping from command to Landing, where the robot really came to rest
+    task : mapping, figures of the debridement task
+    limits : tuple of Limit, what is left under each assumption
+    ablations : mapping, figures of the ablations, by name
     """
 
     CLAIMS = CLAIMS
@@ -222,12 +209,9 @@ def reproduce_mahler2014(
     Parameters
     ----------
     scope : Scope
-        How much is done.
-    seed : int
-        Of the recording and of everything random.
+    seed : int, of the recording and of everything random
     progress : Progress, optional
     parts : Parts, optional
-        What an earlier run has done of it.
 
     Raises
     ------

@@ -16,7 +16,7 @@ from gpcorrect.errors import LogError
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, Progress
 from gpcorrect_studies.parts import Parts
 
-OFFSET = "fixed offset"
+OFFSET = "fixed offset"  # a column's name, as printed
 WITH_GPR, WITH_VELOCITY = f"{OFFSET} + GPR", f"{OFFSET} + GPR + velocity"
 FULL = f"{WITH_VELOCITY} + cleaning"  # the paper's last column
 GPR_ALONE, MEMORY = "GPR alone", f"{FULL} + memory"  # not in the paper
@@ -52,10 +52,8 @@ class TableOne:
     errors : mapping
         By set ("clean": samples that pass cleaning, "dirty": all), then by method: mean and SD of the absolute error of
         each component, of the position error's length (`position_mm`) and the rotation error's angle (`rotation_deg`).
-    seconds : mapping from method to s
-        Of the whole experiment: cleaning, fit, intervals, measurement.
-    full : Experiment
-        The experiment of the paper's last column, for further figures.
+    seconds : mapping from method to s, of the whole experiment: cleaning, fit, intervals, measurement
+    full : Experiment, the experiment of the paper's last column, for further figures
     """
 
     errors: Mapping[str, Mapping[str, Errors]]
@@ -68,14 +66,7 @@ class TableOne:
         Parameters
         ----------
         which : "clean" or "dirty"
-            Samples that pass cleaning, or all.
-        method : str
-            One of :data:`METHODS`.
-
-        Returns
-        -------
-        dict
-            %, of `position_mm` and `rotation_deg`.
+        method : str, one of :data:`METHODS`
         """
         errors = self.errors[which]
         return {norm: 100 * errors[method][norm]["mean"] / errors["no correction"][norm]["mean"] for norm in NORMS}
@@ -86,11 +77,8 @@ class TableOne:
         Parameters
         ----------
         which : "clean" or "dirty"
-            Samples that pass cleaning, or all.
         """
-        errors = self.errors[which]
-        without, with_it = errors[WITH_GPR], errors[WITH_VELOCITY]
-        return {norm: 100 * (1 - with_it[norm]["mean"] / without[norm]["mean"]) for norm in NORMS}
+        return self._gain(which, WITH_GPR, WITH_VELOCITY, "mean")
 
     def gain_of_cleaning(self, which: str) -> dict[str, float]:
         """Percentage by which cleaning the training data reduces the SD of the error's length.
@@ -98,11 +86,12 @@ class TableOne:
         Parameters
         ----------
         which : "clean" or "dirty"
-            Samples that pass cleaning, or all.
         """
-        errors = self.errors[which]
-        without, with_it = errors[WITH_VELOCITY], errors[FULL]
-        return {norm: 100 * (1 - with_it[norm]["sd"] / without[norm]["sd"]) for norm in NORMS}
+        return self._gain(which, WITH_VELOCITY, FULL, "sd")
+
+    def _gain(self, which: str, without: str, with_it: str, leaf: str) -> dict[str, float]:
+        before, after = self.errors[which][without], self.errors[which][with_it]
+        return {norm: 100 * (1 - after[norm][leaf] / before[norm][leaf]) for norm in NORMS}
 
 
 def table_one(log: CalibrationLog, settings: FitSettings, progress: Progress, parts: Parts) -> TableOne:
@@ -111,11 +100,8 @@ def table_one(log: CalibrationLog, settings: FitSettings, progress: Progress, pa
     Parameters
     ----------
     log : CalibrationLog
-        The simulated recording.
-    settings : FitSettings
-        What all fits have in common.
+    settings : FitSettings, what all fits have in common
     progress : Progress
-        Receives a step after each fit.
     parts : Parts
         What an earlier run has done; the fit of the paper's last column is always made, for further figures need it.
 
@@ -136,8 +122,7 @@ def columns_of(found: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Er
 
     Parameters
     ----------
-    found : mapping
-        What :func:`fitted_columns` returns, by the name of the fit.
+    found : mapping, what :func:`fitted_columns` returns, by the name of the fit
     """
     return {
         which: {name: found[fit][which][kind] for name, (fit, kind) in MEASURED.items() if fit in found}
@@ -173,12 +158,9 @@ def component_errors(residual: FloatArray, test: CalibrationLog, rows: IntArray)
 
     Parameters
     ----------
-    residual : (n, 6) array
-        Commanded minus given, m and rad.
+    residual : (n, 6) array, commanded minus given, m and rad
     test : CalibrationLog
-        That they are of.
-    rows : (n,) int array
-        Of the log.
+    rows : (n,) int array, of the log
     """
     position, turns = 1e3 * residual[:, :3], np.rad2deg(_euler_errors(residual[:, 3:], test, rows))
     columns = dict(zip(COMPONENTS, [*position.T, *turns.T[::-1]], strict=True))

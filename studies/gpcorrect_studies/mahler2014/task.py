@@ -21,10 +21,8 @@ def debridement_task(sets: int, seed: int, progress: Progress) -> dict[str, floa
 
     Parameters
     ----------
-    sets : int
-        None gives no figures.
-    seed : int
-        Of rehearsals, fragments and noise.
+    sets : int, none gives no figures
+    seed : int, of rehearsals, fragments and noise
     progress : Progress
 
     Returns

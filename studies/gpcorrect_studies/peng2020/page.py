@@ -25,9 +25,7 @@ def write_peng2020_report(result: Peng2020, path: Path) -> None:
     Parameters
     ----------
     result : Peng2020
-        The whole study.
     path : Path
-        HTML file.
     """
     network = result.estimator["network"]
     verdict = (

@@ -46,16 +46,11 @@ class Peng2020Scope:
 
     Parameters
     ----------
-    frames : int
-        Of each rendered sequence.
-    reaches : int
-        Of the simulated robot; the last fifth is held out, whole.
-    layers : tuple of int
-        Of the network.
-    epochs : int
-        Of the network.
-    inducing : int
-        Points of the Gaussian process.
+    frames : int, of each rendered sequence
+    reaches : int, of the simulated robot; the last fifth is held out, whole
+    layers : tuple of int, of the network
+    epochs : int, of the network
+    inducing : int, points of the Gaussian process
     """
 
     frames: int = 120
@@ -81,15 +76,12 @@ class Peng2020(StudyResult):
 
     Parameters
     ----------
-    samples : int
-        Of the simulated robot's recording.
+    samples : int, of the simulated robot's recording
     table1 : mapping
         By what is seen (single ball; end effector; the latter with a camera hidden a third of the time): RMS and SD of
         each component of the error and of its length, mm, and rotation, deg.
-    cameras_mm : sequence of float
-        Errors of the cameras' positions, mm.
-    estimator : mapping
-        By method: errors on held-out reaches, and what they are less than the reported ones.
+    cameras_mm : sequence of float, errors of the cameras' positions, mm
+    estimator : mapping, by method: errors on held-out reaches, and what they are less than the reported ones
     """
 
     CLAIMS = CLAIMS
@@ -137,12 +129,9 @@ def reproduce_peng2020(
     Parameters
     ----------
     scope : Peng2020Scope
-        How much is done.
-    seed : int
-        Of scene, motion and noise.
+    seed : int, of scene, motion and noise
     progress : Progress, optional
     parts : Parts, optional
-        What an earlier run has done of it.
     """
     begun, progress, parts = time.perf_counter(), progress or Progress(), parts or Parts()
     table, placed = _table1(scope, seed, progress, parts)
@@ -194,10 +183,8 @@ def calibrated_cameras(lenses: Sequence[Lens], rng: np.random.Generator) -> tupl
 
     Parameters
     ----------
-    lenses : sequence of Lens
-        The true cameras.
-    rng : numpy.random.Generator
-        Of boards and noise.
+    lenses : sequence of Lens, the true cameras
+    rng : numpy.random.Generator, of boards and noise
 
     Returns
     -------

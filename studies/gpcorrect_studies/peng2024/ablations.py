@@ -41,7 +41,6 @@ def ablations(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Any]
     ----------
     fits : StudyFits
     test : CalibrationLog
-        Random run of the fresh robot.
 
     Raises
     ------

@@ -28,28 +28,19 @@ class PengScope:
 
     Parameters
     ----------
-    directions : tuple of str
-        Zig-zags of Table I.
-    sparsities : tuple of int
-        n of the sparsities 1/n of Fig. 5, rising; Table I has the one in the middle.
-    minutes : float
-        Of a test run.
-    hours : tuple of float
-        Of Fig. 6.
-    homings : int
-        Of Fig. 9, after the first.
+    directions : tuple of str, Zig-zags of Table I
+    sparsities : tuple of int, n of the sparsities 1/n of Fig. 5, rising; Table I has the one in the middle
+    minutes : float, of a test run
+    hours : tuple of float, of Fig. 6
+    homings : int, of Fig. 9, after the first
     repeats, network_repeats : int
         Training recordings with other noise and other seeds, for every method and for the network.
-    inducing : int
-        Points of the Gaussian process.
+    inducing : int, points of the Gaussian process
     search_samples : int or None
         That the Gaussian process learns its hyperparameters from; its own number when None.
-    epochs : int
-        Of the network; the paper's by default.
-    later : str
-        Direction of the zig-zag of all parts after Table I; the paper's is J2-J3.
-    ablations : tuple of str or None
-        Which are done; None does all.
+    epochs : int, of the network; the paper's by default
+    later : str, direction of the zig-zag of all parts after Table I; the paper's is J2-J3
+    ablations : tuple of str or None, which are done; None does all
     """
 
     directions: tuple[str, ...] = DIRECTIONS
@@ -97,14 +88,10 @@ class Run:
 
     Parameters
     ----------
-    direction, sparsity
-        Of the zig-zag.
-    homings_seen : int
-        How many homings after the first are in the training, a zig-zag each.
-    state : bool
-        Whether the model sees the whole state instead of positions and efforts.
-    end_to_end : bool
-        Whether it learns positions themselves, not their error.
+    direction, sparsity, Of the zig-zag
+    homings_seen : int, how many homings after the first are in the training, a zig-zag each
+    state : bool, whether the model sees the whole state instead of positions and efforts
+    end_to_end : bool, whether it learns positions themselves, not their error
     """
 
     direction: str
@@ -121,13 +108,9 @@ class StudyFits:
     Parameters
     ----------
     study : RavenStudy
-        The simulated arm.
     scope : PengScope
-        How much is done.
     progress : Progress
-        Receives how far each part is.
     parts : Parts
-        What an earlier run has done.
     """
 
     study: RavenStudy
@@ -143,8 +126,7 @@ class StudyFits:
         Parameters
         ----------
         run : Run
-        repeat : int
-            Of its noise.
+        repeat : int, of its noise
         """
         key = run.direction, run.sparsity, run.homings_seen, repeat
         if key not in self._logs:
@@ -172,8 +154,7 @@ class StudyFits:
         ----------
         run : Run
         method : str
-        repeat : int
-            Its seed.
+        repeat : int, its seed
         """
         return FitSettings(
             method=method,
@@ -199,8 +180,7 @@ class StudyFits:
 
         Parameters
         ----------
-        run : Run
-            That it learns from.
+        run : Run, that it learns from
         method : str
         test : CalibrationLog
         """
@@ -211,8 +191,7 @@ class StudyFits:
 
         Parameters
         ----------
-        run : Run
-            That they learn from.
+        run : Run, that they learn from
         test : CalibrationLog
         """
         linear = self.models(run, "linear")
@@ -224,11 +203,9 @@ class StudyFits:
 
         Parameters
         ----------
-        stage : str
-            Name of the part.
+        stage : str, name of the part
         items : sequence
-        make : callable
-            Returns what JSON can hold.
+        make : callable, returns what JSON can hold
         """
         made = {}
         for done, item in enumerate(items):
@@ -244,10 +221,8 @@ def rmse(model: JointCorrector, log: CalibrationLog, name: str = "corrected") ->
     Parameters
     ----------
     model : JointCorrector
-    log : CalibrationLog
-        With external joints.
-    name : str
-        Of `raw`, `fixed_offset` or `corrected` positions.
+    log : CalibrationLog, with external joints
+    name : str, of `raw`, `fixed_offset` or `corrected` positions
     """
     left = model.measure(log, np.ones(len(log), dtype=bool)).of(name)  # of every sample: nothing here is faulty
     errors: list[float] = (UNITS * np.sqrt(np.nanmean(left**2, axis=0))).tolist()
@@ -259,8 +234,7 @@ def cell(repeats: Iterable[list[float] | FloatArray | float]) -> Cell:
 
     Parameters
     ----------
-    repeats : iterable
-        A number or a list of numbers a repeat.
+    repeats : iterable, a number or a list of numbers a repeat
     """
     values = np.array(list(repeats))
     return {"mean": values.mean(axis=0).tolist(), "sd": values.std(axis=0).tolist(), "repeats": len(values)}

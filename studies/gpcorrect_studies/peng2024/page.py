@@ -37,9 +37,7 @@ def write_peng_report(result: Peng2024, path: Path) -> None:
     Parameters
     ----------
     result : Peng2024
-        The whole study.
     path : Path
-        HTML file.
     """
     ours, network = result.percent_of_offset("gp"), result.percent_of_offset("network")
     verdict = (

@@ -19,8 +19,9 @@ ARM = "raven2_left"  # its kinematics are those of the study's arm
 PRESET = "raven2_calibration"  # the simulated machine
 DEGREE = np.deg2rad(1.0)
 
-# Block of the zig-zags, rad, rad, m; random tests stay in its middle 60 %. Chosen by hand inside the joint limits.
+# Block of the zig-zags, rad, rad, m. Chosen by hand inside the joint limits.
 LIMITS = np.array([[20 * DEGREE, 60 * DEGREE], [55 * DEGREE, 110 * DEGREE], [0.33, 0.42]])
+# Random tests stay in its middle 60 %, so that no method extrapolates; chosen by hand.
 TEST_LIMITS = LIMITS.mean(axis=1)[:, None] + np.ptp(LIMITS, axis=1)[:, None] * np.array([-0.3, 0.3])
 # Speeds of the study's public controller: of its trajectory follower, and of its random motion from and to.
 SPEED = np.array([3 * DEGREE, 3 * DEGREE, 0.01])
@@ -42,14 +43,10 @@ class RavenStudy:
 
     Parameters
     ----------
-    seed : int
-        Of noise, homings and random motion.
-    homings : int
-        Homings after the first.
-    as_published : bool
-        Drive the zig-zag along J1-J2-J3 as the study's files do, not as its Eq. (3) says.
-    machine : Model, optional
-        Another than the packaged one.
+    seed : int, of noise, homings and random motion
+    homings : int, homings after the first
+    as_published : bool, drive the zig-zag along J1-J2-J3 as the study's files do, not as its Eq. (3) says
+    machine : Model, optional, another than the packaged one
     """
 
     seed: int = 0
@@ -64,14 +61,10 @@ class RavenStudy:
 
         Parameters
         ----------
-        direction : str
-            Joints that move together, such as "J1-J2".
-        sparsity : int
-            n of the sparsity 1/n.
-        sessions : sequence of int
-            Homings before each zig-zag, less one.
-        repeat : int
-            Another repeat has other noise.
+        direction : str, joints that move together, such as "J1-J2"
+        sparsity : int, n of the sparsity 1/n
+        sessions : sequence of int, homings before each zig-zag, less one
+        repeat : int, another repeat has other noise
         """
         corners = zigzag(direction_named(direction), sparsity, LIMITS, as_published=self.as_published)
         path = timed(corners, SPEED, self._rate()).q
@@ -83,10 +76,8 @@ class RavenStudy:
         Parameters
         ----------
         minutes : float
-        session : int
-            Homings before it, less one.
-        salt : int
-            Another one has other sweeps and other noise.
+        session : int, homings before it, less one
+        salt : int, another one has other sweeps and other noise
         """
         return self._log([self._from_home(self._sweeps(minutes, salt), session, SETTLED)], salt)
 
@@ -98,12 +89,9 @@ class RavenStudy:
         Parameters
         ----------
         hours : sequence of float
-        minutes : float
-            Of each run.
-        payload : float or None
-            kg at the tool.
-        idle : bool
-            Whether the arm idled meanwhile; idling changes nothing, by assumption.
+        minutes : float, of each run
+        payload : float or None, kg at the tool
+        idle : bool, whether the arm idled meanwhile; idling changes nothing, by assumption
         """
         motion = self._sweeps(minutes, 40)
         starts = [SETTLED + (0.0 if idle else 3600.0 * h) for h in hours]
@@ -155,10 +143,8 @@ def whole_state(log: CalibrationLog, seed: int = 0) -> CalibrationLog:
 
     Parameters
     ----------
-    log : CalibrationLog
-        With `measured_jp`, `setpoint_jp` and `measured_jf` of the first three joints.
-    seed : int
-        Of the resting arm's jitter.
+    log : CalibrationLog, with `measured_jp`, `setpoint_jp` and `measured_jf` of the first three joints
+    seed : int, of the resting arm's jitter
 
     Returns
     -------

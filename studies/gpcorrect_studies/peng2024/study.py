@@ -48,22 +48,22 @@ PENG_NOT_COMPARABLE = (
 )
 
 
+def _percent_of_offset(row: Mapping[str, Any], method: str) -> list[float]:
+    pairs = zip(row[method]["mean"], row["fixed_offset"]["mean"], strict=True)
+    return [100.0 * left / offset for left, offset in pairs]
+
+
 @dataclass(frozen=True, eq=False)
 class Peng2024(StudyResult):
     """All parts of the study, measured; RMSE in deg, deg and mm.
 
     Parameters
     ----------
-    table1, table2, table4, table5 : mappings
-        By direction; by method; by test run; by method.
-    fig5, fig9 : lists
-        A sparsity, and a number of homings, an entry.
-    fig6, fig8 : mappings
-        By use; few features and the whole state.
-    ablations : mapping
-        Figures of the ablations, by name.
-    as_published : bool
-        Whether the zig-zag along J1-J2-J3 was that of the study's files.
+    table1, table2, table4, table5 : mappings, by direction; by method; by test run; by method
+    fig5, fig9 : lists, A sparsity, and a number of homings, an entry
+    fig6, fig8 : mappings, by use; few features and the whole state
+    ablations : mapping, figures of the ablations, by name
+    as_published : bool, whether the zig-zag along J1-J2-J3 was that of the study's files
     """
 
     CLAIMS = CLAIMS
@@ -93,16 +93,12 @@ class Peng2024(StudyResult):
         ----------
         method : str
         """
-        row = self.fig5[-1]["rmse"]
-        pairs = zip(row[method]["mean"], row["fixed_offset"]["mean"], strict=True)
-        return [100.0 * left / offset for left, offset in pairs]
+        return _percent_of_offset(self.fig5[-1]["rmse"], method)
 
     @staticmethod
     def percent_printed() -> list[float]:
         """Percentage of the fixed offset's error that the paper's network leaves, by joint: Table I, J2-J3."""
-        row = CLAIMS.printed["table1"]["J2-J3"]
-        pairs = zip(row["network"]["mean"], row["fixed_offset"]["mean"], strict=True)
-        return [100.0 * left / offset for left, offset in pairs]
+        return _percent_of_offset(CLAIMS.printed["table1"]["J2-J3"], "network")
 
     def targets(self) -> dict[str, dict[str, Any]]:
         """Return what was to be reached, what was, and whether it is met; set before the first full run."""
@@ -154,14 +150,10 @@ def reproduce_peng2024(
     Parameters
     ----------
     scope : PengScope
-        How much is done.
-    seed : int
-        Of the recordings.
+    seed : int, of the recordings
     progress : Progress, optional
     parts : Parts, optional
-        What an earlier run has done of it.
-    as_published : bool
-        Drive the zig-zag along J1-J2-J3 as the study's files do, not as its Eq. (3) says.
+    as_published : bool, drive the zig-zag along J1-J2-J3 as the study's files do, not as its Eq. (3) says
     """
     begun, parts = time.perf_counter(), parts or Parts()
     study = RavenStudy(seed, scope.homings, as_published)

@@ -33,7 +33,6 @@ def table_1(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Cell]]
     ----------
     fits : StudyFits
     test : CalibrationLog
-        Random run of the fresh robot.
     """
     sparsity = fits.scope.middle.sparsity
     return fits.over("Table I", fits.scope.directions, lambda d: fits.all_rmse(Run(d, sparsity), test))
@@ -46,7 +45,6 @@ def figure_5(fits: StudyFits, test: CalibrationLog) -> list[dict[str, Any]]:
     ----------
     fits : StudyFits
     test : CalibrationLog
-        Random run of the fresh robot.
     """
 
     def point(sparsity: int) -> dict[str, Any]:
@@ -86,7 +84,6 @@ def figure_8(fits: StudyFits, test: CalibrationLog) -> dict[str, Any]:
     ----------
     fits : StudyFits
     test : CalibrationLog
-        Random run of the fresh robot.
     """
     few = fits.scope.middle
     whole = Run(few.direction, few.sparsity, state=True)
@@ -135,7 +132,6 @@ def table_2(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Cell]]
     ----------
     fits : StudyFits
     test : CalibrationLog
-        Random run of the fresh robot.
     """
     error = fits.scope.middle
     whole = Run(error.direction, error.sparsity, end_to_end=True)
@@ -151,8 +147,7 @@ def table_3(fig6: Mapping[str, Any]) -> dict[str, dict[str, dict[str, Cell]]]:
 
     Parameters
     ----------
-    fig6 : mapping
-        As :func:`figure_6` returns it.
+    fig6 : mapping, as :func:`figure_6` returns it
     """
     return {
         use: {
@@ -169,8 +164,7 @@ def table_4(fits: StudyFits, tests: dict[str, CalibrationLog]) -> dict[str, dict
     Parameters
     ----------
     fits : StudyFits
-    tests : dict
-        Test runs by name.
+    tests : dict, test runs by name
     """
     run = fits.scope.longest
 
@@ -188,8 +182,7 @@ def table_5(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Any]]:
     Parameters
     ----------
     fits : StudyFits
-    test : CalibrationLog
-        Whose samples are estimated.
+    test : CalibrationLog, whose samples are estimated
     """
 
     def row(method: str) -> dict[str, Any]:

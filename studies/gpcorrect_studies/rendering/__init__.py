@@ -1,9 +1,9 @@
-"""Pictures of balls and chessboards by ray casting, for testing cameras that must not be trusted with their own maths.
+"""Pictures of balls before clutter by ray casting, for testing cameras that must not be trusted with their own maths.
 
-Independent of `gpcorrect.vision` on purpose: own lens model, own inversion of the distortion, NumPy and SciPy only.
+Independent of `gpcorrect.vision` on purpose: own lens model, own inversion of the distortion, NumPy and SciPy only. It
+is installed, and no part of the tests, because `gpcorrect reproduce peng2020` draws all its pictures with it.
 """
 
-from gpcorrect_studies.rendering.board import Board, board_picture
 from gpcorrect_studies.rendering.lens import Lens, looking_at
 from gpcorrect_studies.rendering.picture import Ball, Card, Light, Studio, backdrop
 from gpcorrect_studies.rendering.stage import (
@@ -16,14 +16,12 @@ from gpcorrect_studies.rendering.stage import (
 
 __all__ = [
     "Ball",
-    "Board",
     "Card",
     "Lens",
     "Light",
     "Stage",
     "Studio",
     "backdrop",
-    "board_picture",
     "four_cameras",
     "looking_at",
     "marker_points",

@@ -17,18 +17,12 @@ class Lens:
 
     Parameters
     ----------
-    position : (3,) array
-        Optical centre, world frame, m.
-    axes : (3, 3) array
-        Columns: the camera's right, down and forward directions in the world frame.
-    focal : (2,) tuple
-        Pixels along u and v.
-    middle : (2,) tuple
-        Principal point; the centre of the first pixel is at (0, 0).
-    distortion : (5,) tuple
-        k1, k2, p1, p2, k3 of Brown's model.
-    size : (2,) tuple
-        Width and height in pixels.
+    position : (3,) array, optical centre, world frame, m
+    axes : (3, 3) array, columns: the camera's right, down and forward directions in the world frame
+    focal : (2,) tuple, pixels along u and v
+    middle : (2,) tuple, principal point; the centre of the first pixel is at (0, 0)
+    distortion : (5,) tuple, k1, k2, p1, p2, k3 of Brown's model
+    size : (2,) tuple, width and height in pixels
     """
 
     position: FloatArray
@@ -43,8 +37,7 @@ class Lens:
 
         Parameters
         ----------
-        points : (..., 3) array
-            World frame, m.
+        points : (..., 3) array, world frame, m
         """
         local = (np.asarray(points) - self.position) @ self.axes
         x, y = self._bent(local[..., 0] / local[..., 2], local[..., 1] / local[..., 2])
@@ -55,8 +48,7 @@ class Lens:
 
         Parameters
         ----------
-        u, v : arrays of one shape
-            Pixels to the right and down.
+        u, v : arrays of one shape, pixels to the right and down
         """
         u_flat, v_flat = (u - self.middle[0]) / self.focal[0], (v - self.middle[1]) / self.focal[1]
         x, y = u_flat, v_flat
@@ -80,10 +72,8 @@ def looking_at(position: FloatArray, goal: FloatArray, roll: float = 0.0) -> Flo
 
     Parameters
     ----------
-    position, goal : (3,) arrays
-        Optical centre and the point, world frame, m.
-    roll : float
-        rad about the optical axis.
+    position, goal : (3,) arrays, optical centre and the point, world frame, m
+    roll : float, rad about the optical axis
     """
     forward = np.asarray(goal, dtype=np.float64) - position
     forward = forward / np.linalg.norm(forward)

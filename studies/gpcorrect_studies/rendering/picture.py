@@ -57,19 +57,12 @@ class Studio:
     Parameters
     ----------
     lens : Lens
-        The camera.
-    background : (height, width, 3) array
-        What is behind the balls, red green blue, 0 to 255.
-    light : Light
-        Of the balls.
-    blur : float
-        Standard deviation of the lens' blur, px.
-    noise : float
-        Standard deviation of the sensor's noise, grey levels.
-    rng : Generator
-        Of the noise.
-    samples : int
-        Rays along each side of a pixel.
+    background : (height, width, 3) array, what is behind the balls, red green blue, 0 to 255
+    light : Light, of the balls
+    blur : float, standard deviation of the lens' blur, px
+    noise : float, standard deviation of the sensor's noise, grey levels
+    rng : Generator, of the noise
+    samples : int, rays along each side of a pixel
     """
 
     lens: Lens
@@ -93,8 +86,7 @@ class Studio:
         Parameters
         ----------
         balls : sequence of Ball
-        cards : sequence of Card
-            That hide parts of it.
+        cards : sequence of Card, that hide parts of it
         """
         sharp, blurred = np.array(self.background), np.array(self._blurred)
         boxes = [box for box in (self._box(ball) for ball in balls) if box is not None]
@@ -193,14 +185,10 @@ def backdrop(
 
     Parameters
     ----------
-    size : (2,) tuple
-        Width and height.
-    rng : Generator
-        Of everything.
-    pieces : int
-        Things that lie about.
-    colourful : float
-        0: all grey; 1: colours as strong as the balls'.
+    size : (2,) tuple, width and height
+    rng : Generator, of everything
+    pieces : int, things that lie about
+    colourful : float, 0: all grey; 1: colours as strong as the balls'
     """
     width, height = size
     ground = gaussian_filter(rng.standard_normal((height, width)), 30.0)

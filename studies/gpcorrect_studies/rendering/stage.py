@@ -32,8 +32,7 @@ def single_ball(name: str = "red") -> dict[str, tuple[float, float, float]]:
 
     Parameters
     ----------
-    name : str
-        Its colour.
+    name : str, its colour
     """
     return {name: (0.0, 0.0, 0.0)}
 
@@ -43,8 +42,7 @@ def four_cameras(rng: np.random.Generator) -> tuple[Lens, ...]:
 
     Parameters
     ----------
-    rng : numpy.random.Generator
-        Of the differences.
+    rng : numpy.random.Generator, of the differences
     """
     size, lenses = (640, 480), []
     for k in range(4):
@@ -80,10 +78,8 @@ def random_motion(count: int, rate_hz: float, rng: np.random.Generator) -> Float
     Parameters
     ----------
     count : int
-    rate_hz : float
-        Poses a second.
-    rng : numpy.random.Generator
-        Of rates and phases.
+    rate_hz : float, poses a second
+    rng : numpy.random.Generator, of rates and phases
     """
     t = np.arange(count) / rate_hz
     rates, phases = rng.uniform(0.4, 1.6, (6, 2)), rng.uniform(0, 2 * np.pi, (6, 2))
@@ -101,15 +97,10 @@ class Stage:
     Parameters
     ----------
     lenses : sequence of Lens
-        The cameras.
-    studios : sequence of Studio
-        One a camera.
-    places : mapping of name to (3,)
-        Balls in the tool frame, m.
-    radius : float
-        Of each ball, m.
-    colours : mapping of name to (3,)
-        Red, green, blue.
+    studios : sequence of Studio, one a camera
+    places : mapping of name to (3,), balls in the tool frame, m
+    radius : float, of each ball, m
+    colours : mapping of name to (3,), red, green, blue
     """
 
     lenses: tuple[Lens, ...]
@@ -137,12 +128,9 @@ class Stage:
         Parameters
         ----------
         seed : int
-        places, radius, colours
-            See the class; the end effector's balls by default.
-        pieces, colourful
-            See :func:`backdrop`.
-        noise, blur, light
-            See :class:`Studio`.
+        places, radius, colours, See the class; the end effector's balls by default
+        pieces, colourful, See :func:`backdrop`
+        noise, blur, light, See :class:`Studio`
         """
         rng = np.random.default_rng(seed)
         lenses = four_cameras(rng)
@@ -181,8 +169,7 @@ class Stage:
         Parameters
         ----------
         T_world_tool : (4, 4) array
-        cards : mapping of camera number to sequence of Card, optional
-            That hide parts of some pictures.
+        cards : mapping of camera number to sequence of Card, optional, that hide parts of some pictures
         """
         balls = self.balls(T_world_tool)
         return [studio.photograph(balls, (cards or {}).get(k, ())) for k, studio in enumerate(self.studios)]

@@ -1,18 +1,89 @@
-"""What may be missing: every effect of the catalogue, wherever it may sit, in a few shapes. For searches."""
+"""The catalogue: effects by name, and each of them wherever it may sit, in a few shapes, for searches.
+
+It fills itself: a new effect is a class in a file here, and nothing else.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import importlib
+import inspect
+import pkgutil
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields
 from itertools import product
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import ChainEffect, Effect, LoadEffect, TipEffect
 from gpcorrect.sim.effects.description import Parameter, Per, Site
-from gpcorrect.sim.effects.registry import EFFECTS
 from gpcorrect.types import FloatArray
+
+E = TypeVar("E", bound=Effect)
+
+
+def find_effects() -> Mapping[str, type[Effect]]:
+    """Return the effects that the files of this package define, by name, in the order of their catalogue numbers."""
+    found: list[type[Effect]] = []
+    for file in pkgutil.iter_modules(sys.modules[__package__].__path__, f"{__package__}."):
+        module = importlib.import_module(file.name)
+        kinds = [kind for _, kind in inspect.getmembers(module, inspect.isclass) if kind.__module__ == file.name]
+        found += [kind for kind in kinds if issubclass(kind, Effect) and hasattr(kind, "about")]
+    return {kind.about.name: kind for kind in sorted(found, key=lambda kind: (kind.about.number, kind.about.name))}
+
+
+EFFECTS = find_effects()
+
+
+def effect_from_dict(values: Mapping[str, Any]) -> Effect:
+    """Return the effect that `Effect.to_dict` wrote down.
+
+    Parameters
+    ----------
+    values : mapping, `name`, `joint` and the effect's own fields
+
+    Raises
+    ------
+    DataError
+        No effect has the name, a parameter is missing or no number, or the effect does not know a key.
+    """
+    name = values.get("name")
+    if not isinstance(name, str) or name not in EFFECTS:
+        raise DataError(f"no effect is called {name!r}.", hint=f"Known effects: {', '.join(EFFECTS)}.")
+    kind = EFFECTS[name]
+    given = {key: value for key, value in values.items() if key != "name"}
+    keys = {f.name: f.default is MISSING for f in fields(kind)}
+    hint = f"It has: {', '.join(keys)}."
+    if unknown := sorted(set(given) - set(keys)):
+        raise DataError(f"effect {name} knows no key {', '.join(unknown)}.", hint=hint)
+    if missing := [key for key, needed in keys.items() if needed and key not in given]:
+        raise DataError(f"effect {name} lacks {', '.join(missing)}.", hint=hint)
+    return kind(**given)
+
+
+def in_order(effects: Iterable[Effect]) -> tuple[Effect, ...]:
+    """Return effects in the order in which they act: stage, then catalogue number, then joint; ties as they come.
+
+    Parameters
+    ----------
+    effects : iterable of Effect
+    """
+    return tuple(sorted(effects, key=lambda e: (e.stage, e.about.number, str(e.joint))))
+
+
+def of_kind(effects: Iterable[Effect], kind: Callable[..., E]) -> tuple[E, ...]:
+    """Return the effects of one interface, such as :class:`~gpcorrect.sim.effects.PathEffect`, in their order.
+
+    Parameters
+    ----------
+    effects : iterable of Effect
+    kind : type of Effect, typed as a callable because mypy takes no abstract class for a `type[E]`
+    """
+    assert isinstance(kind, type)
+    found: list[Any] = [e for e in effects if isinstance(e, kind)]
+    return tuple(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,16 +92,11 @@ class Scope:
 
     Parameters
     ----------
-    joints : tuple of int
-        Joint numbers.
-    types : str
-        "R" or "P" for each.
-    ranges : (dof, 2) array
-        Lowest and highest value that each joint takes, rad or m.
-    session_seconds : float
-        Duration of a session.
-    kinematics : bool
-        Whether there is an arm, or bare joints only.
+    joints : tuple of int, joint numbers
+    types : str, "R" or "P" for each
+    ranges : (dof, 2) array, lowest and highest value that each joint takes, rad or m
+    session_seconds : float, duration of a session
+    kinematics : bool, whether there is an arm, or bare joints only
     torques : (dof,) array, optional
         Largest torque that each joint's controller asks for, N m or N; the prior's where it is not known.
     """
@@ -42,24 +108,11 @@ class Scope:
     kinematics: bool = True
     torques: FloatArray | None = None
 
-    def type_of(self, joint: int | str) -> str:
-        """Return "R" or "P"; what belongs to no joint counts in metres.
-
-        Parameters
-        ----------
-        joint : int or str
-            As of an effect.
-        """
+    def _type_of(self, joint: int | str) -> str:
+        """Return "R" or "P"; what belongs to no joint counts in metres."""
         return self.types[self.joints.index(joint)] if isinstance(joint, int) else "P"
 
-    def range_of(self, joint: int | str) -> FloatArray:
-        """Lowest and highest value `(2,)` of a joint.
-
-        Parameters
-        ----------
-        joint : int or str
-            As of an effect.
-        """
+    def _range_of(self, joint: int | str) -> FloatArray:
         return self.ranges[self.joints.index(joint)] if isinstance(joint, int) else np.array([0.0, 1.0])
 
 
@@ -70,18 +123,13 @@ class Candidate:
     Parameters
     ----------
     kind : type of Effect
-        What.
-    place : mapping
-        Fields that say where: `joint`, and `source`, `side` or `end` where it has them.
-    shape : mapping
-        Values of the parameters that have a ladder.
+    place : mapping, fields that say where: `joint`, and `source`, `side` or `end` where it has them
+    shape : mapping, values of the parameters that have a ladder
     amplitudes : tuple of Parameter
         Parameters with which its trace grows (or with whose inverse, where the identity is infinite); none where the
         shape says all.
-    joint_type : str
-        "R" or "P": which of a parameter's ranges holds.
-    bounds : mapping
-        Of the parameters that this recording bounds more narrowly than their physical range.
+    joint_type : str, "R" or "P": which of a parameter's ranges holds
+    bounds : mapping, of the parameters that this recording bounds more narrowly than their physical range
     """
 
     kind: type[Effect]
@@ -113,11 +161,6 @@ def candidates(scope: Scope) -> Iterator[Candidate]:
     Parameters
     ----------
     scope : Scope
-        Machine and recording.
-
-    Yields
-    ------
-    Candidate
     """
     for kind in EFFECTS.values():
         if not scope.kinematics and issubclass(kind, ChainEffect | LoadEffect | TipEffect):
@@ -152,7 +195,7 @@ def _shapes(kind: type[Effect], place: dict[str, Any], scope: Scope) -> Iterator
             continue
         amplitudes = tuple(p for p in kind.about.parameters if p.ladder is None and p.shaped_by not in void)
         bounds = {p.name: b for p in shaped if (b := _bounds(p, place, scope)) is not None}
-        yield Candidate(kind, place, shape, amplitudes, scope.type_of(place["joint"]), bounds)
+        yield Candidate(kind, place, shape, amplitudes, scope._type_of(place["joint"]), bounds)
 
 
 def _bounds(parameter: Parameter, place: Mapping[str, Any], scope: Scope) -> tuple[float, float] | None:
@@ -175,12 +218,12 @@ def _count(parameter: Parameter, place: Mapping[str, Any], scope: Scope) -> tupl
     """Where a ladder's count is zero, and one of it, in the parameter's unit."""
     assert parameter.ladder is not None
     joint = place["joint"]
-    low, high = map(float, scope.range_of(place.get("source", joint)))
+    low, high = map(float, scope._range_of(place.get("source", joint)))
     match parameter.ladder.per:
         case Per.VALUE:
             return 0.0, 1.0
         case Per.PRIOR:
-            return 0.0, parameter.range(scope.type_of(joint)).typical
+            return 0.0, parameter.range(scope._type_of(joint)).typical
         case Per.RANGE:
             return 0.0, high - low
         case Per.PLACE:
@@ -192,5 +235,5 @@ def _count(parameter: Parameter, place: Mapping[str, Any], scope: Scope) -> tupl
         case Per.SESSION:
             return 0.0, scope.session_seconds
         case Per.TORQUE:
-            typical = parameter.range(scope.type_of(joint)).typical
+            typical = parameter.range(scope._type_of(joint)).typical
             return 0.0, typical if scope.torques is None else float(scope.torques[scope.joints.index(joint)])

@@ -1,4 +1,4 @@
-"""Pictures of a chessboard."""
+"""Pictures of a chessboard, for tests of the calibration of cameras; no maths of `gpcorrect.vision` is in them."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gpcorrect.types import FloatArray
-from gpcorrect_studies.rendering.lens import Lens
-from gpcorrect_studies.rendering.picture import Studio
+from gpcorrect_studies.rendering import Lens, Studio
 
 
 @dataclass(frozen=True, eq=False)
