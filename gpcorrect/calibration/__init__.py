@@ -43,10 +43,11 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.metrics import ErrorTable, JointErrors, error_table, joint_units, spread
     from gpcorrect.calibration.model_file import load, load_any, load_with_hash, model_hash, require_model_place, save
     from gpcorrect.calibration.model_store import Entry, ModelStore, refuse_other_use
+    from gpcorrect.calibration.pose_answers import PoseStream
     from gpcorrect.calibration.settings import FitSettings
     from gpcorrect.calibration.side_by_side import Difference, SideBySide, compare, measure_both, refuse_unlike
     from gpcorrect.calibration.split import HoldOut, folds_of
-    from gpcorrect.calibration.stream import JointStream, PoseStream, RobotState, ToolStream
+    from gpcorrect.calibration.stream import JointStream, RobotState, ToolStream
     from gpcorrect.calibration.task import Corrector, Measured
     from gpcorrect.calibration.tool_position import PositionEstimator
     from gpcorrect.calibration.update import Update, update_model
@@ -71,10 +72,11 @@ __getattr__ = imported_on_demand(
         "metrics": "ErrorTable JointErrors error_table joint_units spread",
         "model_file": "load load_any load_with_hash model_hash require_model_place save",
         "model_store": "Entry ModelStore refuse_other_use",
+        "pose_answers": "PoseStream",
         "settings": "FitSettings",
         "side_by_side": "Difference SideBySide compare measure_both refuse_unlike",
         "split": "HoldOut folds_of",
-        "stream": "JointStream PoseStream RobotState ToolStream",
+        "stream": "JointStream RobotState ToolStream",
         "task": "Corrector Measured",
         "tool_position": "PositionEstimator",
         "update": "Update update_model",

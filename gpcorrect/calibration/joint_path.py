@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -66,6 +66,24 @@ def joint_path(
     velocity = np.diff(q, axis=0, prepend=q[:1]) / np.where(step > 0, step, 1.0)[:, None]
     velocity = np.where((new | (step <= 0))[:, None] | ~np.isfinite(velocity), 0.0, velocity)
     return JointPath(time, new, q, velocity, effort, state)
+
+
+def logged_path(
+    log: CalibrationLog, q: FloatArray, effort: FloatArray | None, state: FloatArray | None
+) -> JointPath:
+    """Return the path of joints of a log; in static poses every row is a path of its own, at rest.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+        n samples.
+    q, effort, state : (n, d), (n, d) and (n, k) arrays
+        See :func:`joint_path`.
+    """
+    path = joint_path(log.time, log.session, q, effort, state)
+    if not log.static:
+        return path
+    return replace(path, new=np.ones(len(log), dtype=bool), velocity=np.zeros(path.q.shape))
 
 
 def usual_steps(path: JointPath) -> tuple[float, float]:

@@ -13,12 +13,12 @@ asked for. (States of the path that a tracker saw drown in its noise where that 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from numba import njit
 
 from gpcorrect import se3
+from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.poses import rotations_of
 from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal, frozen_array
 
@@ -29,37 +29,6 @@ RANGE_QUANTILES = (2.5, 97.5)  # per cent: a few outliers do not widen a range; 
 LONGER_PATHS = 90  # per cent: short paths do not show how far a coordinate goes; chosen by hand
 LEAST_RANGE = 1e-6  # m or rad: a coordinate that never moves has a slack all the same; chosen by hand
 RIDGE = 1e-3  # of the samples, so that features that do not vary leave the system solvable; chosen by hand
-
-
-@dataclass(frozen=True, eq=False)
-class History:
-    """Paths as the memory sees them, a row a sample: poses commanded, references asked for, and path `labels` (n,).
-
-    Both without orientation where the corrector has none.
-    """
-
-    command: PoseSignal
-    reference: PoseSignal
-    labels: IntArray
-
-    @classmethod
-    def of(cls, command: PoseSignal, reference: PoseSignal, labels: IntArray, *, orientation: bool) -> Self:
-        """Return the history, with orientations or without.
-
-        Parameters
-        ----------
-        command : PoseSignal
-            n commanded poses.
-        reference : PoseSignal
-            n reference poses.
-        labels : (n,) int array
-            Path of each sample.
-        orientation : bool
-            Whether orientations are part of the history.
-        """
-        if not orientation:
-            command, reference = PoseSignal(command.position), PoseSignal(reference.position)
-        return cls(command, reference, labels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,23 +46,21 @@ class MemoryMap:
     def __post_init__(self) -> None:
         object.__setattr__(self, "radii", frozen_array(self.radii))
 
-    @property
-    def size(self) -> int:
-        """Number of features."""
-        return int(self.radii.size)
-
-    def transform(self, history: History) -> FloatArray:
+    def transform(self, command: PoseSignal, reference: PoseSignal, labels: IntArray) -> FloatArray:
         """Return features `(n, h k)` of paths; every label is a path of its own, which starts amid the slack.
 
         Parameters
         ----------
-        history : History
-            n samples.
+        command, reference : PoseSignal
+            n poses that were commanded, and the references asked for; orientations count where k is 6.
+        labels : (n,) int array
+            Path of each sample.
         """
-        left = play_states(steps(history.command), self.radii, history.labels)
+        commanded, asked = (steps(poses)[:, : self.radii.shape[1]] for poses in (command, reference))
+        left = play_states(commanded, self.radii, labels)
         states = np.zeros(left.shape)
-        states[1:] = advance(left[:-1], steps(history.reference)[1:, None], self.radii)
-        states[1:][history.labels[1:] != history.labels[:-1]] = 0.0
+        states[1:] = advance(left[:-1], asked[1:, None], self.radii)
+        states[1:][labels[1:] != labels[:-1]] = 0.0
         return self.features(states)
 
     def features(self, states: FloatArray) -> FloatArray:
@@ -106,6 +73,22 @@ class MemoryMap:
         """
         scaled: FloatArray = (states / self.radii).reshape(*states.shape[:-2], -1)
         return scaled
+
+
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """What was learned a second time, with memory features, for paths and streams.
+
+    Parameters
+    ----------
+    states : MemoryMap
+        From a path of reference poses to its memory features.
+    law : Law
+        Its inputs end in those features.
+    """
+
+    states: MemoryMap
+    law: Law
 
 
 def advance(state: FloatArray, step: FloatArray, radii: FloatArray) -> FloatArray:
@@ -159,24 +142,26 @@ def _followed(steps: FloatArray, radii: FloatArray, labels: IntArray) -> FloatAr
     return states
 
 
-def choose_memory(history: History, errors: FloatArray, folds: IntArray, known: BoolArray) -> MemoryMap:
+def choose_memory(
+    command: PoseSignal, reference: PoseSignal, labels: IntArray, errors: FloatArray, folds: IntArray
+) -> MemoryMap:
     """Choose radii by what they explain, at trajectories left out, of another model's errors.
 
     Parameters
     ----------
-    history : History
-        Training paths.
+    command, reference, labels
+        Training paths, see :meth:`MemoryMap.transform`.
     errors : (n, m) array
-        Errors of a model without memory at samples that it was not fitted to.
+        Of a model without memory at samples that it was not fitted to, m of 6 with orientations; NaN where unknown.
     folds : (n,) array
         Which samples are left out together.
-    known : (n,) mask
-        Where the errors are known.
     """
+    known = np.isfinite(errors).all(axis=1)
     scaled = errors[known] / np.maximum(errors[known].std(axis=0), 1e-300)
-    half = _half_range(steps(history.command), history.labels)
+    half = _half_range(steps(command)[:, : errors.shape[1]], labels)
     maps = [MemoryMap(smallest * np.outer(LADDER, half)) for smallest in SMALLEST]
-    squares = [left_out_squares(m.transform(history)[known], scaled, folds[known]).mean() for m in maps]
+    features = [states.transform(command, reference, labels)[known] for states in maps]
+    squares = [left_out_squares(F, scaled, folds[known]).mean() for F in features]
     return maps[int(np.argmin(squares))]
 
 

@@ -8,11 +8,9 @@ from typing import Self
 import numpy as np
 
 from gpcorrect.calibration.dataset import Layout, Samples, path_starts
-from gpcorrect.calibration.law import Law
-from gpcorrect.calibration.memory import History, MemoryMap, choose_memory
+from gpcorrect.calibration.memory import MemoryMap
 from gpcorrect.calibration.poses import observed_twists, pose_pair, reference_twists, rotations_of
 from gpcorrect.calibration.settings import JOINTS, LIMITS, MEMORY, FitSettings
-from gpcorrect.calibration.split import folds_of
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import FeatureMap, LeftOut
 from gpcorrect.rigid import Registration, RigidModel, pose_residual, register
@@ -27,29 +25,14 @@ WORTH_IT = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Memory:
-    """What was learned a second time, with memory features, for paths and streams.
-
-    Parameters
-    ----------
-    states : MemoryMap
-        From a path of reference poses to its memory features.
-    law : Law
-        Its inputs end in those features.
-    """
-
-    states: MemoryMap
-    law: Law
-
-
-@dataclass(frozen=True, eq=False)
 class PosePairs:
-    """The k samples of a log with both poses and a velocity: observed, commanded, twist, and their rows."""
+    """The k samples of a log with both poses and a velocity: their rows, and where among them a path begins."""
 
     observed: PoseSignal
     command: PoseSignal
     twist: FloatArray
     rows: IntArray
+    new: BoolArray
 
     @classmethod
     def of(cls, log: CalibrationLog, keep: BoolArray, velocity_step: float | None) -> Self:
@@ -79,7 +62,8 @@ class PosePairs:
                 hint="Look at what is wrong with the recording: gpcorrect validate LOG; or keep everything: --no-clean",
                 path=log.name,
             )
-        return cls(observed[rows], commanded[rows], twist[rows], rows)
+        new = path_starts(log.time[rows], log.session[rows], np.ones(len(rows), dtype=bool))
+        return cls(observed[rows], commanded[rows], twist[rows], rows, new)
 
     @property
     def check_queries(self) -> FloatArray:
@@ -143,7 +127,7 @@ def pose_layout(features: FeatureMap, states: MemoryMap | None) -> Layout:
     """
     groups, width = features.groups, features.n_features
     if states is not None:
-        groups = (*groups, tuple(range(width, width + states.size)))
+        groups = (*groups, tuple(range(width, width + states.radii.size)))
     return Layout(
         targets=(3, 3) if features.has_orientation else (3,),
         inputs=groups,
@@ -176,60 +160,15 @@ def samples_of_poses(
     reference, rows, n = rigid.apply(pairs.observed), pairs.rows, len(log)
     moved = reference_twists(rigid, rotations_of(pairs.observed), pairs.twist)
     known = features.transform(reference.position, rotations_of(reference), moved)
-    new = path_starts(log.time[rows], log.session[rows], np.ones(len(rows), dtype=bool))
     if states is not None:
-        history = History.of(
-            pairs.command, reference, np.cumsum(new, dtype=np.int64), orientation=features.has_orientation
-        )
-        known = np.hstack([known, states.transform(history)])
+        known = np.hstack([known, states.transform(pairs.command, reference, np.cumsum(pairs.new))])
     size = 6 if features.has_orientation else 3
-    X, target, begins, usable = (
-        np.full((n, known.shape[1]), np.nan),
-        np.full((n, size), np.nan),
-        *np.zeros((2, n), bool),
-    )
-    X[rows], begins[rows], usable[rows] = known, new, True
+    X, target = np.full((n, known.shape[1]), np.nan), np.full((n, size), np.nan)
+    begins, usable = np.zeros((2, n), dtype=bool)
+    X[rows], begins[rows], usable[rows] = known, pairs.new, True
     target[rows] = pose_residual(reference, pairs.command)[:, :size]
     nothing = np.zeros((n, size))
     return Samples(log.time, log.trajectory, log.session, begins, X, target, nothing, usable, np.zeros((n, 0)))
-
-
-def best_memory(
-    pairs: PosePairs, log: CalibrationLog, rigid: RigidModel, features: FeatureMap, left_out: LeftOut
-) -> MemoryMap:
-    """Return the memory that explains most of the errors that a law without memory leaves.
-
-    Parameters
-    ----------
-    pairs : PosePairs
-        k complete samples.
-    log : CalibrationLog
-        That they are of.
-    rigid : RigidModel
-        From the observer's frame to the command's.
-    features : FeatureMap
-        Of poses and twists.
-    left_out : LeftOut
-        Errors of the law without memory at the samples, each predicted without its own fold.
-    """
-    rows = pairs.rows
-    labels = np.cumsum(path_starts(log.time[rows], log.session[rows], np.ones(len(rows), dtype=bool)), dtype=np.int64)
-    history = History.of(pairs.command, rigid.apply(pairs.observed), labels, orientation=features.has_orientation)
-    known = np.asarray(np.isfinite(left_out.errors).all(axis=1))
-    return choose_memory(history, left_out.errors, folds_of(log.trajectory[rows]), known)
-
-
-def memory_remark(without: LeftOut, recalled: LeftOut) -> str:
-    """Return a sentence on how memory changed the errors at left-out training trajectories.
-
-    Parameters
-    ----------
-    without, recalled : LeftOut
-        Left-out errors of the laws without and with it.
-    """
-    change = changes(recalled, without)
-    verdict = "" if change.mean() <= -WORTH_IT else ": not worth its time here, features pose,velocity do as well"
-    return f"memory acts on the pose; {changes_text(change)}{verdict}"
 
 
 def changes(with_it: LeftOut, without: LeftOut) -> FloatArray:

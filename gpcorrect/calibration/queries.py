@@ -56,15 +56,15 @@ def pose_numbers(pose: ArrayLike, *, orientation: bool) -> FloatArray:
     return values
 
 
-def pose_rows(poses: PoseSignal) -> FloatArray:
-    """Return poses as `(n, 7)`, or `(n, 3)` without orientation.
+def poses_of(rows: FloatArray) -> PoseSignal:
+    """Return rows `(n, 7)`, or `(n, 3)` without orientation, as poses.
 
     Parameters
     ----------
-    poses : PoseSignal
-        n poses.
+    rows : (n, 7) or (n, 3) array
+        m and unit quaternions wxyz.
     """
-    return poses.position if poses.quaternion is None else np.hstack([poses.position, poses.quaternion])
+    return PoseSignal(rows[:, :POSITION], rows[:, POSITION:] if rows.shape[1] > POSITION else None)
 
 
 def twist_numbers(twist: ArrayLike | None) -> FloatArray:

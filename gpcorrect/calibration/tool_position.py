@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.calibration.dataset import Samples
 from gpcorrect.calibration.joint_features import JointFeatures
-from gpcorrect.calibration.joint_path import JointPath, joint_path, state_columns, usual_steps
+from gpcorrect.calibration.joint_path import JointPath, logged_path, state_columns, usual_steps
 from gpcorrect.calibration.joint_view import ViewCorrector, joint_layout
 from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.settings import LIMITS, FitSettings
@@ -254,10 +254,7 @@ def _reported_joints(log: CalibrationLog) -> FloatArray:
 def _path_of(log: CalibrationLog, kinds: tuple[str, ...], extra: tuple[str, ...]) -> JointPath:
     joints = _reported_joints(log)
     state = state_columns(log, extra)[1] if "state" in kinds else None
-    path = joint_path(log.time, log.session, joints, log.measured_jf, state)
-    if not log.static:
-        return path
-    return replace(path, new=np.ones(len(log), dtype=bool), velocity=np.zeros(path.q.shape))
+    return logged_path(log, joints, log.measured_jf, state)
 
 
 def _positions(log: CalibrationLog, *, needs_truth: bool = True) -> tuple[FloatArray, FloatArray | None]:
