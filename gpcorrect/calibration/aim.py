@@ -34,8 +34,7 @@ class Aim:
 
     Parameters
     ----------
-    reached : JointCorrector
-        From commanded joints to those reached.
+    reached : JointCorrector, from commanded joints to those reached
     share : (d,) array
         0 to 1; 0 for joints that are not moved.
     """
@@ -61,12 +60,10 @@ class Aim:
 
         Parameters
         ----------
-        reached : JointCorrector
-            Learned from the log.
+        reached : JointCorrector, learned from the log
         errors : (k, d) array
             Of it at left-out samples, rad or m; NaN where unknown.
-        joints : CalibrationLog
-            n samples of commanded joints and those reached.
+        joints : CalibrationLog, n samples of commanded joints and those reached
         first : (n, d) array
             Commands found for these without the samples' own trajectories, rad or m; NaN where there are none.
         """
@@ -89,14 +86,10 @@ class Aim:
 
         Parameters
         ----------
-        q : (n, d) array
-            Desired joints, rad or m.
-        first : (n, d) array
-            What to command for them without this model.
-        time : (n,) array
-            s.
-        sessions : n int
-            Homing or day.
+        q : (n, d) array, desired joints, rad or m
+        first : (n, d) array, what to command for them without this model
+        time : (n,) array, s
+        sessions : n int, homing or day
         """
         found, beyond = first, np.zeros(len(q), dtype=bool)
         for _ in range(STEPS):
@@ -113,10 +106,8 @@ class Aim:
         ----------
         q, commands : (n, d) arrays
             Desired joints, and what is commanded for them, rad or m.
-        time : (n,) array
-            s.
-        sessions : n int
-            Homing or day.
+        time : (n,) array, s
+        sessions : n int, homing or day
         """
         reached = self.reached.correct_path(commands, time, sessions=sessions)
         assert reached.joints is not None
@@ -132,8 +123,7 @@ class AimStream:
 
     Parameters
     ----------
-    aim : Aim
-        What was learned.
+    aim : Aim, what was learned
     """
 
     def __init__(self, aim: Aim) -> None:
@@ -151,12 +141,9 @@ class AimStream:
 
         Parameters
         ----------
-        time : float
-            s, later than that of the sample before.
-        q : (d,) array
-            Desired joints, rad or m.
-        first : (d,) array
-            What to command for them without this model.
+        time : float, s, later than that of the sample before
+        q : (d,) array, desired joints, rad or m
+        first : (d,) array, what to command for them without this model
         """
         found, beyond = first, False
         for stream in self._streams:

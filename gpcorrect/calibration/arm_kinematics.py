@@ -45,10 +45,8 @@ class ArmKinematics:
     ----------
     chain : Chain
         From the joints that move the tip to its poses, as the robot's controller has it.
-    starts : (k, d) array
-        Postures of the training, rad and m.
-    length : float
-        m that weigh as much as one radian.
+    starts : (k, d) array, postures of the training, rad and m
+    length : float, m that weigh as much as one radian
     reach : float
         How far from any posture's pose a desired one may lie, rad (and m over `length`): an arm of fewer than six
         joints comes only near most poses.
@@ -75,8 +73,7 @@ class ArmKinematics:
 
         Parameters
         ----------
-        log : CalibrationLog
-            n samples.
+        log : CalibrationLog, n samples
 
         Raises
         ------
@@ -105,8 +102,7 @@ class ArmKinematics:
 
         Parameters
         ----------
-        poses : PoseSignal
-            n poses in the command's frame.
+        poses : PoseSignal, n poses in the command's frame
         """
         left = self._inverse(poses)[1]
         return replace(self, reach=HEADROOM * max(self.reach, float(np.nanmax(left, initial=0.0))) + NOISE_FLOOR)
@@ -128,8 +124,7 @@ class ArmKinematics:
 
         Parameters
         ----------
-        position, rotation : (3,) and (3, 3) arrays
-            The pose, command's frame.
+        position, rotation : (3,) and (3, 3) arrays, the pose, command's frame
         near : (d,) array or None
             Where to begin; at the training's nearest posture without it.
         """
@@ -144,8 +139,7 @@ class ArmKinematics:
 
         Parameters
         ----------
-        poses : PoseSignal
-            n poses, complete.
+        poses : PoseSignal, n poses, complete
         q, corrected : (n, d) arrays
             Joints of the poses, and those that the arm moves to, rad and m.
         """
@@ -219,8 +213,7 @@ def with_poses(log: CalibrationLog, chain: Chain) -> CalibrationLog:
     ----------
     log : CalibrationLog
         n samples; joints behind the chain's, such as a gripper's, are not looked at.
-    chain : Chain
-        The arm's.
+    chain : Chain, the arm's
 
     Raises
     ------
@@ -247,8 +240,7 @@ def with_outside_joints(log: CalibrationLog, chain: Chain) -> CalibrationLog:
     log : CalibrationLog
         n samples; one with outside joints, or without joints or a tracker, is returned as it is. Joints behind the
         chain's, such as a gripper's, are left out.
-    chain : Chain
-        The arm's.
+    chain : Chain, the arm's
 
     Raises
     ------

@@ -30,8 +30,7 @@ class MotionLimits:
     ----------
     speeds : tuple of float
         Largest speed, m/s, and where orientations are observed rad/s.
-    noise : tuple of float
-        Step that noise alone can make, m and rad.
+    noise : tuple of float, step that noise alone can make, m and rad
     longest : float
         Longest stretch that is bridged, s; what lasts longer may be meant.
     """
@@ -46,8 +45,7 @@ class MotionLimits:
 
         Parameters
         ----------
-        cleaner : FittedCleaner
-            Cleaning of the training recording.
+        cleaner : FittedCleaner, cleaning of the training recording
         """
         steps = cleaner.thresholds.steps
         return cls(tuple(steps.speeds.tolist()), tuple(steps.noise.tolist()), cleaner.settings.occlusion_time)
@@ -59,14 +57,11 @@ class MotionLimits:
 
         Parameters
         ----------
-        signal : PoseSignal
-            n desired poses.
+        signal : PoseSignal, n desired poses
         reference : PoseSignal
             The same in the robot's frame, where the limits were learned.
-        time : (n,) array
-            s.
-        labels : (n,) int array
-            Unbroken run of each sample, -1 for none.
+        time : (n,) array, s
+        labels : (n,) int array, unbroken run of each sample, -1 for none
         """
         bridged = np.zeros(len(signal), dtype=bool)
         for label in np.unique(labels[labels >= 0]):

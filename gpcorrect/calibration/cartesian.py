@@ -148,12 +148,9 @@ class CommandCorrector(PoseAnswers):
 
         Parameters
         ----------
-        log : CalibrationLog
-            n samples.
-        keep : (n,) mask
-            Samples that are not rejected.
-        with_memory : bool
-            Whether inputs end in memory features.
+        log : CalibrationLog, n samples
+        keep : (n,) mask, samples that are not rejected
+        with_memory : bool, whether inputs end in memory features
         """
         if self.has_orientation and pose_pair(log)[0].quaternion is None:
             raise LogError("the model corrects orientations, and the log holds none.", path=log.name)

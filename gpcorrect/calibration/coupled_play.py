@@ -41,8 +41,7 @@ class CoupledPlay:
     ----------
     stiffness : (d, d) array
         Symmetric, positive definite, unit diagonal or more.
-    gap : (d,) array
-        Half gaps F_i / K_ii.
+    gap : (d,) array, half gaps F_i / K_ii
     """
 
     stiffness: FloatArray
@@ -61,8 +60,7 @@ class CoupledPlay:
         ----------
         path : (n, d) array
             Positions of the motors in units of half the ranges.
-        new : (n,) mask
-            Where a path starts.
+        new : (n,) mask, where a path starts
         """
         lags: FloatArray = _lags(np.ascontiguousarray(path), np.array(self.stiffness), np.array(self.gap), new)
         return lags
@@ -77,8 +75,7 @@ class CoupledPlay:
         ----------
         path : (n, d) array
             Positions of the motors in units of half the ranges.
-        new : (n,) mask
-            Where a path starts.
+        new : (n,) mask, where a path starts
         """
         found: tuple[FloatArray, FloatArray] = _lags_and_slopes(
             np.ascontiguousarray(path), np.array(self.stiffness), np.array(self.gap), new
@@ -92,8 +89,7 @@ class CoupledPlay:
         ----------
         joints : (d,) array
             Where the joints stood, in units of half the ranges.
-        motors : (d,) array
-            Where the motors are now, likewise.
+        motors : (d,) array, where the motors are now, likewise
         """
         moved = np.array(joints, dtype=np.float64)
         _drag(moved, np.array(motors, dtype=np.float64), np.array(self.stiffness), np.array(self.gap))
@@ -109,14 +105,11 @@ def learn_coupled_play(
 
     Parameters
     ----------
-    path : (n, d) array
-        Positions in units of half the ranges.
+    path : (n, d) array, positions in units of half the ranges
     errors : (n, d) array
         What the lags are to explain; NaN where unknown.
-    new : (n,) bool array
-        Where a path starts.
-    rows : (k,) int array
-        Rows whose errors may be looked at.
+    new : (n,) bool array, where a path starts
+    rows : (k,) int array, rows whose errors may be looked at
     shown : (d,) bool array
         Joints whose slack this path shows; the others neither pull nor are pulled.
     """

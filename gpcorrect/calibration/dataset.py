@@ -19,10 +19,8 @@ class Samples:
 
     Parameters
     ----------
-    time : (n,) array
-        s.
-    trajectory, session : (n,) int arrays
-        As in the log.
+    time : (n,) array, s
+    trajectory, session : (n,) int arrays, as in the log
     new : (n,) mask
         Where an unbroken path begins: nothing is known of what the arm did before.
     X : (n, d) array
@@ -35,8 +33,7 @@ class Samples:
         Rows that may be learned from: complete, and not rejected.
     path : (n, d) array
         Joints that go in, for learners that filter a path; no columns where there are none.
-    effort : (n, d) array or None
-        Efforts, likewise.
+    effort : (n, d) array or None, Efforts, likewise
     """
 
     time: FloatArray
@@ -80,8 +77,7 @@ class Samples:
 
         Parameters
         ----------
-        rows : (n,) mask or (k,) int array
-            Samples to leave out.
+        rows : (n,) mask or (k,) int array, samples to leave out
         """
         usable = self.usable.copy()
         usable[rows] = False
@@ -142,12 +138,9 @@ def path_starts(time: FloatArray, session: IntArray, known: BoolArray) -> BoolAr
 
     Parameters
     ----------
-    time : (n,) array
-        s.
-    session : (n,) int array
-        Homing or day.
-    known : (n,) mask
-        Where the input is known.
+    time : (n,) array, s
+    session : (n,) int array, homing or day
+    known : (n,) mask, where the input is known
     """
     step = np.diff(time, prepend=time[:1])
     usual = float(np.median(step[1:])) if len(step) > 1 else 0.0
@@ -163,10 +156,8 @@ def pieces(time: FloatArray, trajectory: IntArray) -> IntArray:
 
     Parameters
     ----------
-    time : (n,) array
-        s.
-    trajectory : (n,) int array
-        Which motion.
+    time : (n,) array, s
+    trajectory : (n,) int array, which motion
     """
     begins = np.diff(trajectory, prepend=trajectory[:1] - 1) != 0
     first = np.maximum.accumulate(np.where(begins, np.arange(len(time)), 0))
@@ -182,8 +173,7 @@ def scores_by_piece(ratio: FloatArray, labels: IntArray) -> FloatArray:
     ----------
     ratio : (n, m) array
         About 1 while a model holds; NaN where not known.
-    labels : (n,) int array
-        Pieces.
+    labels : (n,) int array, pieces
     """
     squares = np.mean(ratio**2, axis=1)
     known = np.isfinite(squares)

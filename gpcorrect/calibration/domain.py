@@ -71,11 +71,8 @@ class Domain:
         slack : (d,) array
             How far outside its range an input may always be.
         novelty : float
-            See above.
-        targets : (n, m) array
-            What was to be predicted.
+        targets : (n, m) array, what was to be predicted
         fading : (f,) int array, optional
-            See above.
         """
         low, high = np.percentile(X, LIMITS.range_quantiles, axis=0)
         margin = np.maximum(LIMITS.margin * (high - low), slack)
@@ -91,8 +88,7 @@ class Domain:
 
         Parameters
         ----------
-        inputs : (k,) int array
-            Bounded inputs.
+        inputs : (k,) int array, bounded inputs
         """
         low, high = self.low[inputs], self.high[inputs]
         return (low + high) / 2, np.maximum((high - low) / 2, np.finfo(float).tiny)
@@ -102,8 +98,7 @@ class Domain:
 
         Parameters
         ----------
-        other : Domain
-            Of the same inputs.
+        other : Domain, of the same inputs
         """
         low, high = np.minimum(self.low, other.low), np.maximum(self.high, other.high)
         return replace(self, low=low, high=high)
@@ -119,8 +114,7 @@ class Domain:
 
         Parameters
         ----------
-        X : (..., D) array
-            Inputs.
+        X : (..., D) array, inputs
         """
         inputs = X.copy()
         inputs[..., : len(self.low)] = np.clip(X[..., : len(self.low)], self.low, self.high)
@@ -136,10 +130,8 @@ class Domain:
 
         Parameters
         ----------
-        X : (n, D) array
-            Inputs.
-        novelty : (n,) array
-            Fraction of the prior variance left at each.
+        X : (n, D) array, inputs
+        novelty : (n,) array, fraction of the prior variance left at each
         """
         bounded = X[:, : len(self.low)]
         inside: BoolArray = ((bounded >= self.low) & (bounded <= self.high)).all(axis=1) & (novelty <= self.novelty)
@@ -150,10 +142,8 @@ class Domain:
 
         Parameters
         ----------
-        std : (..., m) array
-            Standard deviations, m or rad.
-        inside : (...) mask or bool
-            Which of them lie inside the region.
+        std : (..., m) array, standard deviations, m or rad
+        inside : (...) mask or bool, which of them lie inside the region
         """
         if inside is True:
             return std
@@ -170,8 +160,7 @@ class Bounds:
     ----------
     sizes : tuple of int
         How many components in turn are bounded together: (3, 3) for positions and rotations, 1 for each joint.
-    largest : (g,) array
-        Largest believed length of each group, m or rad.
+    largest : (g,) array, largest believed length of each group, m or rad
     """
 
     sizes: tuple[int, ...]
@@ -186,8 +175,7 @@ class Bounds:
 
         Parameters
         ----------
-        targets : (n, m) array
-            Training corrections, m or rad.
+        targets : (n, m) array, training corrections, m or rad
         sizes : tuple of int
             How many components in turn are bounded together.
         """
@@ -200,8 +188,7 @@ class Bounds:
 
         Parameters
         ----------
-        other : Bounds
-            Of the same groups.
+        other : Bounds, of the same groups
         """
         return type(self)(self.sizes, np.maximum(self.largest, other.largest))
 
@@ -210,8 +197,7 @@ class Bounds:
 
         Parameters
         ----------
-        residual : (n, m) array
-            Corrections, m or rad.
+        residual : (n, m) array, Corrections, m or rad
         """
         starts = np.concatenate([[0], np.cumsum(self.sizes)[:-1]])
         lengths = np.sqrt(np.add.reduceat(residual**2, starts, axis=1))

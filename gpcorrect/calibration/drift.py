@@ -31,10 +31,8 @@ class Detection:
 
     Parameters
     ----------
-    scores : (n,) array
-        Of the trajectories, in order.
-    evidence : (n,) array
-        C above, after each trajectory.
+    scores : (n,) array, of the trajectories, in order
+    evidence : (n,) array, C above, after each trajectory
     threshold : float
         A above: mean number of trajectories between false alarms, at least.
     alarm : int or None
@@ -52,14 +50,11 @@ def detect(baseline: FloatArray, scores: FloatArray, threshold: float, rng: np.r
 
     Parameters
     ----------
-    baseline : (b,) array
-        Scores of the training's left-out trajectories.
-    scores : (n,) array
-        Scores to test, in recorded order.
+    baseline : (b,) array, scores of the training's left-out trajectories
+    scores : (n,) array, scores to test, in recorded order
     threshold : float
         Mean number of trajectories between false alarms, at least.
-    rng : numpy.random.Generator
-        Breaks ties.
+    rng : numpy.random.Generator, breaks ties
 
     Raises
     ------
@@ -86,12 +81,9 @@ def conformal_p_values(baseline: FloatArray, scores: FloatArray, rng: np.random.
 
     Parameters
     ----------
-    baseline : (b,) array
-        Scores of the training's left-out trajectories.
-    scores : (n,) array
-        Scores in recorded order.
-    rng : numpy.random.Generator
-        Breaks ties.
+    baseline : (b,) array, scores of the training's left-out trajectories
+    scores : (n,) array, scores in recorded order
+    rng : numpy.random.Generator, breaks ties
     """
     seen = np.concatenate([baseline, scores])
     p = np.empty(len(scores))
@@ -107,8 +99,7 @@ def e_values(p: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    p : (n,) array
-        p-values.
+    p : (n,) array, p-values
     """
     q = np.clip(p, SMALLEST_P, 1.0 - 1e-6)
     log = np.log(q)
@@ -126,14 +117,12 @@ class Ageing:
         Whether the scores grow beyond chance: the 95 % interval of the slope lies above zero.
     slope, slope95 : float and pair
         Growth of the score in one unit of time, and its interval.
-    limit : float
-        Score at which the model is called worn out.
+    limit : float, score at which the model is called worn out
     remaining : float or None
         Time from the newest log until the line reaches the limit; 0 when it has; None when the model does not age.
     remaining95 : pair or None
         Its interval; the upper end is infinite when the data do not exclude that ageing stops.
-    level : float
-        Of the line at the newest log.
+    level : float, of the line at the newest log
     """
 
     ageing: bool
@@ -152,16 +141,12 @@ def estimate_ageing(
 
     Parameters
     ----------
-    baseline, scores : (b,) and (n,) arrays
-        As for the sequential test.
-    ages : (n,) array
-        Time since the fit.
-    logs : (n,) array
-        Which log a score comes from.
+    baseline, scores : (b,) and (n,) arrays, as for the sequential test
+    ages : (n,) array, time since the fit
+    logs : (n,) array, which log a score comes from
     limit : float
         Worn out means this many times the baseline's mean.
-    rng : numpy.random.Generator
-        Draws the bootstrap's samples.
+    rng : numpy.random.Generator, draws the bootstrap's samples
 
     Raises
     ------

@@ -152,18 +152,14 @@ def run_experiment(
 
     Parameters
     ----------
-    log : CalibrationLog
-        Holds the task's signals.
-    settings : FitSettings, optional
-        What differs from the defaults.
+    log : CalibrationLog, holds the task's signals
+    settings : FitSettings, optional, what differs from the defaults
     task : type
         A subclass of :class:`Corrector`.
     holdout : float
         Fraction of the units to measure on; 0 for none.
-    by : HoldOut
-        What is held out whole.
-    shuffle : bool
-        Hold out random units, not the last ones.
+    by : HoldOut, what is held out whole
+    shuffle : bool, hold out random units, not the last ones
     progress : Progress, optional
 
     Raises
@@ -218,10 +214,8 @@ def evaluate_model(
 
     Parameters
     ----------
-    corrector : Corrector
-        Of any task.
-    log : CalibrationLog
-        n samples of the task's signals, on one clock.
+    corrector : Corrector, of any task
+    log : CalibrationLog, n samples of the task's signals, on one clock
     cleaning : CleaningReport, optional
         Which of the measured samples count as clean; classified by the training's thresholds without it.
     held : (n,) mask, optional
@@ -259,10 +253,8 @@ def part_errors(corrector: Corrector, measured: Measured) -> tuple[PartErrors, .
 
     Parameters
     ----------
-    corrector : Corrector
-        That was measured.
-    measured : Measured
-        Its errors.
+    corrector : Corrector, that was measured
+    measured : Measured, its errors
     """
     return tuple(
         PartErrors(method, part.name, part.unit, **spread(part.sizes(measured.of(method))))

@@ -29,8 +29,7 @@ def direction_named(name: str) -> Direction:
 
     Parameters
     ----------
-    name : str
-        Such as "J1", "J2-J3" or "J2-3".
+    name : str, such as "J1", "J2-J3" or "J2-3"
 
     Raises
     ------
@@ -49,8 +48,7 @@ def zigzag(direction: Direction, sparsity: int, limits: FloatArray, *, as_publis
 
     Parameters
     ----------
-    direction : str
-        Joints along which the stripes run.
+    direction : str, joints along which the stripes run
     sparsity : int
         n of the sparsity 1/n: stripes lie 1/n of the block's side apart.
     limits : (3, 2) array
@@ -93,8 +91,7 @@ def rotation_to(direction: Direction) -> FloatArray:
 
     Parameters
     ----------
-    direction : str
-        Joints along which the stripes run.
+    direction : str, joints along which the stripes run
     """
     along = np.array([f"J{i}" in direction.split("-") for i in (1, 2, 3)], dtype=np.float64)
     first = along / np.linalg.norm(along)
@@ -123,10 +120,8 @@ class TimedPath:
 
     Parameters
     ----------
-    time : (n,) array
-        s from 0.
-    q : (n, dof) array
-        rad or m.
+    time : (n,) array, s from 0
+    q : (n, dof) array, rad or m
     """
 
     time: FloatArray
@@ -143,12 +138,9 @@ def timed(corners: FloatArray, speed: FloatArray, rate_hz: float, ramp: float = 
 
     Parameters
     ----------
-    corners : (m, dof) array
-        rad or m.
-    speed : (dof,) array
-        Highest speed of each joint, rad/s or m/s.
-    rate_hz : float
-        Samples a second.
+    corners : (m, dof) array, rad or m
+    speed : (dof,) array, highest speed of each joint, rad/s or m/s
+    rate_hz : float, samples a second
     ramp : float
         Seconds of constant acceleration at both ends of each stretch.
 
@@ -195,14 +187,10 @@ def random_sinusoids(
 
     Parameters
     ----------
-    limits : (dof, 2) array
-        rad or m.
-    speed : (dof,) array
-        Highest speeds.
-    seconds, rate_hz : float
-        Length and rate.
-    rng : numpy.random.Generator
-        Of periods, phases and amplitudes.
+    limits : (dof, 2) array, rad or m
+    speed : (dof,) array, highest speeds
+    seconds, rate_hz : float, length and rate
+    rng : numpy.random.Generator, of periods, phases and amplitudes
     """
     middle, half = limits.mean(axis=1), np.ptp(limits, axis=1) / 2
     if not (seconds * rate_hz >= 2 and (half > 0).all()):
@@ -226,14 +214,10 @@ def random_sweeps(
 
     Parameters
     ----------
-    limits : (dof, 2) array
-        rad or m.
-    slow, fast : (dof,) arrays
-        Lowest and highest speed of a sweep.
-    seconds, rate_hz : float
-        Length and rate.
-    rng : numpy.random.Generator
-        Of ends and speeds.
+    limits : (dof, 2) array, rad or m
+    slow, fast : (dof,) arrays, lowest and highest speed of a sweep
+    seconds, rate_hz : float, length and rate
+    rng : numpy.random.Generator, of ends and speeds
     """
     if not (
         seconds * rate_hz >= 2 and (np.ptp(limits, axis=1) > 0).all() and (slow > 0).all() and (slow <= fast).all()

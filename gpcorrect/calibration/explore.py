@@ -30,8 +30,7 @@ class Proposal:
 
     Parameters
     ----------
-    positions : (n, 3) array
-        Metres.
+    positions : (n, 3) array, metres
     quaternions : (n, 4) array or None
         wxyz; None for a position-only model.
     twists : (n, 6) or (n, 3) array or None
@@ -55,10 +54,8 @@ def propose(
     Parameters
     ----------
     corrector : CommandCorrector
-    count : int
-        At least 1.
-    rng : numpy.random.Generator
-        Draws the candidates.
+    count : int, at least 1
+    rng : numpy.random.Generator, draws the candidates
     task : (t, d) array, optional
         Features of the task region, as `log_samples` gives them; the training region by default.
 
@@ -105,12 +102,9 @@ class _Covariance:
 
         Parameters
         ----------
-        part : SharedPredictor
-            Of outputs with one kernel.
-        candidates : (k, d) array
-            Features of what may be measured.
-        task : (t, d) array
-            Features of the task region.
+        part : SharedPredictor, of outputs with one kernel
+        candidates : (k, d) array, features of what may be measured
+        task : (t, d) array, features of the task region
         """
         explained, basis = part.explained.mean(axis=0), part.basis[: part.projection.shape[1]]
         w_own, w_task = (part.kernel(X, basis) @ part.projection.T for X in (candidates, task))
@@ -130,8 +124,7 @@ class _Covariance:
 
         Parameters
         ----------
-        index : int
-            Which candidate was observed.
+        index : int, which candidate was observed
         """
         spread = max(float(self.own[index, index]), 0.0) + self.noise
         column, reach = self.own[:, index] / spread, self.task[:, index]

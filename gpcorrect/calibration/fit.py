@@ -34,20 +34,16 @@ class FitResult:
 
     Parameters
     ----------
-    corrector : Corrector
-        What was fitted.
+    corrector : Corrector, what was fitted
     log : CalibrationLog
         What it was fitted to: the training log, on one clock.
     clocks : Clocks
         What was found of the outside sensor's clock, and what was done about it.
-    cleaning : CleaningReport
-        What was dropped from the training log, and why.
+    cleaning : CleaningReport, what was dropped from the training log, and why
     registration : Registration or None
         Which rigid model was chosen, and why; None for a task without one.
-    n_train : int
-        Samples that were learned from.
-    remarks : tuple of str
-        What a person should know, in sentences.
+    n_train : int, samples that were learned from
+    remarks : tuple of str, what a person should know, in sentences
     """
 
     corrector: Any
@@ -68,8 +64,7 @@ def fit_corrector(
     ----------
     log : CalibrationLog
         Must hold `tracker_cp` (what was observed) and `setpoint_cp` (what was commanded).
-    settings : FitSettings, optional
-        What differs from the defaults.
+    settings : FitSettings, optional, what differs from the defaults
     progress : Progress, optional
 
     Raises
@@ -94,10 +89,8 @@ def fit_model(
 
     Parameters
     ----------
-    log : CalibrationLog
-        Holds the task's signals.
-    settings : FitSettings, optional
-        What differs from the defaults.
+    log : CalibrationLog, holds the task's signals
+    settings : FitSettings, optional, what differs from the defaults
     task : type
         A subclass of :class:`Corrector`.
     progress : Progress, optional

@@ -32,8 +32,7 @@ def reached(corrector: CommandCorrector, commands: ArrayLike, twist: ArrayLike |
 
     Parameters
     ----------
-    corrector : CommandCorrector
-        Of the arm.
+    corrector : CommandCorrector, of the arm
     commands : (n, 7) or (n, 3) array
         Commanded positions (m) and unit quaternions wxyz, base frame.
     twist : (n, 6) array, optional

@@ -41,8 +41,7 @@ class HeldOut:
 
     Parameters
     ----------
-    samples, trajectories : int
-        How many were measured on.
+    samples, trajectories : int, how many were measured on
     errors : tuple of PartErrors
         A row for each method and part, the corrected method's last.
     coverage95 : float
@@ -69,10 +68,8 @@ class Step:
 
     Parameters
     ----------
-    what : str
-        "fit", "update" or "rezero".
-    date : str
-        UTC, ISO 8601, to the second.
+    what : str, "fit", "update" or "rezero"
+    date : str, UTC, ISO 8601, to the second
     command : str
         Command line of the process, as a shell would take it.
     versions : mapping
@@ -97,10 +94,8 @@ def step_now(what: str, log: CalibrationLog) -> Step:
 
     Parameters
     ----------
-    what : str
-        "fit", "update" or "rezero".
-    log : CalibrationLog
-        What it learns from.
+    what : str, "fit", "update" or "rezero"
+    log : CalibrationLog, what it learns from
     """
     return Step(what, now(), command_line(), versions(), log.name, log.digest)
 
@@ -126,8 +121,7 @@ def last_measured(history: tuple[Step, ...]) -> HeldOut | None:
 
     Parameters
     ----------
-    history : tuple of Step
-        Oldest first.
+    history : tuple of Step, oldest first
     """
     return next((step.held_out for step in reversed(history) if step.held_out is not None), None)
 

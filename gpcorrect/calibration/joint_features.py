@@ -55,16 +55,12 @@ class JointFeatures:
 
     Parameters
     ----------
-    kinds : tuple of str
-        Which columns, in this order.
+    kinds : tuple of str, which columns, in this order
     centre, half : (d,) arrays
         Middle and half of the range of each joint in training, rad or m.
-    play : CoupledPlay or None
-        The coupled play of `memory`.
-    lags : (t,) array
-        Time constants of `lags`, s.
-    n_state : int
-        Columns of `state`.
+    play : CoupledPlay or None, the coupled play of `memory`
+    lags : (t,) array, time constants of `lags`, s
+    n_state : int, columns of `state`
     used : (k,) int array
         Which of all columns are used, because the training motion shows their effect apart from others'.
     rates : (r,) array
@@ -93,14 +89,11 @@ class JointFeatures:
 
         Parameters
         ----------
-        kinds : sequence of str
-            Which features.
-        path : JointPath
-            n samples of d joints.
+        kinds : sequence of str, which features
+        path : JointPath, n samples of d joints
         errors : (n, m) array
             What the slack is to explain; NaN where unknown.
-        rows : (k,) int array
-            Samples that may be learned from.
+        rows : (k,) int array, samples that may be learned from
 
         Raises
         ------
@@ -151,8 +144,7 @@ class JointFeatures:
 
         Parameters
         ----------
-        q : (..., d) array
-            Joints, rad or m.
+        q : (..., d) array, Joints, rad or m
         """
         path: FloatArray = (q - self.centre) / self.half
         return path
@@ -162,8 +154,7 @@ class JointFeatures:
 
         Parameters
         ----------
-        path : JointPath
-            n samples.
+        path : JointPath, n samples
 
         Raises
         ------
@@ -199,8 +190,7 @@ class JointFeatures:
 
         Parameters
         ----------
-        numbers : sequence of int
-            Of the d joints, counted from 1.
+        numbers : sequence of int, of the d joints, counted from 1
         """
         why = {"velocity": "always moves at one speed", "memory": "hardly turns back"}
         used, start, sentences = set(self.used.tolist()), 0, []
@@ -221,10 +211,8 @@ class JointFeatures:
 
         Parameters
         ----------
-        scaled : (..., d) array
-            Joints in units of half their ranges.
-        effort : (..., d) array or None
-            As logged.
+        scaled : (..., d) array, joints in units of half their ranges
+        effort : (..., d) array or None, as logged
         """
         if self.n_lagged == 1:
             return scaled
@@ -315,10 +303,8 @@ def law_penalties(features: JointFeatures, targets: int, owned: bool) -> FloatAr
 
     Parameters
     ----------
-    features : JointFeatures
-        With k columns.
-    targets : int
-        m.
+    features : JointFeatures, with k columns
+    targets : int, m
     owned : bool
         Whether each target is the error of the joint of its number.
     """

@@ -23,16 +23,13 @@ class JointPath:
 
     Parameters
     ----------
-    time : (n,) array
-        s.
-    new : (n,) mask
-        Where an unbroken path begins.
+    time : (n,) array, s
+    new : (n,) mask, where an unbroken path begins
     q : (n, d) array
         Joints, rad or m; NaN where missing.
     velocity : (n, d) array
         Of `q`, from the sample before: what a stream knows too.
-    effort : (n, d) array or None
-        Reported efforts, N m or N.
+    effort : (n, d) array or None, reported efforts, N m or N
     state : (n, k) array or None
         All that the log holds of the robot at each moment.
     """
@@ -52,14 +49,10 @@ def joint_path(
 
     Parameters
     ----------
-    time : (n,) array
-        s.
-    session : (n,) int array
-        Homing or day.
-    q : (n, d) array
-        rad or m.
-    effort, state : (n, d) and (n, k) arrays or None
-        As logged.
+    time : (n,) array, s
+    session : (n,) int array, homing or day
+    q : (n, d) array, rad or m
+    effort, state : (n, d) and (n, k) arrays or None, as logged
     """
     new = path_starts(time, session, np.asarray(np.isfinite(q).all(axis=1)))
     step = np.diff(time, prepend=time[:1])
@@ -68,15 +61,12 @@ def joint_path(
     return JointPath(time, new, q, velocity, effort, state)
 
 
-def logged_path(
-    log: CalibrationLog, q: FloatArray, effort: FloatArray | None, state: FloatArray | None
-) -> JointPath:
+def logged_path(log: CalibrationLog, q: FloatArray, effort: FloatArray | None, state: FloatArray | None) -> JointPath:
     """Return the path of joints of a log; in static poses every row is a path of its own, at rest.
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
+    log : CalibrationLog, n samples
     q, effort, state : (n, d), (n, d) and (n, k) arrays
         See :func:`joint_path`.
     """
@@ -91,8 +81,7 @@ def usual_steps(path: JointPath) -> tuple[float, float]:
 
     Parameters
     ----------
-    path : JointPath
-        n samples.
+    path : JointPath, n samples
     """
     step = np.diff(path.time)[~path.new[1:]]
     return (float(np.median(step)), float(np.percentile(step, 1))) if step.size else (1.0, 1.0)
@@ -103,10 +92,8 @@ def joint_signal(log: CalibrationLog, name: str) -> FloatArray:
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
-    name : str
-        Of the signal.
+    log : CalibrationLog, n samples
+    name : str, of the signal
 
     Raises
     ------
@@ -144,8 +131,7 @@ def state_columns(log: CalibrationLog, extra: Sequence[str] | None = None) -> tu
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
+    log : CalibrationLog, n samples
     extra : sequence of str, optional
         Extra columns that belong to the state; all complete ones when None.
 

@@ -55,10 +55,8 @@ class JointRoute:
 
     Parameters
     ----------
-    kinematics : ArmKinematics
-        From poses to joints and back.
-    joints : JointCorrector
-        From desired joints to commanded ones.
+    kinematics : ArmKinematics, from poses to joints and back
+    joints : JointCorrector, from desired joints to commanded ones
     intervals : IntervalCalibration
         Of poses: errors of joints go together, so that intervals of joints say too little of those of poses.
     aim : Aim or None
@@ -95,14 +93,10 @@ class JointRoute:
 
         Parameters
         ----------
-        kinematics : ArmKinematics
-            Of the log.
-        log : CalibrationLog
-            n complete samples.
-        pair : two PoseSignal
-            Their references and commands, with orientation.
-        cleaner : FittedCleaner
-            What rejected the others.
+        kinematics : ArmKinematics, of the log
+        log : CalibrationLog, n complete samples
+        pair : two PoseSignal, their references and commands, with orientation
+        cleaner : FittedCleaner, what rejected the others
         settings : FitSettings
         learn_law : callable
             See :meth:`Corrector.learn`.
@@ -200,10 +194,8 @@ class JointRoute:
         ----------
         joints : CalibrationLog
             n samples, from :func:`joints_of`.
-        pair : two PoseSignal
-            Their references and commands.
-        samples : Samples
-            The same as the law of joints sees them.
+        pair : two PoseSignal, their references and commands
+        samples : Samples, the same as the law of joints sees them
         left_out : LeftOut
             Of the law of joints, at those of them that it learns from.
         first : (n, d) array
@@ -238,10 +230,8 @@ class JointRoute:
 
         Parameters
         ----------
-        reference : PoseSignal
-            n poses in the command's frame.
-        bounds : Bounds
-            Largest believed correction of a pose.
+        reference : PoseSignal, n poses in the command's frame
+        bounds : Bounds, largest believed correction of a pose
         """
         time: FloatArray = np.arange(len(reference), dtype=np.float64) * self.joints.usual_step
         found = []
@@ -256,14 +246,10 @@ class JointRoute:
 
         Parameters
         ----------
-        reference : PoseSignal
-            n poses in the command's frame.
-        time : (n,) array
-            s.
-        session : (n,) int array
-            Homing or day.
-        bounds : Bounds
-            Largest believed correction of a pose.
+        reference : PoseSignal, n poses in the command's frame
+        time : (n,) array, s
+        session : (n,) int array, homing or day
+        bounds : Bounds, largest believed correction of a pose
         """
         q, sessions = self.kinematics.inverse(reference), session.tolist()
         in_joints = self.joints.correct_path(q, time, sessions=sessions)
@@ -284,12 +270,9 @@ class JointRoute:
 
         Parameters
         ----------
-        position, rotation : (3,) and (3, 3) arrays
-            Reference pose.
-        q : (d,) array
-            Its joints.
-        in_joints : Correction
-            The answer in joints.
+        position, rotation : (3,) and (3, 3) arrays, reference pose
+        q : (d,) array, its joints
+        in_joints : Correction, the answer in joints
         largest : (2,) array
             Largest believed correction of a pose, m and rad.
         """
@@ -329,8 +312,7 @@ class RouteStream:
 
     Parameters
     ----------
-    route : JointRoute
-        What answers.
+    route : JointRoute, what answers
     """
 
     def __init__(self, route: JointRoute) -> None:
@@ -347,10 +329,8 @@ class RouteStream:
 
         Parameters
         ----------
-        time : float
-            s, later than that of the sample before.
-        q : (d,) array
-            Desired joints, rad or m.
+        time : float, s, later than that of the sample before
+        q : (d,) array, desired joints, rad or m
 
         Raises
         ------
@@ -370,12 +350,9 @@ def joints_of(log: CalibrationLog, pair: tuple[PoseSignal, PoseSignal], kinemati
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
-    pair : two PoseSignal
-        Their references and commands.
-    kinematics : ArmKinematics
-        Of the arm.
+    log : CalibrationLog, n samples
+    pair : two PoseSignal, their references and commands
+    kinematics : ArmKinematics, of the arm
     """
     reference, command = pair
     asked = kinematics.inverse(command)

@@ -30,18 +30,14 @@ class JointView:
 
     Parameters
     ----------
-    direction : str
-        "estimate" or "command".
-    input_signal : str
-        Signal of the robot's side.
-    types : str
-        "R" or "P" for each of the d joints.
+    direction : str, "estimate" or "command"
+    input_signal : str, signal of the robot's side
+    types : str, "R" or "P" for each of the d joints
     moving : (k,) int array
         Joints that moved in training; only these are corrected.
     rest : (d,) array
         Where each joint stood in the middle of training, rad or m.
-    features : JointFeatures
-        What the law looks at, of the k joints.
+    features : JointFeatures, what the law looks at, of the k joints
     end_to_end : bool
         Whether the law predicts the positions themselves, not their error.
     stops : Stops or None
@@ -72,8 +68,7 @@ class JointView:
 
         Parameters
         ----------
-        q : (..., d) array
-            rad or m.
+        q : (..., d) array, rad or m
         """
         return q if self.stops is None else self.stops.reached(q)
 
@@ -82,12 +77,9 @@ class JointView:
 
         Parameters
         ----------
-        log : CalibrationLog
-            n samples.
-        keep : (n,) mask
-            Samples that are not rejected.
-        needs_truth : bool
-            Whether what is to come out must be logged.
+        log : CalibrationLog, n samples
+        keep : (n,) mask, samples that are not rejected
+        needs_truth : bool, whether what is to come out must be logged
 
         Raises
         ------
@@ -109,10 +101,8 @@ class JointView:
 
         Parameters
         ----------
-        path : JointPath
-            n samples of k joints.
-        trajectory, session : (n,) int arrays
-            As in the log.
+        path : JointPath, n samples of k joints
+        trajectory, session : (n,) int arrays, as in the log
         error : (n, k) array or None
             What is to be added; None where unknown.
         keep : (n,) mask
@@ -129,10 +119,8 @@ class JointView:
 
         Parameters
         ----------
-        q : (n, d) array
-            Joints that went in, rad or m.
-        prediction : Prediction
-            Of the k moving joints.
+        q : (n, d) array, joints that went in, rad or m
+        prediction : Prediction, of the k moving joints
         """
         joints = np.array(self.reached(q))
         joints[:, self.moving] += prediction.residual
@@ -154,8 +142,7 @@ class JointView:
 
         Parameters
         ----------
-        values : (n, k) array
-            Of the moving joints.
+        values : (n, k) array, of the moving joints
         """
         if len(self.moving) == len(self.types):
             return values
@@ -177,8 +164,7 @@ class ViewCorrector(Corrector):
 
     Parameters
     ----------
-    view : JointView or ToolView
-        What of a log goes in, and what is to come out.
+    view : JointView or ToolView, what of a log goes in, and what is to come out
     usual_step, shortest_step : float
         Time between samples in training, s: what a pause is, and over what a velocity is taken.
     """
@@ -215,8 +201,7 @@ class ViewCorrector(Corrector):
 
         Parameters
         ----------
-        n : int
-            Samples.
+        n : int, samples
         """
         features: JointFeatures = self.view.features
         q = features.centre + np.sin(np.linspace(0.0, 2.0 * np.pi, n))[:, None] * features.half
@@ -229,14 +214,11 @@ def joint_layout(features: JointFeatures, targets: int, *, owned: bool, inducing
 
     Parameters
     ----------
-    features : JointFeatures
-        With their columns.
-    targets : int
-        m.
+    features : JointFeatures, with their columns
+    targets : int, m
     owned : bool
         Whether each target is the error of the joint of its number; each is then bounded by itself.
-    inducing : int
-        Points of the Gaussian process.
+    inducing : int, points of the Gaussian process
     """
     return Layout(
         targets=(1,) * targets if owned else (targets,),
@@ -256,14 +238,10 @@ def directed(
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
-    signal : str
-        Signal of the robot's side.
-    direction : str
-        "estimate" or "command".
-    needs_truth : bool
-        Whether what is to come out must be logged.
+    log : CalibrationLog, n samples
+    signal : str, signal of the robot's side
+    direction : str, "estimate" or "command"
+    needs_truth : bool, whether what is to come out must be logged
 
     Raises
     ------
@@ -289,10 +267,8 @@ def error_of(source: FloatArray, truth: FloatArray, stops: Stops | None, directi
     ----------
     source, truth : (n, d) arrays
         Joints that go in, and what is to come out, rad or m.
-    stops : Stops or None
-        Where joints end.
-    direction : str
-        "estimate" or "command".
+    stops : Stops or None, where joints end
+    direction : str, "estimate" or "command"
     """
     return (truth if stops is None or direction == "estimate" else stops.reached(truth)) - source
 
@@ -304,14 +280,10 @@ def logged_path(
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
-    source : (n, d) array
-        Joints that go in, rad or m.
-    moving : (k,) int array
-        Joints that moved in training.
-    direction : str
-        "estimate" or "command".
+    log : CalibrationLog, n samples
+    source : (n, d) array, joints that go in, rad or m
+    moving : (k,) int array, joints that moved in training
+    direction : str, "estimate" or "command"
     kinds : sequence of str
         Kinds of features; the whole state is read for "state" only.
     """

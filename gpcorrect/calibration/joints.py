@@ -52,8 +52,7 @@ class JointCorrector(ViewCorrector):
 
     Parameters
     ----------
-    view : JointView
-        Which joints go in, and what comes out.
+    view : JointView, which joints go in, and what comes out
     offset : (k,) array
         Mean error in training: what a fixed offset would have corrected.
     """
@@ -105,10 +104,8 @@ class JointCorrector(ViewCorrector):
         ----------
         q : (n, d) array
             rad or m; NaN where missing.
-        times : (n,) array
-            Seconds, increasing.
-        efforts : (n, d) array, optional
-            As logged, for models that look at them.
+        times : (n,) array, Seconds, increasing
+        efforts : (n, d) array, optional, as logged, for models that look at them
         sessions : n int, optional
             Where the number changes, the arm was homed or moved by hand.
 
@@ -188,8 +185,7 @@ class JointCorrector(ViewCorrector):
 
         Parameters
         ----------
-        log : CalibrationLog
-            Of one session.
+        log : CalibrationLog, of one session
 
         Raises
         ------
@@ -221,10 +217,8 @@ class JointCorrector(ViewCorrector):
 
         Parameters
         ----------
-        log : CalibrationLog
-            That was measured.
-        measured : Measured
-            Errors on it.
+        log : CalibrationLog, that was measured
+        measured : Measured, errors on it
 
         Returns
         -------
@@ -302,8 +296,7 @@ def require_joints(log: CalibrationLog) -> None:
 
     Parameters
     ----------
-    log : CalibrationLog
-        To be learned from.
+    log : CalibrationLog, to be learned from
 
     Raises
     ------

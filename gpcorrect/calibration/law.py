@@ -44,10 +44,8 @@ class Law:
         Mean, standard deviation and novelty of the residual.
     intervals : IntervalCalibration
         What turns standard deviations into 95 % intervals that hold on unseen trajectories.
-    domain : Domain
-        Region in which answers can be trusted.
-    bounds : Bounds
-        Largest believed residual.
+    domain : Domain, region in which answers can be trusted
+    bounds : Bounds, largest believed residual
     zero : (m,) array
         Added to every residual: where the zeros stand now.
     """
@@ -71,8 +69,7 @@ class Law:
 
         Parameters
         ----------
-        samples : Samples
-            n samples.
+        samples : Samples, n samples
         """
         if not isinstance(self.learned, CableModel):
             return self.predict_rows(samples.X, samples.origin)
@@ -101,8 +98,7 @@ class Law:
 
         Parameters
         ----------
-        x : (d,) array
-            Inputs.
+        x : (d,) array, inputs
         origin : (m,) array
             See :class:`Samples`.
         """
@@ -118,8 +114,7 @@ class Law:
 
         Parameters
         ----------
-        x : (d,) array
-            Inputs.
+        x : (d,) array, inputs
         """
         if isinstance(self.learned, GPMap):
             return self.learned.predictor.mean_std(x)
@@ -137,8 +132,7 @@ class Law:
 
         Parameters
         ----------
-        X : (..., d) array
-            Inputs.
+        X : (..., d) array, inputs
         """
         return self.domain.clip(X) if not isinstance(self.learned, CableModel) and self.learned.extrapolates else X
 
@@ -149,14 +143,10 @@ class Law:
 
         Parameters
         ----------
-        mean, std : (n, m) arrays
-            Of the learner.
-        novelty : (n,) array
-            Likewise.
-        X : (n, d) array
-            Inputs.
-        rows : (n,) mask
-            Rows that lack no number.
+        mean, std : (n, m) arrays, of the learner
+        novelty : (n,) array, likewise
+        X : (n, d) array, inputs
+        rows : (n,) mask, rows that lack no number
         """
         residual, cut = self.bounds.limit(mean)
         inside = self.domain.holds(X, novelty)
@@ -170,7 +160,6 @@ class Law:
 
         Parameters
         ----------
-        shift : (m,) array
-            m or rad.
+        shift : (m,) array, m or rad
         """
         return replace(self, zero=self.zero + shift)

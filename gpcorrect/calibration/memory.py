@@ -53,8 +53,7 @@ class MemoryMap:
         ----------
         command, reference : PoseSignal
             n poses that were commanded, and the references asked for; orientations count where k is 6.
-        labels : (n,) int array
-            Path of each sample.
+        labels : (n,) int array, path of each sample
         """
         commanded, asked = (steps(poses)[:, : self.radii.shape[1]] for poses in (command, reference))
         left = play_states(commanded, self.radii, labels)
@@ -68,8 +67,7 @@ class MemoryMap:
 
         Parameters
         ----------
-        states : (..., h, k) array
-            Lags inside the slacks, m or rad.
+        states : (..., h, k) array, lags inside the slacks, m or rad
         """
         scaled: FloatArray = (states / self.radii).reshape(*states.shape[:-2], -1)
         return scaled
@@ -83,8 +81,7 @@ class Memory:
     ----------
     states : MemoryMap
         From a path of reference poses to its memory features.
-    law : Law
-        Its inputs end in those features.
+    law : Law, its inputs end in those features
     """
 
     states: MemoryMap
@@ -100,12 +97,9 @@ def advance(state: FloatArray, step: FloatArray, radii: FloatArray) -> FloatArra
 
     Parameters
     ----------
-    state : (..., h, k) array
-        Lags before the step.
-    step : (..., 1, k) or (k,) array
-        Step of each coordinate, m or rad.
-    radii : (h, k) array
-        Half widths of the slacks, m or rad.
+    state : (..., h, k) array, lags before the step
+    step : (..., 1, k) or (k,) array, step of each coordinate, m or rad
+    radii : (h, k) array, half widths of the slacks, m or rad
     """
     moved: FloatArray = np.clip(state + step, -radii, radii)
     return moved
@@ -119,12 +113,9 @@ def play_states(steps: FloatArray, radii: FloatArray, labels: IntArray) -> Float
 
     Parameters
     ----------
-    steps : (n, k) array
-        Steps from the row before, m or rad.
-    radii : (h, k) array
-        Half widths of the slacks, m or rad.
-    labels : (n,) int array
-        Path of each row.
+    steps : (n, k) array, steps from the row before, m or rad
+    radii : (h, k) array, half widths of the slacks, m or rad
+    labels : (n,) int array, path of each row
     """
     states: FloatArray = _followed(np.ascontiguousarray(steps), np.ascontiguousarray(radii), np.asarray(labels))
     return states
@@ -153,8 +144,7 @@ def choose_memory(
         Training paths, see :meth:`MemoryMap.transform`.
     errors : (n, m) array
         Of a model without memory at samples that it was not fitted to, m of 6 with orientations; NaN where unknown.
-    folds : (n,) array
-        Which samples are left out together.
+    folds : (n,) array, which samples are left out together
     """
     known = np.isfinite(errors).all(axis=1)
     scaled = errors[known] / np.maximum(errors[known].std(axis=0), 1e-300)
@@ -198,10 +188,8 @@ def left_out_squares(F: FloatArray, Y: FloatArray, folds: IntArray, penalties: F
 
     Parameters
     ----------
-    F, Y : (n, d) and (n, m) arrays
-        Features and targets.
-    folds : (n,) int array
-        What is left out together.
+    F, Y : (n, d) and (n, m) arrays, features and targets
+    folds : (n,) int array, what is left out together
     penalties : (d,) array, optional
         On squared weights, in units of the samples; the offset is free then.
     """
@@ -223,14 +211,11 @@ def lag_step(behind: FloatArray, moved: FloatArray, step: float, constants: Floa
 
     Parameters
     ----------
-    behind : (t, d) array
-        By how much they were.
+    behind : (t, d) array, by how much they were
     moved : (d,) array
         What the signal moved by; where that is not known it is taken to have stood.
-    step : float
-        s.
-    constants : (t,) array
-        Time constants tau, s.
+    step : float, s
+    constants : (t,) array, time constants tau, s
     """
     after = np.empty((len(constants), len(moved)))
     for t in range(len(constants)):
@@ -249,12 +234,9 @@ def lagged(signal: FloatArray, time: FloatArray, new: BoolArray, constants: Floa
     ----------
     signal : (n, d) array
         Positions or efforts; where one is not known, it is taken to have stood.
-    time : (n,) array
-        s.
-    new : (n,) mask
-        Where a path starts.
-    constants : (t,) array
-        Time constants tau, s.
+    time : (n,) array, s
+    new : (n,) mask, where a path starts
+    constants : (t,) array, time constants tau, s
     """
     n, d = signal.shape
     behind = np.zeros((n, len(constants), d))

@@ -20,8 +20,7 @@ def spread(errors: FloatArray) -> Leaf:
 
     Parameters
     ----------
-    errors : (n,) array
-        In any unit.
+    errors : (n,) array, in any unit
     """
     size = np.abs(errors[np.isfinite(errors)])
     if size.size == 0:
@@ -60,10 +59,8 @@ def coverage(residual: FloatArray, half_width: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    residual : (n, k) array
-        Errors.
-    half_width : (n, k) array
-        Half widths of their intervals, same unit.
+    residual : (n, k) array, errors
+    half_width : (n, k) array, half widths of their intervals, same unit
     """
     known = np.isfinite(residual) & np.isfinite(half_width)
     inside = (np.abs(residual) <= half_width) & known
@@ -77,15 +74,12 @@ def joint_units(types: str) -> tuple[list[str], FloatArray]:
 
     Parameters
     ----------
-    types : str
-        "R" or "P" for each joint.
+    types : str, "R" or "P" for each joint
 
     Returns
     -------
-    names : list of str
-        "deg" or "mm".
-    scale : (d,) array
-        Of one rad or m.
+    names : list of str, "deg" or "mm"
+    scale : (d,) array, of one rad or m
     """
     names = ["mm" if kind == "P" else "deg" for kind in types]
     return names, np.array([1e3 if kind == "P" else np.rad2deg(1.0) for kind in types])
@@ -96,10 +90,8 @@ def joint_errors(errors: FloatArray, types: str) -> JointErrors:
 
     Parameters
     ----------
-    errors : (n, d) array
-        rad or m.
-    types : str
-        "R" or "P" for each joint.
+    errors : (n, d) array, rad or m
+    types : str, "R" or "P" for each joint
     """
     names, scale = joint_units(types)
     return [{"joint": j + 1, "unit": names[j], **spread(errors[:, j] * scale[j])} for j in range(errors.shape[1])]

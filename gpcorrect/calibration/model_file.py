@@ -56,8 +56,7 @@ def require_model_place(path: str | Path) -> None:
 
     Parameters
     ----------
-    path : str or Path
-        The file to come.
+    path : str or Path, the file to come
 
     Raises
     ------
@@ -72,10 +71,8 @@ def save(corrector: Corrector, path: str | Path) -> None:
 
     Parameters
     ----------
-    corrector : Corrector
-        Of any task.
-    path : str or Path
-        File to write.
+    corrector : Corrector, of any task
+    path : str or Path, file to write
 
     Raises
     ------
@@ -107,8 +104,7 @@ def load(path: str | Path, kind: type[Any] = CommandCorrector) -> Any:
 
     Parameters
     ----------
-    path : str or Path
-        Model file.
+    path : str or Path, model file
     kind : type
         Task that it must be of; poses by default.
 
@@ -126,8 +122,7 @@ def load_any(path: str | Path) -> Any:
 
     Parameters
     ----------
-    path : str or Path
-        Model file.
+    path : str or Path, model file
 
     Raises
     ------
@@ -142,8 +137,7 @@ def load_with_hash(path: str | Path, kind: type[Corrector] | None = None) -> tup
 
     Parameters
     ----------
-    path : str or Path
-        Model file.
+    path : str or Path, model file
     kind : type, optional
         Task that it must be of; any by default.
 
@@ -190,8 +184,7 @@ def read_parts(path: str | Path) -> tuple[Header, Arrays]:
 
     Parameters
     ----------
-    path : str or Path
-        Model file.
+    path : str or Path, model file
 
     Raises
     ------
@@ -218,8 +211,7 @@ def read_history(path: str | Path) -> tuple[Step, ...]:
 
     Parameters
     ----------
-    path : str or Path
-        Model file.
+    path : str or Path, model file
 
     Raises
     ------
@@ -239,8 +231,7 @@ def model_hash(path: str | Path) -> str:
 
     Parameters
     ----------
-    path : str or Path
-        Model file.
+    path : str or Path, model file
     """
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
@@ -251,8 +242,7 @@ def seal_of(header: Header) -> str:
 
     Parameters
     ----------
-    header : dict
-        JSON-able.
+    header : dict, JSON-able
     """
     text = json.dumps({name: value for name, value in header.items() if name != "seal"}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
@@ -263,10 +253,8 @@ def refused(path: str | Path, why: str) -> ArtifactError:
 
     Parameters
     ----------
-    path : str or Path
-        Model file.
-    why : str
-        Reason, as a clause.
+    path : str or Path, model file
+    why : str, Reason, as a clause
     """
     return ArtifactError(
         f"model file {path} is refused: {why}.", hint="Copy it again from its source, or fit the model again."

@@ -56,8 +56,7 @@ class ModelStore:
 
     Parameters
     ----------
-    folder : path
-        Made at the first change.
+    folder : path, made at the first change
     """
 
     def __init__(self, folder: str | Path) -> None:
@@ -78,8 +77,7 @@ class ModelStore:
 
         Parameters
         ----------
-        kind : str
-            Task of the model.
+        kind : str, task of the model
         """
         history = self.history(kind)
         return history[-1] if history else None
@@ -89,8 +87,7 @@ class ModelStore:
 
         Parameters
         ----------
-        kind : str
-            Task of the models.
+        kind : str, task of the models
         """
         state = self._read()
         by_hash = {entry.hash: entry for entry in state.models}
@@ -122,8 +119,7 @@ class ModelStore:
 
         Parameters
         ----------
-        entry : Entry
-            Model of this store.
+        entry : Entry, model of this store
         """
         return self.folder / "models" / f"{entry.hash}.gpc"
 
@@ -132,8 +128,7 @@ class ModelStore:
 
         Parameters
         ----------
-        entry : Entry
-            Model of this store.
+        entry : Entry, model of this store
         """
         try:
             return read_history(self.path(entry))
@@ -145,8 +140,7 @@ class ModelStore:
 
         Parameters
         ----------
-        name : str
-            Name, or the beginning of a hash.
+        name : str, Name, or the beginning of a hash
 
         Raises
         ------
@@ -169,10 +163,8 @@ class ModelStore:
 
         Parameters
         ----------
-        path : str or Path
-            Model file.
-        now : float
-            Time of arrival, s since 1970.
+        path : str or Path, model file
+        now : float, time of arrival, s since 1970
         name : str
             Name in the store; that of the file by default.
 
@@ -239,8 +231,7 @@ class ModelStore:
 
         Parameters
         ----------
-        kind : str
-            Task of the model.
+        kind : str, task of the model
 
         Raises
         ------
@@ -257,8 +248,7 @@ class ModelStore:
 
         Parameters
         ----------
-        kind : str
-            Task of the model.
+        kind : str, task of the model
         """
         history = self.history(kind)
         if len(history) < 2:
@@ -272,8 +262,7 @@ class ModelStore:
 
         Parameters
         ----------
-        entry : Entry
-            Model of this store.
+        entry : Entry, model of this store
 
         Raises
         ------
@@ -378,8 +367,7 @@ def refuse_other_use(name: str, new: Mapping[str, Any], old: Mapping[str, Any]) 
 
     Parameters
     ----------
-    name : str
-        What to call the new model.
+    name : str, what to call the new model
     new, old : mapping
         Descriptions, as :meth:`gpcorrect.calibration.task.Corrector.info` gives them.
 

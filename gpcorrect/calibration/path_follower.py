@@ -26,10 +26,8 @@ class PathFollower:
 
     Parameters
     ----------
-    features : JointFeatures
-        What to follow.
-    usual_step, shortest_step : float
-        Time between samples in training, s.
+    features : JointFeatures, what to follow
+    usual_step, shortest_step : float, time between samples in training, s
     """
 
     def __init__(self, features: JointFeatures, usual_step: float, shortest_step: float) -> None:
@@ -54,8 +52,7 @@ class PathFollower:
 
         Parameters
         ----------
-        time : float
-            Time of the sample, s.
+        time : float, time of the sample, s
 
         Raises
         ------
@@ -74,14 +71,10 @@ class PathFollower:
 
         Parameters
         ----------
-        time : float
-            s.
-        q : (d,) array
-            Joints, rad or m.
-        effort : (d,) array or None
-            As logged.
-        state : (k,) array or None
-            Whole state.
+        time : float, s
+        q : (d,) array, Joints, rad or m
+        effort : (d,) array or None, as logged
+        state : (k,) array or None, whole state
         """
         parts = [self._column(kind, time, q, effort, state) for kind in self._features.kinds]
         return np.concatenate(parts)[self._features.used]
@@ -91,10 +84,8 @@ class PathFollower:
 
         Parameters
         ----------
-        time : float
-            s.
-        q : (d,) array
-            Joints, rad or m.
+        time : float, s
+        q : (d,) array, Joints, rad or m
         """
         self._past.append((time, q))
 

@@ -121,8 +121,7 @@ class PoseAnswers(Corrector):
             m and wxyz; m/s and rad/s.
         reasons : int
             What was not used, :class:`Reason` codes.
-        memory : (h,) array, optional
-            Memory features.
+        memory : (h,) array, optional, memory features
         """
         f, law = self.frame, self.law
         if memory.size and self.memory is not None:
@@ -191,12 +190,9 @@ class PoseAnswers(Corrector):
 
         Parameters
         ----------
-        desired : PoseSignal
-            n poses.
-        time : (n,) array
-            s.
-        labels : (n,) int array
-            Unbroken run of each pose, -1 for none.
+        desired : PoseSignal, n poses
+        time : (n,) array, s
+        labels : (n,) int array, unbroken run of each pose, -1 for none
         """
         if self.motion is None:
             return desired, np.zeros(len(desired), dtype=bool)
@@ -209,14 +205,11 @@ class PoseAnswers(Corrector):
 
         Parameters
         ----------
-        desired : PoseSignal
-            n poses.
-        twist : (n, 6) array
-            m/s and rad/s.
+        desired : PoseSignal, n poses
+        twist : (n, 6) array, m/s and rad/s
         commands : PoseSignal, optional
             What was commanded at each row: the history of memory features. Without it memory is not used.
-        new : (n,) mask, optional
-            Rows at which a path begins.
+        new : (n,) mask, optional, rows at which a path begins
         """
         reference = self.rigid.apply(desired)
         moved = reference_twists(self.rigid, rotations_of(desired), twist)
@@ -241,8 +234,7 @@ class PoseAnswers(Corrector):
 
         Parameters
         ----------
-        alone : Correction
-            One answer or n.
+        alone : Correction, one answer or n
         """
         std = self.law.domain.widen(alone.std, np.zeros(alone.std.shape[:-1], dtype=bool))
         return replace(alone, std=std, interval95=self.law.intervals.interval95(std)).because(Reason.OUTSIDE)
@@ -252,8 +244,7 @@ class PoseAnswers(Corrector):
 
         Parameters
         ----------
-        answer, alone : Correction
-            n answers.
+        answer, alone : Correction, n answers
         """
         known = np.asarray(np.isfinite(answer.std).all(axis=1))
         return answer if known.all() else answer.at(known, self.without_joints(alone))
@@ -271,8 +262,7 @@ class PoseStream:
 
     Parameters
     ----------
-    corrector : PoseAnswers
-        What answers.
+    corrector : PoseAnswers, what answers
     """
 
     def __init__(self, corrector: PoseAnswers) -> None:
@@ -296,8 +286,7 @@ class PoseStream:
 
         Parameters
         ----------
-        time : float
-            Seconds, later than that of the pose before.
+        time : float, Seconds, later than that of the pose before
         pose : (7,) or (3,) array
             As for `CommandCorrector.correct`.
         twist : (6,) array, optional

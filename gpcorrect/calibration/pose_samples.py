@@ -40,10 +40,8 @@ class PosePairs:
 
         Parameters
         ----------
-        log : CalibrationLog
-            n samples.
-        keep : (n,) mask
-            Samples that are not rejected.
+        log : CalibrationLog, n samples
+        keep : (n,) mask, samples that are not rejected
         velocity_step : float or None
             Step of the stencil, s; None takes five neighbouring samples.
 
@@ -79,8 +77,7 @@ class PosePairs:
 
         Parameters
         ----------
-        log : CalibrationLog
-            That the samples are of.
+        log : CalibrationLog, that the samples are of
         settings : FitSettings
             Whether frames are registered, and whether the marker may be away from the tool tip.
 
@@ -99,10 +96,8 @@ def features_of(log: CalibrationLog, settings: FitSettings) -> tuple[tuple[str, 
 
     Parameters
     ----------
-    log : CalibrationLog
-        To learn from.
-    settings : FitSettings
-        Kinds, where the user names them.
+    log : CalibrationLog, to learn from
+    settings : FitSettings, Kinds, where the user names them
 
     Raises
     ------
@@ -120,10 +115,8 @@ def pose_layout(features: FeatureMap, states: MemoryMap | None) -> Layout:
 
     Parameters
     ----------
-    features : FeatureMap
-        Of poses and twists.
-    states : MemoryMap or None
-        Of the memory features behind them, if any.
+    features : FeatureMap, of poses and twists
+    states : MemoryMap or None, of the memory features behind them, if any
     """
     groups, width = features.groups, features.n_features
     if states is not None:
@@ -146,16 +139,11 @@ def samples_of_poses(
 
     Parameters
     ----------
-    pairs : PosePairs
-        Complete samples.
-    log : CalibrationLog
-        n samples.
-    rigid : RigidModel
-        From the observer's frame to the command's.
-    features : FeatureMap
-        Of poses and twists.
-    states : MemoryMap or None
-        Of the memory features behind them, if any.
+    pairs : PosePairs, complete samples
+    log : CalibrationLog, n samples
+    rigid : RigidModel, from the observer's frame to the command's
+    features : FeatureMap, of poses and twists
+    states : MemoryMap or None, of the memory features behind them, if any
     """
     reference, rows, n = rigid.apply(pairs.observed), pairs.rows, len(log)
     moved = reference_twists(rigid, rotations_of(pairs.observed), pairs.twist)
@@ -176,8 +164,7 @@ def changes(with_it: LeftOut, without: LeftOut) -> FloatArray:
 
     Parameters
     ----------
-    with_it, without : LeftOut
-        Of two ways to answer the same log.
+    with_it, without : LeftOut, of two ways to answer the same log
     """
     sizes = [np.sqrt(np.nanmean(left_out.errors**2, axis=0)) for left_out in (with_it, without)]
     relative: FloatArray = (sizes[0] / sizes[1] - 1.0).reshape(-1, 3).mean(axis=1)
@@ -189,8 +176,7 @@ def changes_text(change: FloatArray) -> str:
 
     Parameters
     ----------
-    change : (1,) or (2,) array
-        Of position and rotation.
+    change : (1,) or (2,) array, of position and rotation
     """
     parts = zip(("position", "rotation"), change, strict=False)
     return "error at left-out trajectories " + ", ".join(f"{100 * value:+.0f} % in {name}" for name, value in parts)
@@ -201,8 +187,7 @@ def require_poses(log: CalibrationLog) -> None:
 
     Parameters
     ----------
-    log : CalibrationLog
-        To be learned from.
+    log : CalibrationLog, to be learned from
 
     Raises
     ------

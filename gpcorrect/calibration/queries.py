@@ -17,10 +17,8 @@ def numbers(values: ArrayLike, what: str) -> FloatArray:
 
     Parameters
     ----------
-    values : array
-        None and NaN both mean that a number is missing.
-    what : str
-        What it is, for the message.
+    values : array, none and NaN both mean that a number is missing
+    what : str, what it is, for the message
 
     Raises
     ------
@@ -40,10 +38,8 @@ def pose_numbers(pose: ArrayLike, *, orientation: bool) -> FloatArray:
 
     Parameters
     ----------
-    pose : (7,) or (3,) array
-        m and unit quaternion wxyz.
-    orientation : bool
-        Whether the model corrects orientations.
+    pose : (7,) or (3,) array, m and unit quaternion wxyz
+    orientation : bool, whether the model corrects orientations
 
     Raises
     ------
@@ -61,8 +57,7 @@ def poses_of(rows: FloatArray) -> PoseSignal:
 
     Parameters
     ----------
-    rows : (n, 7) or (n, 3) array
-        m and unit quaternions wxyz.
+    rows : (n, 7) or (n, 3) array, m and unit quaternions wxyz
     """
     return PoseSignal(rows[:, :POSITION], rows[:, POSITION:] if rows.shape[1] > POSITION else None)
 
@@ -72,8 +67,7 @@ def twist_numbers(twist: ArrayLike | None) -> FloatArray:
 
     Parameters
     ----------
-    twist : (6,) or (3,) array, or None
-        m/s and rad/s.
+    twist : (6,) or (3,) array, or None, m/s and rad/s
 
     Raises
     ------
@@ -95,10 +89,8 @@ def bad_query(pose: FloatArray, twist: FloatArray) -> DataError:
 
     Parameters
     ----------
-    pose : (7,) or (3,) array
-        m and quaternion wxyz.
-    twist : (6,) array
-        m/s and rad/s.
+    pose : (7,) or (3,) array, m and quaternion wxyz
+    twist : (6,) array, m/s and rad/s
     """
     if not np.isfinite(twist).all():
         return DataError(
@@ -120,10 +112,8 @@ def checked_poses(poses: ArrayLike, *, orientation: bool) -> FloatArray:
 
     Parameters
     ----------
-    poses : (n, 7) or (n, 3) array
-        m and unit quaternions wxyz.
-    orientation : bool
-        Whether the model corrects orientations.
+    poses : (n, 7) or (n, 3) array, m and unit quaternions wxyz
+    orientation : bool, whether the model corrects orientations
 
     Raises
     ------
@@ -163,10 +153,8 @@ def checked_times(times: ArrayLike, count: int) -> FloatArray:
 
     Parameters
     ----------
-    times : (count,) array
-        s.
-    count : int
-        Number of poses, or of joints' samples.
+    times : (count,) array, s
+    count : int, number of poses, or of joints' samples
 
     Raises
     ------

@@ -30,10 +30,8 @@ class FitSettings:
         2014), "velocity", "memory" or "joints" (which have a memory of their own; their own choice takes them where
         that helps). Joints and tool position: "position", "velocity", "acceleration", "effort",
         "memory", "lags", "state".
-    clean : bool
-        Reject faulty samples first.
-    cleaning : CleaningSettings
-        Limits of the cleaning.
+    clean : bool, reject faulty samples first
+    cleaning : CleaningSettings, limits of the cleaning
     time_offset : str
         Clock of the outside sensor: "auto", "none", or seconds by which its stamps run ahead.
     inducing : int or None
@@ -41,12 +39,9 @@ class FitSettings:
     search_samples : int or None
         Samples from which the Gaussian process learns its hyperparameters, which takes most of a fit; its own number
         when None.
-    layers : tuple of int
-        Widths of the network.
-    epochs : int
-        Passes of the network over the data.
-    seed : int
-        Seed of everything random.
+    layers : tuple of int, widths of the network
+    epochs : int, passes of the network over the data
+    seed : int, seed of everything random
     rigid : bool
         Poses: register frames first; without it the regression learns from the observed pose as it is.
     marker : str

@@ -36,8 +36,7 @@ class Difference:
 
         Parameters
         ----------
-        names : (str, str)
-            Of the models.
+        names : (str, str), of the models
         """
         less, apart = (
             f"{names[int(self.mean < 0)]} errs less",
@@ -57,10 +56,8 @@ class SideBySide:
     Parameters
     ----------
     log : CalibrationLog
-    evaluations : (Evaluation, Evaluation)
-        Each model by itself.
-    measured : (Measured, Measured)
-        The same n samples of each.
+    evaluations : (Evaluation, Evaluation), each model by itself
+    measured : (Measured, Measured), the same n samples of each
     """
 
     log: CalibrationLog
@@ -94,8 +91,7 @@ class SideBySide:
 
         Parameters
         ----------
-        names : (str, str)
-            Of the models.
+        names : (str, str), of the models
         """
         groups = self.trajectories()
         models = [
@@ -132,8 +128,7 @@ def refuse_unlike(one: Corrector, other: Corrector, names: tuple[str, str]) -> N
     Parameters
     ----------
     one, other : Corrector
-    names : (str, str)
-        Of the models, for the message.
+    names : (str, str), of the models, for the message
 
     Raises
     ------
@@ -163,8 +158,7 @@ def measure_both(one: Corrector, other: Corrector, log: CalibrationLog) -> SideB
     ----------
     one, other : Corrector
         Of one task, as :func:`refuse_unlike` asks.
-    log : CalibrationLog
-        On one clock.
+    log : CalibrationLog, on one clock
 
     Raises
     ------
@@ -207,8 +201,7 @@ def compare(one: Any, other: Any) -> dict[str, Any]:
 
     Parameters
     ----------
-    one, other : Corrector
-        Models of one task.
+    one, other : Corrector, models of one task
 
     Returns
     -------

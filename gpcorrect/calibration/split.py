@@ -25,8 +25,7 @@ def hold_out_units(log: CalibrationLog, by: HoldOut = HoldOut.AUTO) -> IntArray:
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
+    log : CalibrationLog, n samples
     by : HoldOut
         AUTO takes trajectories, and blocks of time where there is one trajectory or the poses are static.
     """
@@ -44,12 +43,10 @@ def held_out(
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
+    log : CalibrationLog, n samples
     holdout : float
         Fraction of the units to measure on; 0 for none.
-    by : HoldOut
-        What the units are.
+    by : HoldOut, what the units are
     rng : numpy.random.Generator, optional
         Draws the units; the last ones are taken without it.
 
@@ -87,8 +84,7 @@ def folds_of(trajectory: IntArray) -> IntArray:
 
     Parameters
     ----------
-    trajectory : (n,) int array
-        In recorded order.
+    trajectory : (n,) int array, in recorded order
     """
     order = in_order(trajectory)
     count = int(order.max(initial=0)) + 1

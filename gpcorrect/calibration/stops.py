@@ -69,8 +69,7 @@ class Stops:
 
         Parameters
         ----------
-        q : (..., d) array
-            rad or m.
+        q : (..., d) array, rad or m
         """
         return np.clip(q, self.low, self.high)
 
@@ -79,10 +78,8 @@ class Stops:
 
         Parameters
         ----------
-        sent : (n, d) array
-            Where joints were sent, rad or m.
-        types : str
-            R or P for each joint.
+        sent : (n, d) array, where joints were sent, rad or m
+        types : str, R or P for each joint
         """
         sentences = []
         for j, kind in enumerate(types):

@@ -24,8 +24,7 @@ class _ViewStream:
 
     Parameters
     ----------
-    corrector : ViewCorrector
-        What answers.
+    corrector : ViewCorrector, what answers
     """
 
     def __init__(self, corrector: ViewCorrector) -> None:
@@ -51,8 +50,7 @@ class JointStream(_ViewStream):
 
     Parameters
     ----------
-    corrector : JointCorrector
-        What answers.
+    corrector : JointCorrector, what answers
     """
 
     def reset(self) -> None:
@@ -75,8 +73,7 @@ class JointStream(_ViewStream):
             the path begins anew.
         effort : (d,) array, optional
             As logged; the answer is NaN where the model looks at efforts and none are given.
-        state : (k,) array, optional
-            For models of the whole state.
+        state : (k,) array, optional, for models of the whole state
 
         Raises
         ------
@@ -119,18 +116,12 @@ class RobotState:
 
     Parameters
     ----------
-    time : float
-        s.
-    measured_jp : (d,) array
-        Reported joints, rad or m.
-    measured_position : (3,) array
-        Reported position of the tool, base frame, m.
-    measured_quaternion : (4,) array or None
-        Reported orientation wxyz.
-    setpoint_jp, measured_jv, measured_jf : (d,) arrays or None
-        Commanded joints, velocities, efforts.
-    setpoint_position, setpoint_quaternion : arrays or None
-        Commanded pose.
+    time : float, s
+    measured_jp : (d,) array, reported joints, rad or m
+    measured_position : (3,) array, reported position of the tool, base frame, m
+    measured_quaternion : (4,) array or None, reported orientation wxyz
+    setpoint_jp, measured_jv, measured_jf : (d,) arrays or None, commanded joints, velocities, efforts
+    setpoint_position, setpoint_quaternion : arrays or None, commanded pose
     extra : sequence of float
         The extra columns that the model was trained with, in its order.
     """
@@ -152,8 +143,7 @@ class ToolStream(_ViewStream):
 
     Parameters
     ----------
-    corrector : PositionEstimator
-        What answers.
+    corrector : PositionEstimator, what answers
     """
 
     def correct(self, state: RobotState) -> Correction:
@@ -161,8 +151,7 @@ class ToolStream(_ViewStream):
 
         Parameters
         ----------
-        state : RobotState
-            One moment, later than the one before.
+        state : RobotState, one moment, later than the one before
 
         Raises
         ------

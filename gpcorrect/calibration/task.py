@@ -42,8 +42,7 @@ class Part(NamedTuple):
 
         Parameters
         ----------
-        errors : (n, m) array
-            m or rad.
+        errors : (n, m) array, m or rad
         """
         sizes: FloatArray = self.scale * np.linalg.norm(errors[:, self.columns], axis=1)
         return sizes
@@ -55,18 +54,13 @@ class Outcome:
 
     Parameters
     ----------
-    corrector : Corrector
-        Without a summary yet.
-    samples : Samples
-        What was learned from.
+    corrector : Corrector, without a summary yet
+    samples : Samples, what was learned from
     left_out : LeftOut
         Errors at the usable samples, each predicted without its own fold.
-    interval95 : (k, m) array
-        Half widths of their 95 % intervals.
-    report : mapping
-        The task's report on its fit, JSON-able.
-    remarks : tuple of str
-        What a person should know.
+    interval95 : (k, m) array, half widths of their 95 % intervals
+    report : mapping, the task's report on its fit, JSON-able
+    remarks : tuple of str, what a person should know
     registration : Any
         Which rigid model was chosen and why, of tasks that register frames.
     """
@@ -97,14 +91,11 @@ class Measured:
         Errors, m or rad; NaN where not measured.
     interval95 : (n, m) array
         Half widths of the corrected method's 95 % intervals.
-    in_domain : (n,) mask
-        Whether the sample lies near training data.
+    in_domain : (n,) mask, whether the sample lies near training data
     speed : (n,) array
         Linear speed, m/s, of tasks whose errors are shown over it; NaN otherwise.
-    rows : (n,) int array
-        Rows of the log that were measured.
-    time, trajectory : (n,) arrays
-        Of those rows.
+    rows : (n,) int array, rows of the log that were measured
+    time, trajectory : (n,) arrays, of those rows
     """
 
     raw: FloatArray
@@ -147,8 +138,7 @@ class Corrector(ABC):
 
     Parameters
     ----------
-    law : Law
-        What was learned, with its safeguards.
+    law : Law, what was learned, with its safeguards
     cleaner : FittedCleaner
         The training's thresholds for classifying samples of other logs.
     trained : TrainingMotion
@@ -179,8 +169,7 @@ class Corrector(ABC):
 
         Parameters
         ----------
-        log : CalibrationLog
-            To be learned from.
+        log : CalibrationLog, to be learned from
         settings : FitSettings
 
         Raises
@@ -198,12 +187,9 @@ class Corrector(ABC):
 
         Parameters
         ----------
-        log : CalibrationLog
-            n samples.
-        keep : (n,) mask
-            Samples that are not rejected.
-        cleaner : FittedCleaner
-            What rejected the others.
+        log : CalibrationLog, n samples
+        keep : (n,) mask, samples that are not rejected
+        cleaner : FittedCleaner, what rejected the others
         settings : FitSettings
         learn_law : callable
             From samples and their layout to a law and its predictions of left-out samples.
@@ -220,8 +206,7 @@ class Corrector(ABC):
 
         Parameters
         ----------
-        log : CalibrationLog
-            n samples.
+        log : CalibrationLog, n samples
 
         Raises
         ------
@@ -235,10 +220,8 @@ class Corrector(ABC):
 
         Parameters
         ----------
-        log : CalibrationLog
-            n samples.
-        keep : (n,) mask
-            Samples that are not rejected.
+        log : CalibrationLog, n samples
+        keep : (n,) mask, samples that are not rejected
 
         Raises
         ------
@@ -252,10 +235,8 @@ class Corrector(ABC):
 
         Parameters
         ----------
-        log : CalibrationLog
-            n samples.
-        keep : (n,) mask
-            Samples that are not rejected.
+        log : CalibrationLog, n samples
+        keep : (n,) mask, samples that are not rejected
 
         Raises
         ------
@@ -269,8 +250,7 @@ class Corrector(ABC):
 
         Parameters
         ----------
-        errors : (n, m) array
-            m or rad.
+        errors : (n, m) array, m or rad
         """
 
     @abstractmethod
@@ -282,8 +262,7 @@ class Corrector(ABC):
 
         Parameters
         ----------
-        m : int
-            3 for positions, 6 for poses.
+        m : int, 3 for positions, 6 for poses
         """
         position = Part("position", "mm", (0, 1, 2), 1e3)
         return (position,) if m == 3 else (position, Part("rotation", "deg", (3, 4, 5), float(np.rad2deg(1.0))))
@@ -293,8 +272,7 @@ class Corrector(ABC):
 
         Parameters
         ----------
-        log : CalibrationLog
-            To measure on or learn from.
+        log : CalibrationLog, to measure on or learn from
 
         Raises
         ------
@@ -311,8 +289,7 @@ class Corrector(ABC):
 
         Parameters
         ----------
-        log : CalibrationLog
-            Holds both signals.
+        log : CalibrationLog, holds both signals
         mode : str
             As for :func:`gpcorrect.logs.sync.match_clocks`.
         """
@@ -323,8 +300,7 @@ class Corrector(ABC):
 
         Parameters
         ----------
-        log : CalibrationLog
-            Holds both signals, on one clock.
+        log : CalibrationLog, holds both signals, on one clock
 
         Raises
         ------
@@ -339,8 +315,7 @@ class Corrector(ABC):
 
         Parameters
         ----------
-        log : CalibrationLog
-            Holds both signals, on one clock.
+        log : CalibrationLog, holds both signals, on one clock
 
         Raises
         ------
@@ -357,8 +332,7 @@ class Corrector(ABC):
 
         Parameters
         ----------
-        log : CalibrationLog
-            To learn from.
+        log : CalibrationLog, to learn from
 
         Raises
         ------
@@ -380,8 +354,7 @@ class Corrector(ABC):
 
         Parameters
         ----------
-        log : CalibrationLog
-            To measure on or learn from.
+        log : CalibrationLog, to measure on or learn from
         """
         return tuple(said for said in (self._caution_seen(log), self._caution_arm(log)) if said)
 

@@ -35,12 +35,10 @@ class ToolView:
     ----------
     registration : RigidModel
         From the tracker's frame to the base: as the log states it, or the best rigid motion of the training.
-    features : JointFeatures
-        What the law looks at.
+    features : JointFeatures, what the law looks at
     state_names : tuple of str
         Columns of the whole state; empty for a law that does not look at it.
-    extra : tuple of str
-        Extra columns of the log in it.
+    extra : tuple of str, extra columns of the log in it
     """
 
     registration: RigidModel
@@ -53,12 +51,9 @@ class ToolView:
 
         Parameters
         ----------
-        log : CalibrationLog
-            n samples.
-        keep : (n,) mask
-            Samples that are not rejected.
-        needs_truth : bool
-            Whether there must be a tracker.
+        log : CalibrationLog, n samples
+        keep : (n,) mask, samples that are not rejected
+        needs_truth : bool, whether there must be a tracker
 
         Raises
         ------
@@ -77,14 +72,11 @@ class ToolView:
 
         Parameters
         ----------
-        path : JointPath
-            n samples of the joints.
-        log : CalibrationLog
-            The same samples.
+        path : JointPath, n samples of the joints
+        log : CalibrationLog, the same samples
         error : (n, 3) array
             What is to be added to reported positions, m; NaN where unknown.
-        keep : (n,) mask
-            Samples that are not rejected.
+        keep : (n,) mask, samples that are not rejected
         """
         X = self.features.transform(path)
         usable = keep & np.isfinite(X).all(axis=1) & np.isfinite(error).all(axis=1)
@@ -99,10 +91,8 @@ class ToolView:
 
         Parameters
         ----------
-        reported : (n, 3) array
-            Reported positions, m.
-        prediction : Prediction
-            Of the same samples.
+        reported : (n, 3) array, reported positions, m
+        prediction : Prediction, of the same samples
         """
         position = reported + prediction.residual
         missing = ~np.isfinite(position).all(axis=1)
@@ -122,8 +112,7 @@ class PositionEstimator(ViewCorrector):
 
     Parameters
     ----------
-    view : ToolView
-        What of a log goes in.
+    view : ToolView, what of a log goes in
     rigid : RigidModel
         The best rigid motion of the training, from the tracker's frame to the base.
     """

@@ -28,8 +28,7 @@ class TrainingMotion:
 
     Parameters
     ----------
-    low, high : (k,) arrays
-        Range of the k coordinates, m or rad.
+    low, high : (k,) arrays, range of the k coordinates, m or rad
     size : (k,) array
         What lengths are measured by in each coordinate, m or rad: the widest range of a position, each joint's own.
     speed : float
@@ -57,16 +56,12 @@ class TrainingMotion:
 
         Parameters
         ----------
-        path : (n, k) array
-            Positions or joints, m or rad.
-        time, trajectory : (n,) arrays
-            As in the log.
-        keep : (n,) mask
-            Samples that were not rejected.
+        path : (n, k) array, positions or joints, m or rad
+        time, trajectory : (n,) arrays, as in the log
+        keep : (n,) mask, samples that were not rejected
         joints : bool
             Whether each coordinate is measured by its own range.
-        static : bool
-            Whether the log has no clock.
+        static : bool, whether the log has no clock
         """
         keep = keep & np.isfinite(path).all(axis=1)
         low, high = np.percentile(path[keep], LIMITS.range_quantiles, axis=0)
@@ -79,8 +74,7 @@ class TrainingMotion:
 
         Parameters
         ----------
-        other : TrainingMotion
-            Of the same coordinates.
+        other : TrainingMotion, of the same coordinates
         """
         return type(self)(np.minimum(self.low, other.low), np.maximum(self.high, other.high), self.size, self.speed)
 
@@ -91,8 +85,7 @@ class TrainingMotion:
         ----------
         query : (n, k) or (k,) array
             Positions or joints, m or rad; NaN where missing.
-        unit : str
-            What they are taken for.
+        unit : str, what they are taken for
 
         Raises
         ------
@@ -119,8 +112,7 @@ class TrainingMotion:
         ----------
         path : (n, k) array
             Positions or joints, m or rad; NaN where missing.
-        time : (n,) array
-            s.
+        time : (n,) array, s
         labels : (n,) int array, optional
             Unbroken run of each sample; one run without it.
 
@@ -151,8 +143,7 @@ class SlowStream:
 
     Parameters
     ----------
-    training : TrainingMotion
-        What it is compared with.
+    training : TrainingMotion, what it is compared with
     """
 
     def __init__(self, training: TrainingMotion) -> None:
@@ -168,10 +159,8 @@ class SlowStream:
 
         Parameters
         ----------
-        time : float
-            s.
-        point : (k,) array
-            Position or joints, m or rad.
+        time : float, s
+        point : (k,) array, position or joints, m or rad
 
         Raises
         ------

@@ -48,8 +48,7 @@ class Update:
         Learned from the old data and those of `log` that were not held out.
     keep : float
         Weight of the old data: 1 for all of it.
-    n_added : int
-        Samples added.
+    n_added : int, samples added
     unseen : float
         Fraction of the prior variance at the new samples that the model's points cannot see: large when the new motion
         went where the training never was, which needs a new fit.
@@ -84,14 +83,10 @@ def update_model(
 
     Parameters
     ----------
-    corrector : Corrector
-        Whose laws are Gaussian processes.
-    log : CalibrationLog
-        New observations.
-    holdout : float
-        Fraction of its trajectories to measure on.
-    progress : Progress, optional
-        Receives the progress of the update.
+    corrector : Corrector, whose laws are Gaussian processes
+    log : CalibrationLog, new observations
+    holdout : float, fraction of its trajectories to measure on
+    progress : Progress, optional, receives the progress of the update
 
     Raises
     ------
@@ -205,14 +200,10 @@ class _Part:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs of the regression.
-        Y : (n, m) array
-            What the linear law leaves of the targets.
-        trajectory : (n,) int array
-            Trajectory of each sample.
-        progress : Progress
-            Receives the progress of the update.
+        X : (n, d) array, inputs of the regression
+        Y : (n, m) array, what the linear law leaves of the targets
+        trajectory : (n,) int array, trajectory of each sample
+        progress : Progress, receives the progress of the update
         """
         folds = folds_of(trajectory)
         by_fold = [self._collected(X[folds == f], Y[folds == f]) for f in np.unique(folds)]

@@ -20,8 +20,7 @@ class Use:
 
     Parameters
     ----------
-    command : str
-        Words after `gpcorrect`.
+    command : str, words after `gpcorrect`
     refusal, hint : str
         Why it would not take this recording, and what to do; empty where it would.
     """
@@ -49,8 +48,7 @@ def with_uses(report: ValidationReport, log: CalibrationLog) -> tuple[Validation
 
     Parameters
     ----------
-    report : ValidationReport
-        Of the same recording.
+    report : ValidationReport, of the same recording
     log : CalibrationLog
     """
     if not report.ok:
@@ -72,8 +70,7 @@ def for_purpose(report: ValidationReport, log: CalibrationLog, purpose: str) -> 
 
     Parameters
     ----------
-    report : ValidationReport
-        Of the same recording.
+    report : ValidationReport, of the same recording
     log : CalibrationLog
     purpose : str
         One of :data:`PURPOSES`.
@@ -124,10 +121,8 @@ class Purpose:
 
     Parameters
     ----------
-    uses : tuple of str
-        Signals that are learned from.
-    require : callable
-        Raises where the recording would be refused.
+    uses : tuple of str, signals that are learned from
+    require : callable, raises where the recording would be refused
     command : str
         That learns from it; empty for none.
     """

@@ -48,12 +48,10 @@ class Thresholds:
 
         Parameters
         ----------
-        samples : Samples
-            n samples.
+        samples : Samples, n samples
         scales : (g,) array
             Robust standard deviations about the registration, m and rad.
-        settings : CleaningSettings
-            Factors and floors.
+        settings : CleaningSettings, factors and floors
         """
         shape = samples.error.shape[1:]
         low, high = np.full(shape, -np.inf), np.full(shape, np.inf)
@@ -73,12 +71,9 @@ def label_samples(samples: Samples, thresholds: Thresholds, settings: CleaningSe
 
     Parameters
     ----------
-    samples : Samples
-        n samples.
-    thresholds : Thresholds
-        From training data.
-    settings : CleaningSettings
-        Limits.
+    samples : Samples, n samples
+    thresholds : Thresholds, from training data
+    settings : CleaningSettings, limits
     """
     outside, turned = np.zeros(len(samples)), np.zeros(len(samples))
     for group, unit in enumerate(samples.units):
@@ -100,12 +95,10 @@ def label_motion(
 
     Parameters
     ----------
-    samples : Samples
-        n samples.
+    samples : Samples, n samples
     labels : Labels
         On these n so far; rejected samples take no part.
-    residual : Residual
-        What the smooth model leaves of their error.
+    residual : Residual, what the smooth model leaves of their error
     thresholds, settings
         Limits and factors.
     """

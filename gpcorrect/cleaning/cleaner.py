@@ -28,12 +28,10 @@ class FittedCleaner:
 
     Parameters
     ----------
-    pair : Pair
-        Signals that are compared.
+    pair : Pair, signals that are compared
     rigid : RigidModel
         Robust registration of the tracker; the identity for joints.
-    thresholds : Thresholds
-        Scales and limits.
+    thresholds : Thresholds, scales and limits
     smooth : SmoothModel or None
         Smooth model of the error; None where there were too few samples to learn one.
     settings : CleaningSettings
@@ -65,8 +63,7 @@ def fit_cleaner(
     ----------
     log : CalibrationLog
         Holds both signals of the pair; poses each with or without orientations.
-    settings : CleaningSettings, optional
-        What differs from the defaults.
+    settings : CleaningSettings, optional, what differs from the defaults
     rng : numpy Generator
         Source of the random samples; the same state gives the same report.
     pair : Pair

@@ -93,8 +93,7 @@ class Labels:
 
         Parameters
         ----------
-        n : int
-            Number of samples.
+        n : int, number of samples
         """
         nothing = np.full(n, np.nan)
         return cls(frozen_array(np.full(n, ""), np.str_), frozen_array(nothing), frozen_array(nothing))
@@ -110,10 +109,8 @@ class Labels:
 
         Parameters
         ----------
-        rows : (m,) array
-            Row numbers.
-        found : Labels
-            m labels.
+        rows : (m,) array, row numbers
+        found : Labels, m labels
         """
         reason = self.reason.astype(np.result_type(self.reason, found.reason))
         value, limit = np.array(self.value), np.array(self.limit)
@@ -125,14 +122,10 @@ class Labels:
 
         Parameters
         ----------
-        mask : (n,) bool array
-            Samples to reject.
-        reason : Reason
-            Why.
-        value : (n,) array or float
-            What was measured.
-        limit : (n,) array or float
-            What it exceeds.
+        mask : (n,) bool array, samples to reject
+        reason : Reason, why
+        value : (n,) array or float, what was measured
+        limit : (n,) array or float, what it exceeds
         """
         new = mask & self.keep
         return type(self)(
@@ -146,12 +139,9 @@ class Labels:
 
         Parameters
         ----------
-        value : (n,) array
-            What was measured.
-        reason : Reason
-            Why.
-        limit : float
-            Largest value that is kept.
+        value : (n,) array, what was measured
+        reason : Reason, why
+        limit : float, largest value that is kept
         """
         return self.rejecting(value > limit, reason, value, limit)
 
@@ -162,8 +152,7 @@ class CleaningReport:
 
     Parameters
     ----------
-    time, trajectory : (n,) arrays
-        The log's.
+    time, trajectory : (n,) arrays, the log's
     reason : (n,) array of str
         Code of :class:`Reason` of each sample, empty where it is kept.
     value, limit : (n,) arrays
@@ -172,8 +161,7 @@ class CleaningReport:
         What the rules would have said of samples that are kept by hand; empty elsewhere.
     dropped_trajectories : dict of int to float
         Fraction of rejected samples of each trajectory that was dropped whole.
-    settings : CleaningSettings
-        As used.
+    settings : CleaningSettings, as used
     scales : (g,) array
         Robust standard deviation of an error component about the registration, m or rad, of each group: position and
         rotation, or a joint each.

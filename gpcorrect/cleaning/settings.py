@@ -20,8 +20,7 @@ class Segment:
 
     Parameters
     ----------
-    trajectory : int
-        Number of the trajectory.
+    trajectory : int, number of the trajectory
     start, stop : float
         First and last time, s; infinite for an open end.
 
@@ -53,10 +52,8 @@ def require_segments(log: CalibrationLog, segments: Iterable[Segment]) -> None:
 
     Parameters
     ----------
-    log : CalibrationLog
-        Recording to be cleaned.
-    segments : iterable of Segment
-        Stretches to keep or drop.
+    log : CalibrationLog, recording to be cleaned
+    segments : iterable of Segment, stretches to keep or drop
 
     Raises
     ------
@@ -84,10 +81,8 @@ def segment_mask(log: CalibrationLog, segments: Iterable[Segment]) -> BoolArray:
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
-    segments : iterable of Segment
-        Stretches of it.
+    log : CalibrationLog, n samples
+    segments : iterable of Segment, stretches of it
     """
     mask = np.zeros(len(log), dtype=bool)
     for segment in segments:
@@ -181,8 +176,7 @@ class CleaningSettings:
 
         Parameters
         ----------
-        units : str
-            "P" (m) or "R" (rad) for each of g groups.
+        units : str, "P" (m) or "R" (rad) for each of g groups
         """
         return np.array([self.position_resolution if unit == "P" else self.rotation_resolution for unit in units])
 

@@ -56,8 +56,7 @@ def joint_pair(input_signal: Literal["measured_jp", "setpoint_jp"]) -> Pair:
 
     Parameters
     ----------
-    input_signal : "measured_jp" or "setpoint_jp"
-        Reported or commanded joint positions.
+    input_signal : "measured_jp" or "setpoint_jp", reported or commanded joint positions
     """
     return Pair("external_jp", input_signal)
 
@@ -68,14 +67,11 @@ class Samples:
 
     Parameters
     ----------
-    time : (n,) array
-        Seconds.
-    trajectory, session : (n,) int arrays
-        Motion, and recording day or homing.
+    time : (n,) array, seconds
+    trajectory, session : (n,) int arrays, Motion, and recording day or homing
     run : (n,) int array
         Unbroken stretch of the recording, across trajectories where nothing lies between them.
-    units : str
-        "P" (m) or "R" (rad) for each group.
+    units : str, "P" (m) or "R" (rad) for each group
     observed, command : tuple of (n, k) arrays
         A group each: positions (k = 3) and quaternions wxyz (k = 4) in the command's frame, or one joint (k = 1).
     error : (n, g, w) array
@@ -124,10 +120,8 @@ class Samples:
 
         Parameters
         ----------
-        signal : tuple of (n, k) arrays
-            Observed or commanded groups.
-        i, j : (m,) array
-            Samples.
+        signal : tuple of (n, k) arrays, observed or commanded groups
+        i, j : (m,) array, samples
         """
         return np.stack([_distance(values[i], values[j]) for values in signal], axis=1)
 
@@ -136,8 +130,7 @@ class Samples:
 
         Parameters
         ----------
-        group : int
-            Which group.
+        group : int, which group
         """
         return np.hstack([self.place[group if self.joints else 0], self.velocity[group]])
 
@@ -146,8 +139,7 @@ class Samples:
 
         Parameters
         ----------
-        values : (n, ...) array
-            Errors.
+        values : (n, ...) array, errors
         """
         return _centred(values, self.session) if self.joints else values
 
@@ -174,10 +166,8 @@ def pose_pair(log: CalibrationLog, pair: Pair) -> tuple[PoseSignal, PoseSignal]:
 
     Parameters
     ----------
-    log : CalibrationLog
-        Recording.
-    pair : Pair
-        Signals to take.
+    log : CalibrationLog, recording
+    pair : Pair, signals to take
 
     Raises
     ------
@@ -195,8 +185,7 @@ def recorded_order(log: CalibrationLog) -> IntArray:
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
+    log : CalibrationLog, n samples
     """
     rank = np.empty(len(log), dtype=np.int64)
     for k, (_, rows) in enumerate(log.trajectories()):
@@ -209,10 +198,8 @@ def unusable(log: CalibrationLog, pair: Pair, order: IntArray) -> FloatArray:
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
-    pair : Pair
-        Signals that are compared.
+    log : CalibrationLog, n samples
+    pair : Pair, signals that are compared
     order : (n,) array
         From :func:`recorded_order`.
     """
@@ -233,12 +220,9 @@ def samples_of(log: CalibrationLog, pair: Pair, rows: IntArray, rigid: RigidMode
 
     Parameters
     ----------
-    log : CalibrationLog
-        Recording.
-    pair : Pair
-        Signals to compare.
-    rows : (n,) array
-        Complete samples in recorded order.
+    log : CalibrationLog, recording
+    pair : Pair, signals to compare
+    rows : (n,) array, complete samples in recorded order
     rigid : RigidModel
         Registration of the observed poses; joints need none.
     """

@@ -34,8 +34,7 @@ class Path:
 
     Parameters
     ----------
-    samples : Samples
-        n samples.
+    samples : Samples, n samples
     error : (n, g, w) array
         Their error, or what a smooth model leaves of it, m and rad.
     travel : (n, g) array
@@ -53,12 +52,9 @@ class Path:
 
         Parameters
         ----------
-        samples : Samples
-            n samples.
-        error : (n, g, w) array
-            Their error, or what a model leaves of it.
-        response_time : float
-            Seconds.
+        samples : Samples, n samples
+        error : (n, g, w) array, their error, or what a model leaves of it
+        response_time : float, seconds
         """
         speed, dt = _commanded_speeds(samples)
         if not len(dt):
@@ -79,16 +75,13 @@ class StepThresholds:
 
     Parameters
     ----------
-    units : str
-        "P" or "R" for each of g groups.
+    units : str, "P" or "R" for each of g groups
     noise : (g,) array
         Largest step of the error that noise makes, m and rad.
-    speeds : (g,) array
-        Largest observed speed, m/s and rad/s.
+    speeds : (g,) array, largest observed speed, m/s and rad/s
     follow : float
         Times the commanded travel that the error may step besides.
-    cap : (g,) array
-        Largest difference of any two errors, m and rad.
+    cap : (g,) array, largest difference of any two errors, m and rad
     """
 
     units: str
@@ -103,12 +96,9 @@ class StepThresholds:
 
         Parameters
         ----------
-        samples : Samples
-            Training samples, faults among them.
-        residual : Residual
-            What the smooth model leaves of their error.
-        settings : CleaningSettings
-            Factors, floors, and speeds if given.
+        samples : Samples, training samples, faults among them
+        residual : Residual, what the smooth model leaves of their error
+        settings : CleaningSettings, Factors, floors, and speeds if given
         """
         inside = samples.run[1:] == samples.run[:-1]
         steps = np.linalg.norm(np.diff(residual.left, axis=0)[inside], axis=2)
@@ -140,10 +130,8 @@ class StepThresholds:
 
         Parameters
         ----------
-        path : Path
-            Samples.
-        i, j : (m,) array
-            Sample numbers, j later than i.
+        path : Path, samples
+        i, j : (m,) array, sample numbers, j later than i
         """
         samples = path.samples
         moved = np.maximum(samples.steps(samples.observed, i, j) - self.noise, 0.0)
@@ -158,10 +146,8 @@ class StepThresholds:
 
         Parameters
         ----------
-        path : Path
-            Samples.
-        i, j : (m,) array
-            Sample numbers, j later than i.
+        path : Path, samples
+        i, j : (m,) array, sample numbers, j later than i
         """
         possible: BoolArray = self.ratios(path, i, j).max(axis=1) <= 1.0
         return possible
@@ -182,16 +168,12 @@ class Pieces:
 
     Parameters
     ----------
-    label : (n,) int array
-        Piece that each sample belongs to.
-    first, last : (m,) int arrays
-        First and last sample of each piece.
-    run : (m,) int array
-        Run that each piece lies in.
+    label : (n,) int array, piece that each sample belongs to
+    first, last : (m,) int arrays, first and last sample of each piece
+    run : (m,) int array, run that each piece lies in
     ratio : (m,) array
         Step into the piece from the sample before, as a multiple of the largest possible; 0 at the start of a run.
-    cause : (m,) int array
-        Which limit that step breaks.
+    cause : (m,) int array, which limit that step breaks
     """
 
     label: IntArray
@@ -214,8 +196,7 @@ class Pieces:
 
         Parameters
         ----------
-        values : (n,) array
-            A value a sample.
+        values : (n,) array, A value a sample
         """
         return np.array([np.median(values[a : b + 1]) for a, b in zip(self.first, self.last, strict=True)])
 
@@ -225,10 +206,8 @@ def split_pieces(path: Path, thresholds: StepThresholds) -> Pieces:
 
     Parameters
     ----------
-    path : Path
-        n samples.
-    thresholds : StepThresholds
-        Limits on their steps.
+    path : Path, n samples
+    thresholds : StepThresholds, limits on their steps
     """
     n, run = len(path.samples), path.samples.run
     i = np.flatnonzero(run[1:] == run[:-1])
@@ -254,14 +233,10 @@ def largest_chain(
 
     Parameters
     ----------
-    pieces : Pieces
-        m pieces.
-    scores : (m,) array
-        What each is worth, samples.
-    path, thresholds : Path, StepThresholds
-        Samples and limits on their steps.
-    switch_cost : float
-        Samples.
+    pieces : Pieces, m pieces
+    scores : (m,) array, what each is worth, samples
+    path, thresholds : Path, StepThresholds, samples and limits on their steps
+    switch_cost : float, samples
     """
     kept = np.zeros(len(pieces), dtype=bool)
     for chosen in np.split(np.arange(len(pieces)), np.flatnonzero(np.diff(pieces.run)) + 1):
@@ -306,14 +281,10 @@ def excursions(
 
     Parameters
     ----------
-    pieces, candidates : Pieces, (m,) bool array
-        All pieces, and those that may be motions.
-    path, thresholds : Path, StepThresholds
-        Samples and what they can do.
-    residual : (n, g, w) array
-        What the smooth model leaves of the error.
-    occlusion : float
-        Samples of the longest occlusion.
+    pieces, candidates : Pieces, (m,) bool array, all pieces, and those that may be motions
+    path, thresholds : Path, StepThresholds, samples and what they can do
+    residual : (n, g, w) array, what the smooth model leaves of the error
+    occlusion : float, samples of the longest occlusion
     """
     dropped = np.zeros(len(pieces), dtype=bool)
     stretches: list[_Stretch] = []

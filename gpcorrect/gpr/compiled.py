@@ -57,8 +57,7 @@ def tables(parts: Sequence[SharedPredictor]) -> Tables:
 
     Parameters
     ----------
-    parts : sequence of SharedPredictor
-        A group of outputs each.
+    parts : sequence of SharedPredictor, A group of outputs each
     """
     columns = [_group(part) for part in parts]
     stacked = Tables(*(_stack([column[i] for column in columns]) for i in range(len(Tables._fields))))
@@ -95,8 +94,7 @@ def predict_one(x: FloatArray, t: Tables) -> tuple[FloatArray, FloatArray, float
 
     Parameters
     ----------
-    x : (d,) array
-        Input.
+    x : (d,) array, input
     t : Tables
         From :func:`tables`.
     """

@@ -29,8 +29,7 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
     ----------
     learned_ : tuple of Learned
         Kernel, variances and units of each group of outputs.
-    predictor_ : Predictor
-        The posterior in the form of the hot path.
+    predictor_ : Predictor, the posterior in the form of the hot path
     """
 
     feature_groups: Sequence[Sequence[int]] | None
@@ -53,17 +52,14 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
-        y : (n,) or (n, m) array
-            Outputs.
+        X : (n, d) array, inputs
+        y : (n,) or (n, m) array, outputs
         groups : (n,) array, optional
             Trajectory of each sample. When given, the hyperparameters allow for noise that neighbouring samples of
             one trajectory have in common, as real recordings have; without it the noise is taken as white.
         times : (n,) array, optional
             Seconds: the common noise then fades with the lag.
-        progress : Progress, optional
-            Updated with how far the fit is.
+        progress : Progress, optional, updated with how far the fit is
 
         Raises
         ------
@@ -77,10 +73,8 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
-        y : (n,) or (n, m) array
-            Outputs.
+        X : (n, d) array, inputs
+        y : (n,) or (n, m) array, outputs
         """
         check_is_fitted(self, "predictor_")
         other = copy(self)
@@ -95,14 +89,11 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
-        y : (n,) or (n, m) array
-            Outputs.
+        X : (n, d) array, inputs
+        y : (n,) or (n, m) array, outputs
         groups : (n,) array, optional
             Trajectory of each sample, as in :meth:`fit`.
-        times : (n,) array, optional
-            Seconds.
+        times : (n,) array, optional, seconds
         """
         check_is_fitted(self, "predictor_")
         return copy(self)._fit(X, y, groups, times, Progress(), self.learned_)
@@ -112,16 +103,13 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
-        return_std : bool
-            Whether to return standard deviations too.
+        X : (n, d) array, inputs
+        return_std : bool, whether to return standard deviations too
 
         Returns
         -------
         mean : (n,) or (n, m) array
-        std : (n,) or (n, m) array
-            Only with `return_std`.
+        std : (n,) or (n, m) array, only with `return_std`
         """
         check_is_fitted(self, "predictor_")
         mean, std, _ = self.predictor_.mean_std_batch(validate_data(self, X, reset=False, dtype=np.float64))

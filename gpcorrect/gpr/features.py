@@ -104,10 +104,8 @@ class FeatureMap:
 
         Parameters
         ----------
-        positions : (n, 3) array
-            Metres.
-        rotations : (n, 3, 3) array or None
-            None for data without rotations.
+        positions : (n, 3) array, metres
+        rotations : (n, 3, 3) array or None, none for data without rotations
         twists : (n, 6) array or None
             m/s and rad/s; the angular part is not looked at without rotations; None when velocity is not a feature.
 
@@ -142,12 +140,9 @@ class FeatureMap:
 
         Parameters
         ----------
-        positions : (n, 3) array
-            Metres.
-        rotations : (n, 3, 3) array or None
-            Rotation matrices.
-        twists : (n, 6) array, optional
-            m/s and rad/s.
+        positions : (n, 3) array, metres
+        rotations : (n, 3, 3) array or None, rotation matrices
+        twists : (n, 6) array, optional, m/s and rad/s
         """
         return self._raw(positions, rotations, twists) / self.spread
 
@@ -247,8 +242,7 @@ def fixed_axes_angles(rotations: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    rotations : (..., 3, 3) array
-        Rotation matrices.
+    rotations : (..., 3, 3) array, rotation matrices
     """
     x = np.arctan2(rotations[..., 2, 1], rotations[..., 2, 2])
     y = np.arctan2(-rotations[..., 2, 0], np.hypot(rotations[..., 0, 0], rotations[..., 1, 0]))

@@ -63,8 +63,7 @@ class IntervalCalibration:
         ----------
         errors, std : (n, m) arrays
             Errors and the standard deviations predicted for them.
-        groups : (n,) array
-            Trajectory of each sample.
+        groups : (n,) array, trajectory of each sample
         parts : (n,) array, optional
             Part of the recording that each sample was left out with. With them the intervals allow for how much parts
             differ: 95 % of the samples of a part to come, in four of five parts.
@@ -91,8 +90,7 @@ class IntervalCalibration:
 
         Parameters
         ----------
-        by : float
-            1 leaves them as they are.
+        by : float, 1 leaves them as they are
         """
         return type(self)(by * self.factor)
 
@@ -101,8 +99,7 @@ class IntervalCalibration:
 
         Parameters
         ----------
-        std : (..., m) array
-            Standard deviations.
+        std : (..., m) array, standard deviations
         """
         return std * self.factor
 
@@ -112,8 +109,7 @@ def novelty_limit(novelty: FloatArray) -> float:
 
     Parameters
     ----------
-    novelty : (n,) array
-        Novelties of left-out training samples.
+    novelty : (n,) array, novelties of left-out training samples
     """
     return float(np.quantile(novelty, INSIDE))
 
@@ -207,8 +203,7 @@ def learn_inflation(
     groups, times : (n,) arrays, optional
         Trajectories and times that it was fitted with. Where there are few trajectories, what is said of a left-out one
         comes from hyperparameters that were not learned from it either.
-    progress : Progress, optional
-        Updated after each fold.
+    progress : Progress, optional, updated after each fold
 
     Raises
     ------

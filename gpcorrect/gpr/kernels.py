@@ -45,8 +45,7 @@ class Kernel(ABC):
 
     Parameters
     ----------
-    weights : (c,) array
-        Positive, summing to one.
+    weights : (c,) array, Positive, summing to one
     length_scales : (c, d) array
         Positive; infinite where a component does not see a feature.
     """
@@ -87,8 +86,7 @@ class Kernel(ABC):
 
         Parameters
         ----------
-        A : (n, d) array
-            Inputs.
+        A : (n, d) array, inputs
         """
         return np.ones(len(A))
 
@@ -101,8 +99,7 @@ class Kernel(ABC):
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
+        X : (n, d) array, inputs
         """
         parts = [self.profile_and_slope(half_squares(X / scales, X / scales)) for scales in self.length_scales]
         R = self.weights[0] * parts[0][0]
@@ -127,8 +124,7 @@ class Kernel(ABC):
 
         Parameters
         ----------
-        factor : (d,) array
-            Positive.
+        factor : (d,) array, positive
         """
         return type(self)(self.weights, self.length_scales * factor)
 
@@ -137,8 +133,7 @@ class Kernel(ABC):
 
         Parameters
         ----------
-        basis : (p, d) array
-            Points that predictions rest on.
+        basis : (p, d) array, points that predictions rest on
         """
         inverse = self.length_scales**-2.0
         origin = basis.mean(axis=0)
@@ -198,8 +193,7 @@ class WithLinear:
 
     Parameters
     ----------
-    kernel : AdditiveRBF
-        What bends.
+    kernel : AdditiveRBF, what bends
     slopes : (d,) array
         Prior variance of the line's slope along each feature.
     """
@@ -216,8 +210,7 @@ class WithLinear:
 
         Parameters
         ----------
-        A : (n, d) array
-            Inputs.
+        A : (n, d) array, inputs
         """
         return 1.0 + A**2 @ self.slopes + self.kernel.diagonal(A)
 
@@ -230,8 +223,7 @@ def kernel_named(name: str) -> type[Kernel]:
 
     Parameters
     ----------
-    name : str
-        One of `KERNELS`.
+    name : str, one of `KERNELS`
 
     Raises
     ------
@@ -250,10 +242,8 @@ def component_masks(n_features: int, groups: Sequence[Sequence[int]] | None) -> 
 
     Parameters
     ----------
-    n_features : int
-        d.
-    groups : sequence of sequences of int, optional
-        Columns of each group.
+    n_features : int, d
+    groups : sequence of sequences of int, optional, columns of each group
 
     Raises
     ------
@@ -277,8 +267,7 @@ def half_squares(A: FloatArray, B: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    A, B : (n, d) and (m, d) arrays
-        Points.
+    A, B : (n, d) and (m, d) arrays, points
     """
     # The norms are part of the product, for a pass over the result costs as much as it.
     left = np.hstack([A, -0.5 * np.einsum("nd,nd->n", A, A)[:, None], np.ones((len(A), 1))])

@@ -32,18 +32,14 @@ class Hyperparameters:
 
     Parameters
     ----------
-    kernel : Kernel
-        Correlation over inputs, shared by the outputs.
-    signal, noise : (m,) arrays
-        Variances.
+    kernel : Kernel, correlation over inputs, shared by the outputs
+    signal, noise : (m,) arrays, variances
     correlated_share : (m,) array
         Share of the noise that neighbouring samples have in common.
-    correlation_time : float
-        How long they have it in common, s.
+    correlation_time : float, how long they have it in common, s
     objective : float
         Negative log posterior up to a constant, of the best search.
-    evaluations : int
-        Evaluations spent.
+    evaluations : int, evaluations spent
     theta : (p,) array
         The same as the search saw it, :class:`gpcorrect.gpr.likelihood.Layout`: where another search may start.
     """
@@ -76,10 +72,8 @@ class Scaling:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
-        Y : (n, m) array
-            Outputs.
+        X : (n, d) array, inputs
+        Y : (n, m) array, outputs
         """
         return cls(_spread(X), Y.mean(axis=0), _spread(Y))
 
@@ -88,8 +82,7 @@ class Scaling:
 
         Parameters
         ----------
-        Y : (n, m) array
-            Outputs.
+        Y : (n, m) array, outputs
         """
         return (Y - self.y_centre) / self.y_spread
 
@@ -100,10 +93,8 @@ class Learned:
 
     Parameters
     ----------
-    columns : slice
-        The group's outputs.
-    scaling : Scaling
-        Units in which the hyperparameters are.
+    columns : slice, the group's outputs
+    scaling : Scaling, units in which the hyperparameters are
     hyperparameters : Hyperparameters
     """
 
@@ -151,22 +142,16 @@ def learn(
 
     Parameters
     ----------
-    X, Y : (n, d) and (n, m) arrays
-        Of unit spread, outputs centred.
-    masks : (c, d) bool array
-        Features that each component of the kernel sees.
+    X, Y : (n, d) and (n, m) arrays, of unit spread, outputs centred
+    masks : (c, d) bool array, features that each component of the kernel sees
     groups, times : (n,) arrays or None
         Trajectory and time (s) of each sample; None takes the noise as white.
-    restarts : int
-        Further searches from random starts.
-    rng : numpy.random.Generator
-        Source of the random starts.
-    progress : Progress
-        Updated after each search.
+    restarts : int, further searches from random starts
+    rng : numpy.random.Generator, source of the random starts
+    progress : Progress, updated after each search
     start : (p,) array, optional
         Where the first search starts, as it came out of a search of data of the same kind.
-    kernel : "rbf", "matern52" or "auto"
-        Kernel, or "auto" for any.
+    kernel : "rbf", "matern52" or "auto", Kernel, or "auto" for any
 
     Raises
     ------

@@ -36,12 +36,10 @@ class NoiseModel:
 
     Parameters
     ----------
-    ratio : (m,) array
-        Noise variance over signal variance.
+    ratio : (m,) array, noise variance over signal variance
     share : (m,) array
         Share of the noise that is correlated in time, 0 to 1.
-    time : float
-        Correlation time, s.
+    time : float, correlation time, s
     """
 
     ratio: FloatArray
@@ -55,16 +53,13 @@ class Layout:
 
     Parameters
     ----------
-    masks : (c, d) bool array
-        Which features each component sees.
-    outputs : int
-        Number of outputs m.
+    masks : (c, d) bool array, which features each component sees
+    outputs : int, number of outputs m
     correlated : bool
         Whether part of the noise is correlated; without it there are no shares and no time.
     time_range : (float, float) or None
         Shortest and longest correlation time, s; None when samples of a trajectory carry no times.
-    kind : type of Kernel
-        Which kernel the scales and weights belong to.
+    kind : type of Kernel, which kernel the scales and weights belong to
     """
 
     masks: BoolArray
@@ -88,8 +83,7 @@ class Layout:
 
         Parameters
         ----------
-        theta : (p,) array
-            In the order of the layout.
+        theta : (p,) array, in the order of the layout
         """
         log_scales, odds = self._split(theta)[:2]
         scales = np.full(self.masks.shape, np.inf)
@@ -102,8 +96,7 @@ class Layout:
 
         Parameters
         ----------
-        theta : (p,) array
-            In the order of the layout.
+        theta : (p,) array, in the order of the layout
         """
         _, _, log_ratio, odds, log_time = self._split(theta)
         share = 1.0 / (1.0 + np.exp(-odds)) if odds.size else np.zeros(self.outputs)
@@ -116,16 +109,11 @@ class Layout:
 
         Parameters
         ----------
-        by_scale : (c, d) array
-            By log length scales.
-        by_odds : (c,) array
-            By log odds of the weights.
-        by_ratio : (m,) array
-            By log noise ratios.
-        by_share : (m,) array
-            By log odds of the correlated noise.
-        by_time : float
-            By the log correlation time.
+        by_scale : (c, d) array, by log length scales
+        by_odds : (c,) array, by log odds of the weights
+        by_ratio : (m,) array, by log noise ratios
+        by_share : (m,) array, by log odds of the correlated noise
+        by_time : float, by the log correlation time
         """
         _, _, _, shares, times = self.sizes
         return np.concatenate(
@@ -165,8 +153,7 @@ class Layout:
 
         Parameters
         ----------
-        theta : (p,) array
-            In the order of the layout.
+        theta : (p,) array, in the order of the layout
         """
         count = self.sizes[0]
         z = (theta[:count] - self._usual_log_scales) / PRIOR_SPREAD
@@ -191,10 +178,8 @@ class LearningData:
 
     Parameters
     ----------
-    X : (n, d) array
-        Inputs of unit spread.
-    Y : (n, m) array
-        Centred outputs of unit spread.
+    X : (n, d) array, inputs of unit spread
+    Y : (n, m) array, centred outputs of unit spread
     lags : Lags
         Between samples of one trajectory; none for white noise.
     """
@@ -211,8 +196,7 @@ def sample_lags(groups: IntArray | None, times: FloatArray | None) -> Lags:
     ----------
     groups : (n,) array or None
         Group of each sample; None for no pairs.
-    times : (n,) array or None
-        Seconds.
+    times : (n,) array or None, seconds
     """
     if groups is None:
         return Lags(np.zeros(0, dtype=np.int64), np.zeros(0))
@@ -226,15 +210,13 @@ def negative_log_posterior(theta: FloatArray, data: LearningData, layout: Layout
 
     Parameters
     ----------
-    theta : (p,) array
-        In the order of `layout`.
+    theta : (p,) array, in the order of `layout`
     data : LearningData
     layout : Layout
 
     Returns
     -------
-    value : float
-        Up to a constant.
+    value : float, up to a constant
     gradient : (p,) array
     """
     kernel, noise = layout.kernel(theta), layout.noise(theta)
@@ -256,12 +238,9 @@ def profiled_signal(theta: FloatArray, data: LearningData, layout: Layout) -> Fl
 
     Parameters
     ----------
-    theta : (p,) array
-        In the order of the layout.
-    data : LearningData
-        What the likelihood is taken of.
-    layout : Layout
-        Order of the parameters.
+    theta : (p,) array, in the order of the layout
+    data : LearningData, what the likelihood is taken of
+    layout : Layout, order of the parameters
     """
     kernel, noise = layout.kernel(theta), layout.noise(theta)
     R, E = kernel(data.X, data.X), np.exp(-data.lags.seconds / noise.time)

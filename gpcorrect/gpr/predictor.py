@@ -25,14 +25,11 @@ class SharedPredictor:
 
     Parameters
     ----------
-    kernel : Kernel
-        Correlation, in the inputs' units.
+    kernel : Kernel, Correlation, in the inputs' units
     basis : (p, d) array
         Points that predictions rest on: the inducing points, or the training inputs.
-    alpha : (m, p) array
-        Weights of the mean, in the outputs' units.
-    offset : (m,) array
-        Mean far from all data.
+    alpha : (m, p) array, weights of the mean, in the outputs' units
+    offset : (m,) array, mean far from all data
     projection : (r, q) array
         P above, over the first q <= p basis points: the variance may rest on fewer points than the mean. Rounded to
         single precision, which moves a standard deviation by some 1e-6 of itself: it is most of what a query reads,
@@ -76,8 +73,7 @@ class SharedPredictor:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
+        X : (n, d) array, inputs
         """
         n, m = len(X), len(self.offset)
         mean, std, novelty = np.empty((n, m)), np.empty((n, m)), np.empty(n)
@@ -103,8 +99,7 @@ class Predictor:
 
     Attributes
     ----------
-    tables : Tables
-        The same as a single query reads it.
+    tables : Tables, the same as a single query reads it
     """
 
     parts: tuple[SharedPredictor, ...]
@@ -156,8 +151,7 @@ class Predictor:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
+        X : (n, d) array, inputs
         """
         means, stds, novelties = zip(*[part.mean_std_batch(X) for part in self.parts], strict=True)
         return np.concatenate(means, axis=1), np.concatenate(stds, axis=1), np.max(novelties, axis=0)

@@ -34,8 +34,7 @@ class SparseGPR(GaussianProcess):
 
     Parameters
     ----------
-    n_inducing : int
-        Inducing points that the mean rests on.
+    n_inducing : int, inducing points that the mean rests on
     n_variance : int
         How many of them the variance rests on: the part of a query that costs their square.
     feature_groups : sequence of sequences of int, optional
@@ -111,8 +110,7 @@ class SparseGPR(GaussianProcess):
 
         Parameters
         ----------
-        X, Y : (n, d) and (n, m) arrays
-            Inputs and outputs.
+        X, Y : (n, d) and (n, m) arrays, inputs and outputs
         parts : (n,) array
             Which samples are left out together; `by_part_` is in the order of their labels.
         terms : (n, k) array, optional
@@ -145,8 +143,7 @@ class SparseGPR(GaussianProcess):
 
         Parameters
         ----------
-        statistics : sequence of Statistics
-            For each group of outputs.
+        statistics : sequence of Statistics, for each group of outputs
         """
         other = copy(self)
         other.statistics_ = tuple(statistics)
@@ -158,10 +155,8 @@ class SparseGPR(GaussianProcess):
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
-        Y : (n, m) array
-            Outputs.
+        X : (n, d) array, inputs
+        Y : (n, m) array, outputs
         terms : (n, k) array, optional
             Further columns that stand behind each group's outputs, not centred.
         """
@@ -222,14 +217,11 @@ def choose_inducing(kernel: Kernel, X: FloatArray, count: int, rng: np.random.Ge
 
     Parameters
     ----------
-    kernel : Kernel
-        In the units of X.
+    kernel : Kernel, in the units of X
     X : (n, d) array
         Training inputs; a random part of them are candidates.
-    count : int
-        Points wanted.
-    rng : numpy.random.Generator
-        Source of the draws.
+    count : int, points wanted
+    rng : numpy.random.Generator, source of the draws
     """
     candidates = X[rng.permutation(len(X))[: max(CANDIDATES_PER_POINT * count, FEWEST_CANDIDATES)]]
     count = min(count, len(candidates))

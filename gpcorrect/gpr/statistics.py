@@ -31,10 +31,8 @@ class Statistics:
 
     Parameters
     ----------
-    G : (M, M) array
-        `V V^T`, symmetric.
-    Vy : (M, m) array
-        `V (y - offset)`, in the outputs' units.
+    G : (M, M) array, `V V^T`, symmetric
+    Vy : (M, m) array, `V (y - offset)`, in the outputs' units
     n : float
         Samples; a fraction where some of them were given less weight.
     inflation : float
@@ -51,8 +49,7 @@ class Statistics:
 
         Parameters
         ----------
-        other : Statistics
-            Under the same points and hyperparameters.
+        other : Statistics, under the same points and hyperparameters
         keep : float
             Weight of these samples; the others count in full.
         """
@@ -63,8 +60,7 @@ class Statistics:
 
         Parameters
         ----------
-        other : Statistics
-            Under the same points and hyperparameters.
+        other : Statistics, under the same points and hyperparameters
         """
         return replace(self, G=self.G - other.G, Vy=self.Vy - other.Vy, n=self.n - other.n)
 
@@ -73,8 +69,7 @@ class Statistics:
 
         Parameters
         ----------
-        inflation : float
-            At least one.
+        inflation : float, at least one
         """
         return replace(self, inflation=inflation)
 
@@ -83,8 +78,7 @@ class Statistics:
 
         Parameters
         ----------
-        count : int
-            At most M.
+        count : int, at most M
         """
         return max(1.0 - float(np.trace(self.G[:count, :count])) / self.n, 0.0)
 
@@ -95,8 +89,7 @@ class Statistics:
         ----------
         L : (M, M) array
             Cholesky factor of the correlations of the points.
-        ratio : (m,) array
-            Noise over signal variance.
+        ratio : (m,) array, noise over signal variance
         """
         diagonal = np.diag_indices_from(self.G)
         solved = np.empty(self.Vy.shape)
@@ -116,10 +109,8 @@ class Statistics:
         ----------
         L : (M, M) array
             Cholesky factor of the correlations of the points.
-        ratio : (m,) array
-            Noise over signal variance.
-        count : int
-            At most M.
+        ratio : (m,) array, noise over signal variance
+        count : int, at most M
         """
         eigenvalues, U = np.linalg.eigh(self.G[:count, :count])
         eigenvalues = np.maximum(eigenvalues, 0.0)
@@ -143,20 +134,13 @@ def collect(
 
     Parameters
     ----------
-    kernel : Kernel
-        In the units of the inputs.
-    basis : (M, d) array
-        Inducing points.
-    L : (M, M) array
-        Cholesky factor of their correlations.
-    offset : (m,) array
-        Mean far from all data.
-    X : (n, d) array
-        Inputs.
-    Y : (n, m) array
-        Outputs.
-    progress : Progress
-        Updated after each block.
+    kernel : Kernel, in the units of the inputs
+    basis : (M, d) array, inducing points
+    L : (M, M) array, Cholesky factor of their correlations
+    offset : (m,) array, mean far from all data
+    X : (n, d) array, inputs
+    Y : (n, m) array, outputs
+    progress : Progress, updated after each block
     """
     G, Vy = np.zeros((len(basis), len(basis)), order="F"), np.zeros((len(basis), Y.shape[1]))
     inverse, _ = lapack.dtrtri(L, lower=1)
@@ -183,22 +167,14 @@ def posterior(
 
     Parameters
     ----------
-    kernel : Kernel
-        In the units of the inputs.
-    basis : (M, d) array
-        Inducing points.
-    L : (M, M) array
-        Cholesky factor of their correlations.
-    offset : (m,) array
-        Mean far from all data.
-    signal : (m,) array
-        Prior variances.
-    noise : (m,) array
-        Noise variances.
-    statistics : Statistics
-        Of the samples.
-    n_variance : int
-        Points that the variance rests on.
+    kernel : Kernel, in the units of the inputs
+    basis : (M, d) array, inducing points
+    L : (M, M) array, Cholesky factor of their correlations
+    offset : (m,) array, mean far from all data
+    signal : (m,) array, prior variances
+    noise : (m,) array, noise variances
+    statistics : Statistics, of the samples
+    n_variance : int, points that the variance rests on
     """
     ratio = noise / signal
     projection, explained = statistics.variance_factors(L, ratio, min(n_variance, len(basis)))
@@ -219,12 +195,9 @@ def statistics_of(part: SharedPredictor, X: FloatArray, Y: FloatArray, terms: Fl
 
     Parameters
     ----------
-    part : SharedPredictor
-        Points and hyperparameters.
-    X : (n, d) array
-        Inputs.
-    Y : (n, m) array
-        Outputs.
+    part : SharedPredictor, points and hyperparameters
+    X : (n, d) array, inputs
+    Y : (n, m) array, outputs
     terms : (n, k) array, optional
         Further columns that stand behind the outputs, not centred.
     """
@@ -239,10 +212,8 @@ def updated(part: SharedPredictor, statistics: Statistics) -> SharedPredictor:
 
     Parameters
     ----------
-    part : SharedPredictor
-        Points and hyperparameters.
-    statistics : Statistics
-        Of the samples.
+    part : SharedPredictor, points and hyperparameters
+    statistics : Statistics, of the samples
     """
     L = cholesky(part.kernel(part.basis, part.basis))[0]
     shared = part.kernel, part.basis, L, part.offset, part.signal, part.noise

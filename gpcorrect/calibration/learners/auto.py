@@ -32,10 +32,8 @@ class MixedMap:
 
     Parameters
     ----------
-    gp : GPMap
-        Which also says where it knows nothing.
-    others : tuple of TreesMap or PolynomialMap
-        The other k - 1.
+    gp : GPMap, which also says where it knows nothing
+    others : tuple of TreesMap or PolynomialMap, the other k - 1
     weights : (k, m) array
         Of each, the Gaussian process first; columns sum to 1.
     """
@@ -76,8 +74,7 @@ def stacking_weights(errors: list[FloatArray]) -> FloatArray:
 
     Parameters
     ----------
-    errors : k arrays (n, m)
-        Of each member at the same samples.
+    errors : k arrays (n, m), of each member at the same samples
     """
     columns = np.stack(errors, axis=-1)
     weights = []

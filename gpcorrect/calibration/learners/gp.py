@@ -46,12 +46,9 @@ class GPMap:
 
     Parameters
     ----------
-    linear : PolynomialMap or None
-        Of degree 1.
-    columns : (k,) int array
-        Inputs of the regression.
-    predictor : Predictor
-        Of what the linear law leaves.
+    linear : PolynomialMap or None, of degree 1
+    columns : (k,) int array, inputs of the regression
+    predictor : Predictor, of what the linear law leaves
     statistics : tuple of Statistics
         What the predictor rests on, a group of targets each: more data can be added.
     """
@@ -76,8 +73,7 @@ class GPMap:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
+        X : (n, d) array, inputs
         """
         mean, std, novelty = self.predictor.mean_std_batch(X[:, self.columns])
         return (mean if self.linear is None else self.linear.mean(X) + mean), std, novelty
@@ -87,8 +83,7 @@ class GPMap:
 
         Parameters
         ----------
-        x : (d,) array
-            Input.
+        x : (d,) array, input
         """
         mean, std, novelty = self.predictor.mean_std(x[self.columns])
         return (mean if self.linear is None else self.linear.mean(x[None])[0] + mean), std, novelty
@@ -210,8 +205,7 @@ class LocalLevel:
 
     Parameters
     ----------
-    samples : (n, m) array
-        At each sample, smoothed from both sides.
+    samples : (n, m) array, at each sample, smoothed from both sides
     last : (m,) array
         Where it stands in the end, relative to its mean.
     """
@@ -228,10 +222,8 @@ def local_level(errors: FloatArray, trajectory: IntArray) -> LocalLevel:
 
     Parameters
     ----------
-    errors : (n, m) array
-        Of trajectories in recorded order.
-    trajectory : (n,) int array
-        Their numbers.
+    errors : (n, m) array, of trajectories in recorded order
+    trajectory : (n,) int array, their numbers
     """
     means, number = _means(errors, trajectory), in_order(trajectory)
     if len(means) < FEWEST_LEVELS:

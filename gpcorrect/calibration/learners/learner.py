@@ -28,8 +28,7 @@ class TargetMap(Protocol):
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
+        X : (n, d) array, inputs
         """
         ...
 
@@ -40,8 +39,7 @@ class Fitted:
 
     Parameters
     ----------
-    learned : TargetMap or CableModel
-        From inputs, or a whole path, to targets.
+    learned : TargetMap or CableModel, from inputs, or a whole path, to targets
     left_out : LeftOut
         Errors, standard deviations and novelties at the samples that may be learned from, each predicted without its
         own fold, zeros that move over time taken for still.
@@ -70,14 +68,10 @@ class Learner(Protocol):
 
         Parameters
         ----------
-        samples : Samples
-            Those usable are learned from.
-        layout : Layout
-            How inputs and targets are grouped.
-        settings : FitSettings
-            The user's settings.
-        progress : Progress
-            Receives the progress of the fit.
+        samples : Samples, those usable are learned from
+        layout : Layout, how inputs and targets are grouped
+        settings : FitSettings, the user's settings
+        progress : Progress, receives the progress of the fit
 
         Raises
         ------
@@ -92,8 +86,7 @@ def cross_predicted(learn: Callable[[Samples], TargetMap], samples: Samples, fol
 
     Parameters
     ----------
-    learn : callable
-        From samples to a map.
+    learn : callable, from samples to a map
     samples : Samples
         Whose usable rows are predicted, neighbouring trajectories left out together.
     folds : int

@@ -24,12 +24,9 @@ class NetworkMap:
 
     Parameters
     ----------
-    scaler, output : Scaler
-        Of inputs and targets.
-    weights, biases : tuples of arrays
-        Of each layer.
-    std : (m,) array
-        Standard deviation of what is left in training.
+    scaler, output : Scaler, of inputs and targets
+    weights, biases : tuples of arrays, of each layer
+    std : (m,) array, standard deviation of what is left in training
     """
 
     scaler: Scaler
@@ -44,15 +41,12 @@ class NetworkMap:
 
         Parameters
         ----------
-        X, Y : (n, d) and (n, m) arrays
-            Inputs and targets.
+        X, Y : (n, d) and (n, m) arrays, inputs and targets
         layers : tuple of int
             Widths; (600, 500, 400) is the larger network of Peng et al. 2020, whose batch normalisation scikit-learn
             does not have: scaled inputs and outputs and weight decay take its place.
-        epochs : int
-            Passes over the data.
-        seed : int
-            Of first weights and order.
+        epochs : int, passes over the data
+        seed : int, of first weights and order
         """
         from sklearn.exceptions import ConvergenceWarning
         from sklearn.neural_network import MLPRegressor
@@ -94,8 +88,7 @@ class NetworkMap:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
+        X : (n, d) array, inputs
         """
         layer = self.scaler.apply(X)
         for W, b in zip(self.weights[:-1], self.biases[:-1], strict=True):

@@ -30,8 +30,7 @@ class Scaler:
 
         Parameters
         ----------
-        values : (n, d) array
-            Columns to be scaled.
+        values : (n, d) array, columns to be scaled
         """
         spread = values.std(axis=0)
         return cls(values.mean(axis=0), np.where(spread > 0, spread, 1.0))
@@ -41,8 +40,7 @@ class Scaler:
 
         Parameters
         ----------
-        values : (..., d) array
-            In the units of the training.
+        values : (..., d) array, in the units of the training
         """
         scaled: FloatArray = (values - self.centre) / self.spread
         return scaled
@@ -54,14 +52,10 @@ class PolynomialMap:
 
     Parameters
     ----------
-    degree : int
-        0, 1 or 2.
-    scaler : Scaler
-        Of the inputs.
-    weights : (terms, m) array
-        Of 1, the inputs, and their products.
-    std : (m,) array
-        Of what is left in training.
+    degree : int, 0, 1 or 2
+    scaler : Scaler, of the inputs
+    weights : (terms, m) array, of 1, the inputs, and their products
+    std : (m,) array, of what is left in training
     """
 
     degree: int
@@ -79,12 +73,9 @@ class PolynomialMap:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
-        Y : (n, m) array
-            Targets.
-        degree : int
-            0, 1 or 2.
+        X : (n, d) array, inputs
+        Y : (n, m) array, targets
+        degree : int, 0, 1 or 2
         penalties : (d, m) array, optional
             Penalties on squared weights of a linear law, in units of the samples and for unit spreads.
         """
@@ -103,8 +94,7 @@ class PolynomialMap:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
+        X : (n, d) array, inputs
         """
         values: FloatArray = _terms(self.scaler.apply(X), self.degree) @ self.weights
         return values
@@ -114,8 +104,7 @@ class PolynomialMap:
 
         Parameters
         ----------
-        scaler : Scaler
-            Of the inputs.
+        scaler : Scaler, of the inputs
         """
         first, others = self.weights[0], self.weights[1:]
         shifted = first + self.scaler.apply(scaler.centre) @ others
@@ -131,8 +120,7 @@ class PolynomialMap:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
+        X : (n, d) array, inputs
         """
         mean = self.mean(X)
         return mean, np.broadcast_to(self.std, mean.shape), np.zeros(len(X))
@@ -144,8 +132,7 @@ class Polynomial:
 
     Parameters
     ----------
-    degree : int
-        0, 1 or 2.
+    degree : int, 0, 1 or 2
     """
 
     degree: int

@@ -32,24 +32,17 @@ class TreesMap:
 
     Parameters
     ----------
-    linear : PolynomialMap or None
-        Of degree 1.
+    linear : PolynomialMap or None, of degree 1
     feature : (k,) int array
         Input that a node looks at; -1 in leaves.
-    threshold : (k,) array
-        Inputs up to it go left, those above go right.
+    threshold : (k,) array, inputs up to it go left, those above go right
     left, right : (k,) int arrays
         Next nodes; a leaf's are itself.
-    value : (k,) array
-        Of leaves, m or rad.
-    roots : (t,) int array
-        First node of each tree.
-    target : (t,) int array
-        Which target a tree adds to.
-    base : (m,) array
-        Sum of no trees.
-    std : (m,) array
-        Standard deviation of what is left in training.
+    value : (k,) array, of leaves, m or rad
+    roots : (t,) int array, first node of each tree
+    target : (t,) int array, which target a tree adds to
+    base : (m,) array, sum of no trees
+    std : (m,) array, standard deviation of what is left in training
     """
 
     linear: PolynomialMap | None
@@ -79,10 +72,8 @@ class TreesMap:
 
         Parameters
         ----------
-        X, Y : (n, d) and (n, m) arrays
-            Inputs and targets.
-        seed : int
-            Of the samples that bins are made from.
+        X, Y : (n, d) and (n, m) arrays, inputs and targets
+        seed : int, of the samples that bins are made from
         penalties : (d, m) array, optional
             Of a linear law that comes before; none without.
         """
@@ -133,8 +124,7 @@ class TreesMap:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
+        X : (n, d) array, inputs
         """
         if X.shape[1] <= self.feature.max():
             raise DataError(f"the trees look at {self.feature.max() + 1} inputs, got {X.shape[1]}.")

@@ -41,8 +41,7 @@ class CableModel:
     ----------
     motor : PolynomialMap
         From positions to the error that coupling, gain and offset make.
-    gap : (d,) array
-        Half gap, rad or m.
+    gap : (d,) array, half gap, rad or m
     stretch_per_effort, stretch_at_rest : (d,) arrays
         Stretch m - q for an effort: `compliance tau + rest`.
     process, measurement : (d,) arrays
@@ -85,10 +84,8 @@ class CableModel:
 
         Parameters
         ----------
-        q : (n, d) array
-            Joints, rad or m.
-        effort : (n, d) array or None
-            N m or N.
+        q : (n, d) array, Joints, rad or m
+        effort : (n, d) array or None, N m or N
         """
         motor = np.full(q.shape, np.nan)
         known = np.isfinite(q).all(axis=1)
@@ -185,8 +182,7 @@ class CableFilter:
 
     Parameters
     ----------
-    gap : float
-        Half gap, rad or m.
+    gap : float, half gap, rad or m
     process, measurement : float
         Standard deviations of the joint's step, and of the stretch that the effort shows; infinite where it shows
         nothing.
@@ -209,12 +205,10 @@ class CableFilter:
 
         Parameters
         ----------
-        motor : float
-            Corrected position of the motor, rad or m.
+        motor : float, corrected position of the motor, rad or m
         stretch : float
             Stretch that the effort shows, rad or m; NaN where it shows none.
-        new : bool
-            Whether a path begins here.
+        new : bool, whether a path begins here
         """
         ukf = self._ukf
         if not np.isfinite(motor):
