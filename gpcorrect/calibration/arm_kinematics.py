@@ -161,13 +161,7 @@ class ArmKinematics:
 
 
 def _chain_of(q: FloatArray, T: FloatArray, types: str) -> Chain:
-    """Return the chain of the joints that move the tip: all of them, or without a gripper's, which come last.
-
-    Raises
-    ------
-    DataError, DegenerateError
-        There is none.
-    """
+    """Return the chain of the joints that move the tip: all of them, or without a gripper's, which come last."""
     failed: DataError | None = None
     for count in range(len(types), max(len(types) - 1 - GRIPPER, 0), -1):
         try:

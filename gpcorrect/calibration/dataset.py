@@ -84,13 +84,7 @@ class Samples:
         return replace(self, usable=usable)
 
     def learnable(self) -> tuple[FloatArray, FloatArray]:
-        """Return inputs `(k, d)` and targets `(k, m)` to learn from.
-
-        Raises
-        ------
-        DataError
-            There are fewer than `LIMITS.fewest_samples`.
-        """
+        """Return inputs `(k, d)` and targets `(k, m)` to learn from."""
         rows, fewest = self.rows, LIMITS.fewest_samples
         if len(rows) < fewest:
             raise DataError(

@@ -155,11 +155,6 @@ class JointFeatures:
         Parameters
         ----------
         path : JointPath, n samples
-
-        Raises
-        ------
-        DataError
-            The path has other joints or state than the training, or lacks efforts.
         """
         self._check(path)
         return np.hstack([self._columns(kind, path) for kind in self.kinds])[:, self.used]

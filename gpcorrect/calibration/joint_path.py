@@ -94,11 +94,6 @@ def joint_signal(log: CalibrationLog, name: str) -> FloatArray:
     ----------
     log : CalibrationLog, n samples
     name : str, of the signal
-
-    Raises
-    ------
-    LogError
-        It is missing, or its numbers are too large for rad and m.
     """
     values: FloatArray | None = getattr(log, name)
     if values is None:
@@ -134,11 +129,6 @@ def state_columns(log: CalibrationLog, extra: Sequence[str] | None = None) -> tu
     log : CalibrationLog, n samples
     extra : sequence of str, optional
         Extra columns that belong to the state; all complete ones when None.
-
-    Raises
-    ------
-    LogError
-        An extra column is not in the log.
     """
     parts: list[tuple[str, FloatArray | None]] = [(name, getattr(log, name)) for name in JOINT_SIGNALS]
     if log.setpoint_jp is not None and log.measured_jp is not None:

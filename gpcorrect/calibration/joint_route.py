@@ -331,11 +331,6 @@ class RouteStream:
         ----------
         time : float, s, later than that of the sample before
         q : (d,) array, desired joints, rad or m
-
-        Raises
-        ------
-        DataError
-            Time does not advance; the past stays.
         """
         answer = self._first.correct(time, q)
         if self._aim is None:

@@ -80,11 +80,6 @@ class JointView:
         log : CalibrationLog, n samples
         keep : (n,) mask, samples that are not rejected
         needs_truth : bool, whether what is to come out must be logged
-
-        Raises
-        ------
-        LogError, DataError
-            A signal is missing or cannot be right, or the log has other joints.
         """
         source, truth = directed(log, self.input_signal, self.direction, needs_truth=needs_truth)
         if source.shape[1] != len(self.types):
@@ -242,11 +237,6 @@ def directed(
     signal : str, signal of the robot's side
     direction : str, "estimate" or "command"
     needs_truth : bool, whether what is to come out must be logged
-
-    Raises
-    ------
-    LogError
-        A signal is missing, or the two have not the same joints.
     """
     needed = needs_truth or direction == "command"
     reported = joint_signal(log, signal) if needs_truth or direction == "estimate" else getattr(log, signal)

@@ -297,11 +297,6 @@ def require_joints(log: CalibrationLog) -> None:
     Parameters
     ----------
     log : CalibrationLog, to be learned from
-
-    Raises
-    ------
-    LogError, DataError
-        Signals are missing or their units cannot be right, too few samples are complete, or no joint ever moves.
     """
     source, _, rows = _complete(log, _input_signal(log, FitSettings()), "estimate", np.ones(len(log), dtype=bool))
     _moving(source[rows], log.joint_types(source.shape[1]))
@@ -324,13 +319,7 @@ def _default_features(log: CalibrationLog, settings: FitSettings) -> tuple[str, 
 def _complete(
     log: CalibrationLog, signal: InputSignal, direction: str, keep: BoolArray
 ) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Return joints that go in and come out, and the rows of `keep` (n,) that are complete.
-
-    Raises
-    ------
-    LogError, DataError
-        Signals are missing, or too few samples are complete.
-    """
+    """Return joints that go in and come out, and the rows of `keep` (n,) that are complete."""
     source, truth = directed(log, signal, direction)
     assert truth is not None
     rows = np.flatnonzero(keep & np.isfinite(source).all(axis=1) & np.isfinite(truth).all(axis=1))
@@ -343,13 +332,7 @@ def _complete(
 
 
 def _moving(q: FloatArray, types: str) -> IntArray:
-    """Return the joints `(k,)` that move.
-
-    Raises
-    ------
-    DegenerateError
-        None does.
-    """
+    """Return the joints `(k,)` that move."""
     span = np.ptp(q, axis=0)
     moving: IntArray = np.flatnonzero([span[j] >= LEAST_MOTION[kind] for j, kind in enumerate(types)])
     if moving.size == 0:
@@ -361,14 +344,7 @@ def _moving(q: FloatArray, types: str) -> IntArray:
 
 
 def _remarks(log: CalibrationLog) -> tuple[str, ...]:
-    """Return what is odd but bearable about a log's joints, a sentence each.
-
-    Raises
-    ------
-    LogError
-        Most samples lie beyond the limits of the arm that the log names, or a trajectory runs from one session, a
-        homing, into the next.
-    """
+    """Return what is odd but bearable about a log's joints, a sentence each."""
     for number, rows in log.trajectories():
         sessions = np.unique(log.session[rows])
         if len(sessions) > 1:

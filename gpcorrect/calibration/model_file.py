@@ -185,11 +185,6 @@ def read_parts(path: str | Path) -> tuple[Header, Arrays]:
     Parameters
     ----------
     path : str or Path, model file
-
-    Raises
-    ------
-    ArtifactError
-        As for :func:`load`.
     """
     return _parts(path, _read(path))
 
@@ -207,16 +202,11 @@ def _parts(path: str | Path, content: bytes) -> tuple[Header, Arrays]:
 
 
 def read_history(path: str | Path) -> tuple[Step, ...]:
-    """Return how a model was made, oldest step first, from its header alone; nothing of before it was kept.
+    """Return how a model was made, oldest step first, from its header alone; nothing in older files.
 
     Parameters
     ----------
     path : str or Path, model file
-
-    Raises
-    ------
-    ArtifactError
-        As for :func:`load`.
     """
     header = _header_in(path, _unpacked(path, _read(path), only="header"))
     try:

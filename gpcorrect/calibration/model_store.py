@@ -328,13 +328,7 @@ class ModelStore:
 
 
 def _check_state(state: _State) -> None:
-    """Refuse a state that :meth:`ModelStore._write` never wrote: names of files are made of what it says.
-
-    Raises
-    ------
-    ValueError
-        A model has no hash, name, task or time, or the history names another model or task.
-    """
+    """Refuse a state that :meth:`ModelStore._write` never wrote: names of files are made of what it says."""
     tasks = {}
     for entry in state.models:
         texts = isinstance(entry.id, str) and isinstance(entry.hash, str) and HASH.fullmatch(entry.hash)

@@ -53,11 +53,6 @@ class PathFollower:
         Parameters
         ----------
         time : float, time of the sample, s
-
-        Raises
-        ------
-        DataError
-            Time stands still or runs back; the past stays.
         """
         if not np.isfinite(time) or (self._past and time <= self._past[-1][0]):
             raise DataError(

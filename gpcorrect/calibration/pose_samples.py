@@ -44,11 +44,6 @@ class PosePairs:
         keep : (n,) mask, samples that are not rejected
         velocity_step : float or None
             Step of the stencil, s; None takes five neighbouring samples.
-
-        Raises
-        ------
-        LogError
-            There are too few of them, or the log lacks a signal.
         """
         observed, commanded = pose_pair(log)
         twist = observed_twists(log, observed, keep, velocity_step)
@@ -80,11 +75,6 @@ class PosePairs:
         log : CalibrationLog, that the samples are of
         settings : FitSettings
             Whether frames are registered, and whether the marker may be away from the tool tip.
-
-        Raises
-        ------
-        DegenerateError
-            The motion does not determine it.
         """
         if not settings.rigid:
             return Registration(RigidModel(), "the registration was switched off", (), None)
@@ -98,11 +88,6 @@ def features_of(log: CalibrationLog, settings: FitSettings) -> tuple[tuple[str, 
     ----------
     log : CalibrationLog, to learn from
     settings : FitSettings, Kinds, where the user names them
-
-    Raises
-    ------
-    DataError
-        There is no such kind, or two exclude each other.
     """
     kinds = settings.features or (("pose",) if log.static else ("pose", "velocity"))
     if MEMORY in kinds and JOINTS in kinds:
@@ -188,13 +173,6 @@ def require_poses(log: CalibrationLog) -> None:
     Parameters
     ----------
     log : CalibrationLog, to be learned from
-
-    Raises
-    ------
-    LogError
-        A signal is missing, or too few samples have both poses and a velocity.
-    DegenerateError
-        The motion does not determine a registration.
     """
     pairs = PosePairs.of(log, np.ones(len(log), dtype=np.bool_), None)
     pairs.register(log, FitSettings(marker="none"))

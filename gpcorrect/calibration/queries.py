@@ -19,11 +19,6 @@ def numbers(values: ArrayLike, what: str) -> FloatArray:
     ----------
     values : array, none and NaN both mean that a number is missing
     what : str, what it is, for the message
-
-    Raises
-    ------
-    DataError
-        They are no numbers, or rows of several lengths.
     """
     try:
         return np.array(values, dtype=np.float64)
@@ -40,11 +35,6 @@ def pose_numbers(pose: ArrayLike, *, orientation: bool) -> FloatArray:
     ----------
     pose : (7,) or (3,) array, m and unit quaternion wxyz
     orientation : bool, whether the model corrects orientations
-
-    Raises
-    ------
-    DataError
-        Wrong length.
     """
     values = numbers(pose, "a pose")
     if values.shape != (POSE,) and (orientation or values.shape != (POSITION,)):
@@ -68,11 +58,6 @@ def twist_numbers(twist: ArrayLike | None) -> FloatArray:
     Parameters
     ----------
     twist : (6,) or (3,) array, or None, m/s and rad/s
-
-    Raises
-    ------
-    DataError
-        Wrong length.
     """
     if twist is None:
         return np.zeros(TWIST)
@@ -114,11 +99,6 @@ def checked_poses(poses: ArrayLike, *, orientation: bool) -> FloatArray:
     ----------
     poses : (n, 7) or (n, 3) array, m and unit quaternions wxyz
     orientation : bool, whether the model corrects orientations
-
-    Raises
-    ------
-    DataError
-        Wrong length, not finite, absurdly far away, or a quaternion that is not a unit quaternion.
     """
     values = numbers(poses, "poses")
     if values.ndim != 2 or values.shape[1] not in (POSITION, POSE):
@@ -155,11 +135,6 @@ def checked_times(times: ArrayLike, count: int) -> FloatArray:
     ----------
     times : (count,) array, s
     count : int, number of poses, or of joints' samples
-
-    Raises
-    ------
-    DataError
-        No sample at all, wrong length, not finite, or not strictly increasing.
     """
     values = numbers(times, "times")
     if not count:

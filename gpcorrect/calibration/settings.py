@@ -114,7 +114,7 @@ class Limits:
     slow_step, slow_ratio, slow_travel : float
         A path of samples at least so many s apart, so many times slower than the training, that travels so much of the
         training's size, is refused: milliseconds taken for seconds are 1000 times slower. Paths at half and at twice
-        the training's speed, and at a tenth, are told from them (tested).
+        the training's speed, and at a tenth, are not refused (tested).
     """
 
     fewest_samples: int = 20

@@ -49,13 +49,6 @@ def held_out(
     by : HoldOut, what the units are
     rng : numpy.random.Generator, optional
         Draws the units; the last ones are taken without it.
-
-    Raises
-    ------
-    DataError
-        `holdout` is not in [0, 1).
-    LogError
-        There are too few units to hold one out.
     """
     if not 0 <= holdout < 1:
         raise DataError(f"the held-out fraction must be at least 0 and below 1, got {holdout}.")

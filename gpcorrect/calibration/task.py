@@ -146,7 +146,7 @@ class Corrector(ABC):
     summary : mapping
         Description of the model: frames, units, features, fit report.
     history : tuple of Step
-        How it was made, oldest first; empty in files of before it was kept.
+        How it was made, oldest first; empty in older files.
     """
 
     KIND: ClassVar[str]

@@ -54,11 +54,6 @@ class ToolView:
         log : CalibrationLog, n samples
         keep : (n,) mask, samples that are not rejected
         needs_truth : bool, whether there must be a tracker
-
-        Raises
-        ------
-        LogError, DataError
-            A signal is missing, or the log's state has other columns than the training's.
         """
         path = _path_of(log, self.features.kinds, self.extra)
         reported, seen = _positions(log, needs_truth=needs_truth)
@@ -247,13 +242,7 @@ def _path_of(log: CalibrationLog, kinds: tuple[str, ...], extra: tuple[str, ...]
 
 
 def _positions(log: CalibrationLog, *, needs_truth: bool = True) -> tuple[FloatArray, FloatArray | None]:
-    """Return reported positions and those that the tracker saw `(n, 3)`; coasting rows of `vision track` are unseen.
-
-    Raises
-    ------
-    LogError
-        A signal is missing.
-    """
+    """Return reported positions and those that the tracker saw `(n, 3)`; coasting rows of `vision track` are unseen."""
     if log.measured_cp is None:
         raise LogError(f"the estimator needs measured_cp; the log has {', '.join(log.signals)}.", path=log.name)
     if log.tracker_cp is None:

@@ -161,11 +161,6 @@ class SlowStream:
         ----------
         time : float, s
         point : (k,) array, position or joints, m or rad
-
-        Raises
-        ------
-        DataError
-            The last samples came and moved too slowly, see :meth:`TrainingMotion.refuse_slow`.
         """
         if self._past and not time - self._past[-1][0] >= LIMITS.slow_step:
             self._past.clear()

@@ -83,7 +83,7 @@ def label_samples(samples: Samples, thresholds: Thresholds, settings: CleaningSe
             outside = np.maximum(outside, np.linalg.norm(beyond, axis=1))
         else:
             turned = np.maximum(turned, samples.error_lengths[:, group])
-    labels = Labels.kept(len(samples)).rejecting_above(outside, Reason.WORKSPACE, settings.workspace_margin)
+    labels = Labels.passing(len(samples)).rejecting_above(outside, Reason.WORKSPACE, settings.workspace_margin)
     labels = labels.rejecting_above(turned, Reason.ROTATION, settings.max_rotation)
     return labels.rejecting_above(_frozen_travel(samples), Reason.FROZEN, settings.frozen_travel)
 
@@ -114,10 +114,10 @@ def label_motion(
     scores = pieces.counts * (1 - badness**2)
     long_enough = (scores > 0) & (pieces.counts >= FEW)
     away = excursions(pieces, long_enough, path, steps, residual.left[left], occlusion)
-    kept = largest_chain(pieces, np.where(away, 0.0, scores), path, steps, occlusion)
+    chained = largest_chain(pieces, np.where(away, 0.0, scores), path, steps, occlusion)
     labels = _reject_pieces(labels, left, pieces, from_rigid, Reason.OUTLIER, settings.outlier_factor)
     labels = _reject_pieces(labels, left, pieces, from_smooth, Reason.OFFSET, settings.offset_factor)
-    labels = _reject_unconnected(labels, left, pieces, ~kept, steps)
+    labels = _reject_unconnected(labels, left, pieces, ~chained, steps)
     if not samples.joints:  # an outside encoder fails with a jump; what grows without one is the robot's (a wrist near
         # its singularity errs by 30 degrees, smoothly and again and again)
         labels = labels.rejecting_above(residual.distance, Reason.OFFSET, SMOOTH_LEEWAY * settings.offset_factor)

@@ -79,7 +79,7 @@ def fit_cleaner(
     cleaner : FittedCleaner
         What was learned, for :func:`clean_with`.
     report : CleaningReport
-        Which samples of `log` are kept, and why the others are not.
+        Which samples of `log` pass, and why the others do not.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def _registered(
 def _usable(log: CalibrationLog, pair: Pair, settings: CleaningSettings) -> tuple[IntArray, Labels]:
     """Rows that the rules label, in recorded order, and the labels of all others: unusable, or dropped by hand."""
     order = recorded_order(log)
-    labels = Labels.kept(len(log)).rejecting_above(unusable(log, pair, order), Reason.INVALID, 0.0)
+    labels = Labels.passing(len(log)).rejecting_above(unusable(log, pair, order), Reason.INVALID, 0.0)
     by_hand = segment_mask(log, settings.drop) & ~segment_mask(log, settings.keep)
     labels = labels.rejecting(by_hand, Reason.MANUAL, np.nan, np.nan)
     return order[labels.keep[order]], labels

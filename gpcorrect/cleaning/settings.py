@@ -122,7 +122,7 @@ class CleaningSettings:
     response_time : float
         The arm follows its command within this time, so the commanded travel is the largest of this neighbourhood.
     occlusion_time : float
-        Longest occlusion, s, that is told from a real step of the error (which lasts) by its length alone.
+        Longest occlusion, s, that differs from a real step of the error (which lasts) by its length alone.
     offset_factor : float
         Robust scales from the smooth model of the error beyond which a sample is rejected.
     frozen_travel : float
@@ -132,7 +132,7 @@ class CleaningSettings:
     field_samples : int
         Samples that the smooth model of the error is learned from (time grows with the cube).
     keep, drop : tuple of Segment
-        Segments that are kept or dropped by hand; they beat every rule, and `keep` beats `drop`.
+        Segments to keep or to drop by hand; they beat every rule, and `keep` beats `drop`.
 
     Raises
     ------

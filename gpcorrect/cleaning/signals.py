@@ -256,13 +256,7 @@ def _joint_samples(
 
 
 def _joint_signals(log: CalibrationLog, pair: Pair) -> tuple[FloatArray, FloatArray]:
-    """Return observed and commanded joints (n, dof) each.
-
-    Raises
-    ------
-    LogError
-        The log lacks one of the signals, or they hold different numbers of joints.
-    """
+    """Return observed and commanded joints (n, dof) each."""
     observed, command = (_signal(log, name, pair) for name in (pair.observed, pair.command))
     if observed.shape != command.shape:
         raise LogError(

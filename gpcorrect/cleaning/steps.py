@@ -238,12 +238,12 @@ def largest_chain(
     path, thresholds : Path, StepThresholds, samples and limits on their steps
     switch_cost : float, samples
     """
-    kept = np.zeros(len(pieces), dtype=bool)
+    chained = np.zeros(len(pieces), dtype=bool)
     for chosen in np.split(np.arange(len(pieces)), np.flatnonzero(np.diff(pieces.run)) + 1):
         chosen = chosen[scores[chosen] > 0]
         if len(chosen):
-            kept[chosen[_best_chain(pieces, scores[chosen], chosen, path, thresholds, switch_cost)]] = True
-    return kept
+            chained[chosen[_best_chain(pieces, scores[chosen], chosen, path, thresholds, switch_cost)]] = True
+    return chained
 
 
 def _best_chain(

@@ -224,11 +224,6 @@ def kernel_named(name: str) -> type[Kernel]:
     Parameters
     ----------
     name : str, one of `KERNELS`
-
-    Raises
-    ------
-    DataError
-        There is none of that name.
     """
     if name not in KERNELS:
         raise DataError(f"a kernel is one of {', '.join(KERNELS)}, got {name!r}.")
@@ -244,11 +239,6 @@ def component_masks(n_features: int, groups: Sequence[Sequence[int]] | None) -> 
     ----------
     n_features : int, d
     groups : sequence of sequences of int, optional, columns of each group
-
-    Raises
-    ------
-    DataError
-        A group names a feature that does not exist.
     """
     masks = []
     for group in groups or ():

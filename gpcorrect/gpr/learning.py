@@ -152,11 +152,6 @@ def learn(
     start : (p,) array, optional
         Where the first search starts, as it came out of a search of data of the same kind.
     kernel : "rbf", "matern52" or "auto", Kernel, or "auto" for any
-
-    Raises
-    ------
-    DataError
-        There is no such kernel.
     """
     kinds = list(KERNELS.values()) if kernel == "auto" else [kernel_named(kernel)]
     data = LearningData(X, Y, sample_lags(groups, times))

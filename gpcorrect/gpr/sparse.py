@@ -190,7 +190,7 @@ class SparseGPR(GaussianProcess):
         Y: FloatArray,
         progress: Progress,
     ) -> Statistics:
-        """Return the statistics of all samples; with parts to be kept, the sum of theirs."""
+        """Return the statistics of all samples; with parts to be left out later, the sum of theirs."""
         if self._parts is None:
             return collect(kernel, basis, L, offset, X, Y, progress)
         (parts, terms), m = self._parts, Y.shape[1]

@@ -175,12 +175,12 @@ def _foretold(errors: FloatArray, trajectory: IntArray, folds: IntArray, zero: F
     A model goes on from where its zero stood last, and errs by how far it moves from there.
     """
     means = _means(errors, trajectory)
-    told = np.zeros(errors.shape)
+    foretold = np.zeros(errors.shape)
     for fold in np.unique(folds):
         rest = folds != fold
         others = _means(errors[rest], trajectory[rest])
-        told[~rest] = others.mean(axis=0) - means.mean(axis=0) + local_level(errors[rest], trajectory[rest]).last
-    return np.where(zero != 0, told, 0.0)
+        foretold[~rest] = others.mean(axis=0) - means.mean(axis=0) + local_level(errors[rest], trajectory[rest]).last
+    return np.where(zero != 0, foretold, 0.0)
 
 
 def _means(errors: FloatArray, trajectory: IntArray) -> FloatArray:
