@@ -104,27 +104,21 @@ class Aim:
 
         Parameters
         ----------
-        q, commands : (n, d) arrays
-            Desired joints, and what is commanded for them, rad or m.
-        time : (n,) array, s
-        sessions : n int, homing or day
+        q, commands : (n, d) arrays, desired joints, and what is commanded for them, rad or m
+        time, sessions
+            As for :meth:`moved`.
         """
         reached = self.reached.correct_path(commands, time, sessions=sessions)
         assert reached.joints is not None
         return q - reached.joints, ~np.asarray(reached.in_domain)
 
-    def stream(self) -> AimStream:
+    def stream(self) -> _AimStream:
         """Return what moves commands one after the other."""
-        return AimStream(self)
+        return _AimStream(self)
 
 
-class AimStream:
-    """Moves commands sample after sample, as the whole path is moved.
-
-    Parameters
-    ----------
-    aim : Aim, what was learned
-    """
+class _AimStream:
+    """Moves commands sample after sample, as the whole path is moved."""
 
     def __init__(self, aim: Aim) -> None:
         self._share, self._streams = aim.share, [aim.reached.stream() for _ in range(STEPS)]

@@ -73,9 +73,8 @@ class CoupledPlay:
 
         Parameters
         ----------
-        path : (n, d) array
-            Positions of the motors in units of half the ranges.
-        new : (n,) mask, where a path starts
+        path, new
+            As for :meth:`lags`.
         """
         found: tuple[FloatArray, FloatArray] = _lags_and_slopes(
             np.ascontiguousarray(path), np.array(self.stiffness), np.array(self.gap), new

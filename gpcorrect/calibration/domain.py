@@ -79,17 +79,12 @@ class Domain:
         region = cls(low - margin, high + margin, novelty, np.sqrt((targets**2).mean(axis=0)))
         if fading is None:
             return region
-        middle, half = region.middle_and_half(fading)
+        middle, half = region._middle_and_half(fading)
         went = np.abs((X[:, fading] - middle) / half).max(axis=0)
         return replace(region, fading=fading, kept=np.clip(went, WITHOUT_MARGIN, LIMITS.fades_from))
 
-    def middle_and_half(self, inputs: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Return the middle `(k,)` and half `(k,)` of the region of some inputs.
-
-        Parameters
-        ----------
-        inputs : (k,) int array, bounded inputs
-        """
+    def _middle_and_half(self, inputs: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return the middle `(k,)` and half `(k,)` of the region of k inputs."""
         low, high = self.low[inputs], self.high[inputs]
         return (low + high) / 2, np.maximum((high - low) / 2, np.finfo(float).tiny)
 
@@ -114,12 +109,12 @@ class Domain:
 
         Parameters
         ----------
-        X : (..., D) array, inputs
+        X : (..., D) array
         """
         inputs = X.copy()
         inputs[..., : len(self.low)] = np.clip(X[..., : len(self.low)], self.low, self.high)
         if self.fading.size:
-            middle, half = self.middle_and_half(self.fading)
+            middle, half = self._middle_and_half(self.fading)
             place = (inputs[..., self.fading] - middle) / half
             fraction = np.clip((1 - np.abs(place)) / (1 - self.kept), 0, 1)
             inputs[..., self.fading] = middle + fraction * half * np.clip(place, -self.kept, self.kept)
@@ -179,9 +174,7 @@ class Bounds:
         sizes : tuple of int
             How many components in turn are bounded together.
         """
-        starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-        lengths = np.sqrt(np.add.reduceat(targets**2, starts, axis=1))
-        return cls(sizes, LIMITS.headroom * lengths.max(axis=0))
+        return cls(sizes, LIMITS.headroom * _lengths(targets, sizes).max(axis=0))
 
     def widened(self, other: Self) -> Self:
         """Return the bounds that hold both.
@@ -199,8 +192,12 @@ class Bounds:
         ----------
         residual : (n, m) array, Corrections, m or rad
         """
-        starts = np.concatenate([[0], np.cumsum(self.sizes)[:-1]])
-        lengths = np.sqrt(np.add.reduceat(residual**2, starts, axis=1))
-        scale = np.minimum(1.0, self.largest / np.maximum(lengths, 1e-300))
+        scale = np.minimum(1.0, self.largest / np.maximum(_lengths(residual, self.sizes), 1e-300))
         cut: BoolArray = np.asarray((scale < 1.0).any(axis=1))
         return residual * np.repeat(scale, self.sizes, axis=1), cut
+
+
+def _lengths(values: FloatArray, sizes: tuple[int, ...]) -> FloatArray:
+    """Return the lengths `(n, g)` of groups of so many columns in turn."""
+    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    return np.sqrt(np.add.reduceat(values**2, starts, axis=1))

@@ -76,10 +76,6 @@ def joint_units(types: str) -> tuple[list[str], FloatArray]:
     ----------
     types : str, "R" or "P" for each joint
 
-    Returns
-    -------
-    names : list of str, "deg" or "mm"
-    scale : (d,) array, of one rad or m
     """
     names = ["mm" if kind == "P" else "deg" for kind in types]
     return names, np.array([1e3 if kind == "P" else np.rad2deg(1.0) for kind in types])

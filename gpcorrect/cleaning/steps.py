@@ -6,7 +6,9 @@ which side is wrong; the chain of pieces that hang together by possible steps an
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Self
 
@@ -242,20 +244,36 @@ def largest_chain(
     for chosen in np.split(np.arange(len(pieces)), np.flatnonzero(np.diff(pieces.run)) + 1):
         chosen = chosen[scores[chosen] > 0]
         if len(chosen):
-            chained[chosen[_best_chain(pieces, scores[chosen], chosen, path, thresholds, switch_cost)]] = True
+            first, last = pieces.first[chosen], pieces.last[chosen]
+            chain = best_chain(scores[chosen], first, last, partial(thresholds.possible, path), switch_cost)
+            chained[chosen[chain]] = True
     return chained
 
 
-def _best_chain(
-    pieces: Pieces, scores: FloatArray, chosen: IntArray, path: Path, thresholds: StepThresholds, switch_cost: float
+def best_chain(
+    scores: FloatArray,
+    first: IntArray,
+    last: IntArray,
+    possible: Callable[[IntArray, IntArray], BoolArray],
+    switch_cost: float = np.inf,
 ) -> IntArray:
-    """Positions within `chosen` of the best chain, by dynamic programming over the last `REACH` pieces."""
-    best, before = scores.copy(), np.full(len(chosen), -1)
-    for k in range(1, len(chosen)):
+    """Return which of m pieces, in order, are the chain of greatest total score.
+
+    Dynamic programming over the last `REACH` pieces.
+
+    Parameters
+    ----------
+    scores : (m,) array, positive
+    first, last : (m,) int arrays, first and last sample of each
+    possible : callable
+        From samples i and later samples j to the mask of possible steps.
+    switch_cost : float, of an impossible step in the chain
+    """
+    best, before = scores.astype(np.float64), np.full(len(scores), -1)
+    for k in range(1, len(scores)):
         low = max(0, k - REACH)
-        i = pieces.last[chosen[low:k]]
-        possible = thresholds.possible(path, i, np.full(len(i), pieces.first[chosen[k]]))
-        gain = best[low:k] - np.where(possible, 0.0, switch_cost)
+        steps = possible(last[low:k], np.full(k - low, first[k]))
+        gain = best[low:k] - np.where(steps, 0.0, switch_cost)
         choice = int(np.argmax(gain))
         if gain[choice] > 0:
             best[k] += gain[choice]
