@@ -73,8 +73,7 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
 
         Parameters
         ----------
-        X : (n, d) array, inputs
-        y : (n,) or (n, m) array, outputs
+        X, y : (n, d), and (n,) or (n, m) arrays
         """
         check_is_fitted(self, "predictor_")
         other = copy(self)
@@ -89,27 +88,19 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
 
         Parameters
         ----------
-        X : (n, d) array, inputs
-        y : (n,) or (n, m) array, outputs
-        groups : (n,) array, optional
-            Trajectory of each sample, as in :meth:`fit`.
-        times : (n,) array, optional, seconds
+        X, y, groups, times
+            As for :meth:`fit`.
         """
         check_is_fitted(self, "predictor_")
         return copy(self)._fit(X, y, groups, times, Progress(), self.learned_)
 
     def predict(self, X: ArrayLike, return_std: bool = False) -> Any:
-        """Return the mean, and with `return_std` also the standard deviation of a new observation.
+        """Return the mean `(n,)` or `(n, m)`, with `return_std` also the standard deviation of a new observation.
 
         Parameters
         ----------
         X : (n, d) array, inputs
-        return_std : bool, whether to return standard deviations too
-
-        Returns
-        -------
-        mean : (n,) or (n, m) array
-        std : (n,) or (n, m) array, only with `return_std`
+        return_std : bool
         """
         check_is_fitted(self, "predictor_")
         mean, std, _ = self.predictor_.mean_std_batch(validate_data(self, X, reset=False, dtype=np.float64))

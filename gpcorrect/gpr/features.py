@@ -131,7 +131,10 @@ class FeatureMap:
                 f"features need at least two complete samples, got {len(raw)}.", hint="Look for gaps in the recording."
             )
         low, high = np.percentile(raw, SPREAD_QUANTILES, axis=0)
-        return replace(known, spread=np.maximum((high - low) / 2, known._least_spread()))
+        return replace(
+            known,
+            spread=np.maximum((high - low) / 2, known._each(LEAST_LINEAR, LEAST_ANGULAR, LEAST_LINEAR, LEAST_ANGULAR)),
+        )
 
     def transform(
         self, positions: FloatArray, rotations: FloatArray | None, twists: FloatArray | None = None
@@ -147,14 +150,13 @@ class FeatureMap:
         return self._raw(positions, rotations, twists) / self.spread
 
     def inverse(self, features: FloatArray) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
-        """Return positions, rotations and twists that have (or, for columns, come nearest to) features `(n, d)`.
+        """Return positions, rotations and twists that have (or, for columns, come nearest to) features.
 
         No rotations without orientation, and no twists where velocity is no feature.
 
         Parameters
         ----------
         features : (n, d) array
-            From :meth:`transform`.
         """
         raw = features * self.spread
         pose = len(self.groups[0])
@@ -181,24 +183,17 @@ class FeatureMap:
             parts.append(twists[:, : 6 if self.has_orientation else 3])
         return np.concatenate(parts, axis=1)
 
-    def _least_spread(self) -> FloatArray:
-        linear, angular = np.full(3, LEAST_LINEAR), np.full(3, LEAST_ANGULAR)
-        turn = np.full(6 if self.rotation == "columns" else 3, LEAST_ANGULAR)
-        parts = [linear]
-        parts += [turn] if self.has_orientation else []
-        parts += [linear] if self.uses_velocity else []
-        parts += [angular] if self.uses_velocity and self.has_orientation else []
-        return np.concatenate(parts)
-
     @property
     def slack(self) -> FloatArray:
         """How far outside its range (d,) a feature may always be: a motion that held it still is no wall."""
-        linear, angular, speed, turning = (np.full(3, s) for s in (SLACK, TURN_SLACK, SPEED_SLACK, TURNING_SLACK))
-        parts = [linear]
-        parts += [np.resize(angular, len(self.groups[0]) - 3)] if self.has_orientation else []
-        parts += [speed] if self.uses_velocity else []
-        parts += [turning] if self.uses_velocity and self.has_orientation else []
-        return np.concatenate(parts) / self.spread
+        return self._each(SLACK, TURN_SLACK, SPEED_SLACK, TURNING_SLACK) / self.spread
+
+    def _each(self, linear: float, turn: float, speed: float, turning: float) -> FloatArray:
+        """Return a number for every feature `(d,)`, by its kind."""
+        parts = [np.full(3, linear), np.full(len(self.groups[0]) - 3, turn)]
+        if self.uses_velocity:
+            parts += [np.full(3, speed), np.full(len(self.groups[1]) - 3, turning)]
+        return np.concatenate(parts)
 
 
 def _rotation_kind(rotations: FloatArray, R_mean: FloatArray) -> RotationKind:

@@ -90,16 +90,16 @@ class IntervalCalibration:
 
         Parameters
         ----------
-        by : float, 1 leaves them as they are
+        by : float
         """
         return type(self)(by * self.factor)
 
     def interval95(self, std: FloatArray) -> FloatArray:
-        """Half widths `(..., m)` of the intervals, from standard deviations `(..., m)`.
+        """Half widths `(..., m)` of the intervals.
 
         Parameters
         ----------
-        std : (..., m) array, standard deviations
+        std : (..., m) array
         """
         return std * self.factor
 
@@ -109,7 +109,7 @@ def novelty_limit(novelty: FloatArray) -> float:
 
     Parameters
     ----------
-    novelty : (n,) array, novelties of left-out training samples
+    novelty : (n,) array, of left-out training samples
     """
     return float(np.quantile(novelty, INSIDE))
 

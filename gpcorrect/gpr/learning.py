@@ -39,7 +39,6 @@ class Hyperparameters:
     correlation_time : float, how long they have it in common, s
     objective : float
         Negative log posterior up to a constant, of the best search.
-    evaluations : int, evaluations spent
     theta : (p,) array
         The same as the search saw it, :class:`gpcorrect.gpr.likelihood.Layout`: where another search may start.
     """
@@ -50,7 +49,6 @@ class Hyperparameters:
     correlated_share: FloatArray
     correlation_time: float
     objective: float
-    evaluations: int
     theta: FloatArray
 
     def __post_init__(self) -> None:
@@ -193,7 +191,6 @@ def _search(
         correlated_share=noise.share,
         correlation_time=noise.time,
         objective=float(best.fun),
-        evaluations=sum(int(result.nfev) for result in results),
         theta=best.x,
     )
 

@@ -1,9 +1,4 @@
-"""Predictions from factors computed once: of one input (the hot path) and of many.
-
-With correlations k to the basis points the mean of output o is `k^T alpha_o` and its latent variance `s_o (1 - sum_j
-c_oj w_j^2)`, `w = P k`: the shared kernel lets one product `P k` serve every output, whatever its noise
-(docs/design/0002).
-"""
+"""Predictions from factors computed once: of one input (in machine code, see `compiled.py`) and of many."""
 
 from __future__ import annotations
 
@@ -54,10 +49,7 @@ class SharedPredictor:
         for name in (f.name for f in fields(self) if f.name != "kernel"):
             object.__setattr__(self, name, frozen_array(np.ascontiguousarray(getattr(self, name))))
         object.__setattr__(self, "projection", frozen_array(self.projection.astype(np.float32).astype(np.float64)))
-        self._check_shapes()
-
-    def _check_shapes(self) -> None:
-        """Refuse arrays that do not fit together, before compiled code, which does not look, reads them."""
+        # Refused before compiled code, which does not look, reads them.
         (p, d), (r, q), m = self.basis.shape, self.projection.shape, self.offset.size
         shapes = {"alpha": (m, p), "offset": (m,), "explained": (m, r), "signal": (m,), "noise": (m,)}
         found = {name: getattr(self, name).shape for name in shapes}
@@ -73,7 +65,7 @@ class SharedPredictor:
 
         Parameters
         ----------
-        X : (n, d) array, inputs
+        X : (n, d) array
         """
         n, m = len(X), len(self.offset)
         mean, std, novelty = np.empty((n, m)), np.empty((n, m)), np.empty(n)
@@ -122,19 +114,13 @@ class Predictor:
         return np.concatenate([part.noise for part in self.parts])
 
     def mean_std(self, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-        """Predict one input.
+        """Predict one input: mean and standard deviation `(m,)` of a new observation, and novelty.
+
+        The novelty is the fraction of the prior variance that is left, of the group known least: 0 amid data, 1 far.
 
         Parameters
         ----------
         x : (d,) array
-
-        Returns
-        -------
-        mean : (m,) array
-        std : (m,) array
-            Standard deviation of a new observation: latent variance and noise.
-        novelty : float
-            Fraction of the prior variance that is left, of the group known least: 0 amid data, 1 far from all.
 
         Raises
         ------
@@ -151,7 +137,7 @@ class Predictor:
 
         Parameters
         ----------
-        X : (n, d) array, inputs
+        X : (n, d) array
         """
         means, stds, novelties = zip(*[part.mean_std_batch(X) for part in self.parts], strict=True)
         return np.concatenate(means, axis=1), np.concatenate(stds, axis=1), np.max(novelties, axis=0)

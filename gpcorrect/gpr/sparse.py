@@ -37,19 +37,11 @@ class SparseGPR(GaussianProcess):
     n_inducing : int, inducing points that the mean rests on
     n_variance : int
         How many of them the variance rests on: the part of a query that costs their square.
-    feature_groups : sequence of sequences of int, optional
-        Columns of X that act in part by themselves (pose; velocity): each group adds a component to the kernel.
-    output_groups : sequence of int, optional
-        How many outputs in turn share a kernel, as (3, 3) for positions and rotations; all of them by default.
-    n_learn : int
-        Samples that the hyperparameters are learned from.
-    n_restarts : int
-        Further searches for the hyperparameters, from random starts.
+    feature_groups, output_groups, n_learn, n_restarts, kernel
+        As for :class:`ExactGPR`.
     inflation : sequence of float, optional
         For each group of outputs, how many neighbouring samples count as one, because they err together; 1 by default.
         :func:`gpcorrect.gpr.learn_inflation` learns it.
-    kernel : "rbf", "matern52" or "auto"
-        Correlation function; "auto" takes, for each group of outputs, the one of greater evidence.
     random_state : int, RandomState or None
         Seed of the subset, the restarts and the inducing points.
 
@@ -60,7 +52,6 @@ class SparseGPR(GaussianProcess):
         the largest of the groups of outputs.
     unseen_ : float
         Mean share of prior variance that the inducing points cannot see at the training samples; likewise.
-
     statistics_ : tuple of Statistics
         What the posterior of each group of outputs rests on; data can be added to it.
 
@@ -151,14 +142,11 @@ class SparseGPR(GaussianProcess):
         return other
 
     def collected(self, X: FloatArray, Y: FloatArray, terms: FloatArray | None = None) -> tuple[Statistics, ...]:
-        """Return the statistics of samples `(n, d)` and `(n, m)` under this model's points and hyperparameters.
+        """Return the statistics of samples under this model's points and hyperparameters, see :func:`statistics_of`.
 
         Parameters
         ----------
-        X : (n, d) array, inputs
-        Y : (n, m) array, outputs
-        terms : (n, k) array, optional
-            Further columns that stand behind each group's outputs, not centred.
+        X, Y, terms : (n, d), (n, m) and (n, k) arrays
         """
         pairs = zip(self.predictor_.parts, self.learned_, strict=True)
         return tuple(statistics_of(part, X, Y[:, learned.columns], terms) for part, learned in pairs)

@@ -45,13 +45,12 @@ class Statistics:
     inflation: float = 1.0
 
     def plus(self, other: Self, keep: float = 1.0) -> Statistics:
-        """Return the statistics of these samples, weighted by `keep`, and the others together, inflated as these.
+        """Return the statistics of these samples, weighted by `keep`, and the others in full, inflated as these.
 
         Parameters
         ----------
         other : Statistics, under the same points and hyperparameters
         keep : float
-            Weight of these samples; the others count in full.
         """
         return replace(self, G=keep * self.G + other.G, Vy=keep * self.Vy + other.Vy, n=keep * self.n + other.n)
 
@@ -107,9 +106,8 @@ class Statistics:
 
         Parameters
         ----------
-        L : (M, M) array
-            Cholesky factor of the correlations of the points.
-        ratio : (m,) array, noise over signal variance
+        L, ratio
+            As for :meth:`mean_weights`.
         count : int, at most M
         """
         eigenvalues, U = np.linalg.eigh(self.G[:count, :count])
@@ -130,7 +128,7 @@ def collect(
     Y: FloatArray,
     progress: Progress,
 ) -> Statistics:
-    """Sum over samples `(n, d)` and `(n, m)` in blocks: memory does not grow with their number.
+    """Sum over samples in blocks: memory does not grow with their number.
 
     Parameters
     ----------
@@ -138,8 +136,7 @@ def collect(
     basis : (M, d) array, inducing points
     L : (M, M) array, Cholesky factor of their correlations
     offset : (m,) array, mean far from all data
-    X : (n, d) array, inputs
-    Y : (n, m) array, outputs
+    X, Y : (n, d) and (n, m) arrays, inputs and outputs
     progress : Progress, updated after each block
     """
     G, Vy = np.zeros((len(basis), len(basis)), order="F"), np.zeros((len(basis), Y.shape[1]))
@@ -167,14 +164,11 @@ def posterior(
 
     Parameters
     ----------
-    kernel : Kernel, in the units of the inputs
-    basis : (M, d) array, inducing points
-    L : (M, M) array, Cholesky factor of their correlations
-    offset : (m,) array, mean far from all data
-    signal : (m,) array, prior variances
-    noise : (m,) array, noise variances
-    statistics : Statistics, of the samples
-    n_variance : int, points that the variance rests on
+    kernel, basis, L, offset
+        As for :func:`collect`.
+    signal, noise : (m,) arrays, prior and noise variances
+    statistics : Statistics
+    n_variance : int
     """
     ratio = noise / signal
     projection, explained = statistics.variance_factors(L, ratio, min(n_variance, len(basis)))
@@ -191,13 +185,12 @@ def posterior(
 
 
 def statistics_of(part: SharedPredictor, X: FloatArray, Y: FloatArray, terms: FloatArray | None = None) -> Statistics:
-    """Return the statistics of samples `(n, d)` and `(n, m)` under a predictor's points and hyperparameters.
+    """Return the statistics of samples under a predictor's points and hyperparameters.
 
     Parameters
     ----------
     part : SharedPredictor, points and hyperparameters
-    X : (n, d) array, inputs
-    Y : (n, m) array, outputs
+    X, Y : (n, d) and (n, m) arrays, inputs and outputs
     terms : (n, k) array, optional
         Further columns that stand behind the outputs, not centred.
     """
@@ -213,7 +206,7 @@ def updated(part: SharedPredictor, statistics: Statistics) -> SharedPredictor:
     Parameters
     ----------
     part : SharedPredictor, points and hyperparameters
-    statistics : Statistics, of the samples
+    statistics : Statistics
     """
     L = cholesky(part.kernel(part.basis, part.basis))[0]
     shared = part.kernel, part.basis, L, part.offset, part.signal, part.noise
