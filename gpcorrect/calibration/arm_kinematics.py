@@ -112,8 +112,7 @@ class ArmKinematics:
 
         Parameters
         ----------
-        poses : PoseSignal
-            n poses in the command's frame, with orientation.
+        poses : PoseSignal, n poses in the command's frame, with orientation
         """
         q, left = self._inverse(poses)
         q[~(left <= self.reach)] = np.nan
@@ -140,8 +139,7 @@ class ArmKinematics:
         Parameters
         ----------
         poses : PoseSignal, n poses, complete
-        q, corrected : (n, d) arrays
-            Joints of the poses, and those that the arm moves to, rad and m.
+        q, corrected : (n, d) arrays, joints of the poses, and those that the arm moves to, rad and m
         """
         before, after, turned = self.chain.forward(q), self.chain.forward(corrected), rotations_of(poses)
         assert turned is not None

@@ -28,8 +28,7 @@ class MotionLimits:
 
     Parameters
     ----------
-    speeds : tuple of float
-        Largest speed, m/s, and where orientations are observed rad/s.
+    speeds : tuple of float, largest speed, m/s, and where orientations are observed rad/s
     noise : tuple of float, step that noise alone can make, m and rad
     longest : float
         Longest stretch that is bridged, s; what lasts longer may be meant.
@@ -58,8 +57,7 @@ class MotionLimits:
         Parameters
         ----------
         signal : PoseSignal, n desired poses
-        reference : PoseSignal
-            The same in the robot's frame, where the limits were learned.
+        reference : PoseSignal, the same in the robot's frame, where the limits were learned
         time : (n,) array, s
         labels : (n,) int array, unbroken run of each sample, -1 for none
         """

@@ -39,8 +39,7 @@ class CoupledPlay:
 
     Parameters
     ----------
-    stiffness : (d, d) array
-        Symmetric, positive definite, unit diagonal or more.
+    stiffness : (d, d) array, Symmetric, positive definite, unit diagonal or more
     gap : (d,) array, half gaps F_i / K_ii
     """
 
@@ -58,8 +57,7 @@ class CoupledPlay:
 
         Parameters
         ----------
-        path : (n, d) array
-            Positions of the motors in units of half the ranges.
+        path : (n, d) array, positions of the motors in units of half the ranges
         new : (n,) mask, where a path starts
         """
         lags: FloatArray = _lags(np.ascontiguousarray(path), np.array(self.stiffness), np.array(self.gap), new)
@@ -86,8 +84,7 @@ class CoupledPlay:
 
         Parameters
         ----------
-        joints : (d,) array
-            Where the joints stood, in units of half the ranges.
+        joints : (d,) array, where the joints stood, in units of half the ranges
         motors : (d,) array, where the motors are now, likewise
         """
         moved = np.array(joints, dtype=np.float64)

@@ -21,16 +21,14 @@ class Samples:
     ----------
     time : (n,) array, s
     trajectory, session : (n,) int arrays, as in the log
-    new : (n,) mask
-        Where an unbroken path begins: nothing is known of what the arm did before.
+    new : (n,) mask, where an unbroken path begins: nothing is known of what the arm did before
     X : (n, d) array
         Inputs of the learner; NaN in rows that lack one.
     target : (n, m) array
         What the learner is to predict; NaN where unknown.
     origin : (n, m) array
         What the target is counted from, beyond the correction itself: 0, or the input for a learner of true positions.
-    usable : (n,) mask
-        Rows that may be learned from: complete, and not rejected.
+    usable : (n,) mask, rows that may be learned from: complete, and not rejected
     path : (n, d) array
         Joints that go in, for learners that filter a path; no columns where there are none.
     effort : (n, d) array or None, Efforts, likewise
@@ -100,20 +98,15 @@ class Layout:
 
     Parameters
     ----------
-    targets : tuple of int
-        How many targets in turn belong together: they have one kernel and one bound.
+    targets : tuple of int, how many targets in turn belong together: they have one kernel and one bound
     inputs : tuple of tuples of int, or None
         Columns that act in part by themselves (pose; velocity), each a component of the kernel; None for one.
-    smooth : (k,) int array
-        Columns on which the targets may depend in a curved way.
+    smooth : (k,) int array, columns on which the targets may depend in a curved way
     penalties : (d, m) array or None
         Ridge penalties of a linear law that comes before the Gaussian process; None for a task without one.
-    slack : (d,) array
-        How far outside its training range an input may always be.
-    inducing : int
-        Points of the Gaussian process where the settings say nothing.
-    fading : (f,) int array
-        Columns, velocities, whose linear effect fades outside the training range.
+    slack : (d,) array, how far outside its training range an input may always be
+    inducing : int, points of the Gaussian process where the settings say nothing
+    fading : (f,) int array, Columns, velocities, whose linear effect fades outside the training range
     """
 
     targets: tuple[int, ...]

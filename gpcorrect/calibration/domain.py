@@ -68,8 +68,7 @@ class Domain:
         ----------
         X : (n, d) array
             Training inputs; the margin around their range is half of it, but `slack` at least.
-        slack : (d,) array
-            How far outside its range an input may always be.
+        slack : (d,) array, how far outside its range an input may always be
         novelty : float
         targets : (n, m) array, what was to be predicted
         fading : (f,) int array, optional
@@ -171,8 +170,7 @@ class Bounds:
         Parameters
         ----------
         targets : (n, m) array, training corrections, m or rad
-        sizes : tuple of int
-            How many components in turn are bounded together.
+        sizes : tuple of int, how many components in turn are bounded together
         """
         return cls(sizes, LIMITS.headroom * _lengths(targets, sizes).max(axis=0))
 

@@ -33,10 +33,8 @@ class Detection:
     ----------
     scores : (n,) array, of the trajectories, in order
     evidence : (n,) array, C above, after each trajectory
-    threshold : float
-        A above: mean number of trajectories between false alarms, at least.
-    alarm : int or None
-        The first trajectory whose evidence reached the threshold.
+    threshold : float, A above: mean number of trajectories between false alarms, at least
+    alarm : int or None, the first trajectory whose evidence reached the threshold
     """
 
     scores: FloatArray
@@ -52,8 +50,7 @@ def detect(baseline: FloatArray, scores: FloatArray, threshold: float, rng: np.r
     ----------
     baseline : (b,) array, scores of the training's left-out trajectories
     scores : (n,) array, scores to test, in recorded order
-    threshold : float
-        Mean number of trajectories between false alarms, at least.
+    threshold : float, mean number of trajectories between false alarms, at least
     rng : numpy.random.Generator, breaks ties
 
     Raises
@@ -115,8 +112,7 @@ class Ageing:
     ----------
     ageing : bool
         Whether the scores grow beyond chance: the 95 % interval of the slope lies above zero.
-    slope, slope95 : float and pair
-        Growth of the score in one unit of time, and its interval.
+    slope, slope95 : float and pair, growth of the score in one unit of time, and its interval
     limit : float, score at which the model is called worn out
     remaining : float or None
         Time from the newest log until the line reaches the limit; 0 when it has; None when the model does not age.
@@ -144,8 +140,7 @@ def estimate_ageing(
     baseline, scores : (b,) and (n,) arrays, as for the sequential test
     ages : (n,) array, time since the fit
     logs : (n,) array, which log a score comes from
-    limit : float
-        Worn out means this many times the baseline's mean.
+    limit : float, worn out means this many times the baseline's mean
     rng : numpy.random.Generator, draws the bootstrap's samples
 
     Raises

@@ -154,8 +154,7 @@ def run_experiment(
     ----------
     log : CalibrationLog, holds the task's signals
     settings : FitSettings, optional, what differs from the defaults
-    task : type
-        A subclass of :class:`Corrector`.
+    task : type, A subclass of :class:`Corrector`
     holdout : float
         Fraction of the units to measure on; 0 for none.
     by : HoldOut, what is held out whole

@@ -49,8 +49,7 @@ def zigzag(direction: Direction, sparsity: int, limits: FloatArray, *, as_publis
     Parameters
     ----------
     direction : str, joints along which the stripes run
-    sparsity : int
-        n of the sparsity 1/n: stripes lie 1/n of the block's side apart.
+    sparsity : int, n of the sparsity 1/n: stripes lie 1/n of the block's side apart
     limits : (3, 2) array
         Lowest and highest position of each joint, rad or m. One joint moves within +-r / (2 sqrt 3) of the middle of
         its range r, two within +-sqrt 2 r / (2 sqrt 3), three within +-r / 2.
@@ -141,8 +140,7 @@ def timed(corners: FloatArray, speed: FloatArray, rate_hz: float, ramp: float = 
     corners : (m, dof) array, rad or m
     speed : (dof,) array, highest speed of each joint, rad/s or m/s
     rate_hz : float, samples a second
-    ramp : float
-        Seconds of constant acceleration at both ends of each stretch.
+    ramp : float, seconds of constant acceleration at both ends of each stretch
 
     Raises
     ------

@@ -35,10 +35,8 @@ class FitResult:
     Parameters
     ----------
     corrector : Corrector, what was fitted
-    log : CalibrationLog
-        What it was fitted to: the training log, on one clock.
-    clocks : Clocks
-        What was found of the outside sensor's clock, and what was done about it.
+    log : CalibrationLog, what it was fitted to: the training log, on one clock
+    clocks : Clocks, what was found of the outside sensor's clock, and what was done about it
     cleaning : CleaningReport, what was dropped from the training log, and why
     registration : Registration or None
         Which rigid model was chosen, and why; None for a task without one.
@@ -91,8 +89,7 @@ def fit_model(
     ----------
     log : CalibrationLog, holds the task's signals
     settings : FitSettings, optional, what differs from the defaults
-    task : type
-        A subclass of :class:`Corrector`.
+    task : type, A subclass of :class:`Corrector`
     progress : Progress, optional
 
     Raises

@@ -33,8 +33,7 @@ def reached(corrector: CommandCorrector, commands: ArrayLike, twist: ArrayLike |
     Parameters
     ----------
     corrector : CommandCorrector, of the arm
-    commands : (n, 7) or (n, 3) array
-        Commanded positions (m) and unit quaternions wxyz, base frame.
+    commands : (n, 7) or (n, 3) array, commanded positions (m) and unit quaternions wxyz, base frame
     twist : (n, 6) array, optional
         Velocities of the commands, m/s and rad/s, base frame. Without them the arm is taken as at rest, and answers are
         marked.

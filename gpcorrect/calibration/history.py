@@ -42,12 +42,9 @@ class HeldOut:
     Parameters
     ----------
     samples, trajectories : int, how many were measured on
-    errors : tuple of PartErrors
-        A row for each method and part, the corrected method's last.
-    coverage95 : float
-        Fraction of the errors inside their 95 % intervals.
-    in_domain : float
-        Fraction of the samples inside the training region.
+    errors : tuple of PartErrors, A row for each method and part, the corrected method's last
+    coverage95 : float, fraction of the errors inside their 95 % intervals
+    in_domain : float, fraction of the samples inside the training region
     """
 
     samples: int
@@ -70,10 +67,8 @@ class Step:
     ----------
     what : str, "fit", "update" or "rezero"
     date : str, UTC, ISO 8601, to the second
-    command : str
-        Command line of the process, as a shell would take it.
-    versions : mapping
-        Of the packages that can change numbers, and of Python, by name.
+    command : str, command line of the process, as a shell would take it
+    versions : mapping, of the packages that can change numbers, and of Python, by name
     source, sha256 : str
         Name of the data, and the SHA-256 of their files (empty for data that came from no file).
     held_out : HeldOut or None

@@ -56,15 +56,13 @@ class JointFeatures:
     Parameters
     ----------
     kinds : tuple of str, which columns, in this order
-    centre, half : (d,) arrays
-        Middle and half of the range of each joint in training, rad or m.
+    centre, half : (d,) arrays, middle and half of the range of each joint in training, rad or m
     play : CoupledPlay or None, the coupled play of `memory`
     lags : (t,) array, time constants of `lags`, s
     n_state : int, columns of `state`
     used : (k,) int array
         Which of all columns are used, because the training motion shows their effect apart from others'.
-    rates : (r,) array
-        Times over which the changes of velocities are taken for `acceleration`, s.
+    rates : (r,) array, times over which the changes of velocities are taken for `acceleration`, s
     """
 
     kinds: tuple[FeatureKind, ...]
@@ -300,8 +298,7 @@ def law_penalties(features: JointFeatures, targets: int, owned: bool) -> FloatAr
     ----------
     features : JointFeatures, with k columns
     targets : int, m
-    owned : bool
-        Whether each target is the error of the joint of its number.
+    owned : bool, whether each target is the error of the joint of its number
     """
     kinds, owners = features.origins
     penalties = np.full((len(kinds), targets), PLAIN)

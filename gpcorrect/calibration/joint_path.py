@@ -27,11 +27,9 @@ class JointPath:
     new : (n,) mask, where an unbroken path begins
     q : (n, d) array
         Joints, rad or m; NaN where missing.
-    velocity : (n, d) array
-        Of `q`, from the sample before: what a stream knows too.
+    velocity : (n, d) array, of `q`, from the sample before: what a stream knows too
     effort : (n, d) array or None, reported efforts, N m or N
-    state : (n, k) array or None
-        All that the log holds of the robot at each moment.
+    state : (n, k) array or None, all that the log holds of the robot at each moment
     """
 
     time: FloatArray
@@ -67,8 +65,7 @@ def logged_path(log: CalibrationLog, q: FloatArray, effort: FloatArray | None, s
     Parameters
     ----------
     log : CalibrationLog, n samples
-    q, effort, state : (n, d), (n, d) and (n, k) arrays
-        See :func:`joint_path`.
+    q, effort, state : (n, d), (n, d) and (n, k) arrays, see :func:`joint_path`
     """
     path = joint_path(log.time, log.session, q, effort, state)
     if not log.static:

@@ -156,8 +156,7 @@ class JointRoute:
 
         Parameters
         ----------
-        joints : CalibrationLog
-            From :func:`joints_of`.
+        joints : CalibrationLog, from :func:`joints_of`
         """
         assert joints.external_jp is not None
         return self.joints.samples(joints, np.asarray(np.isfinite(joints.external_jp).all(axis=1)))
@@ -192,14 +191,11 @@ class JointRoute:
 
         Parameters
         ----------
-        joints : CalibrationLog
-            n samples, from :func:`joints_of`.
+        joints : CalibrationLog, n samples, from :func:`joints_of`
         pair : two PoseSignal, their references and commands
         samples : Samples, the same as the law of joints sees them
-        left_out : LeftOut
-            Of the law of joints, at those of them that it learns from.
-        first : (n, d) array
-            From :meth:`commands`.
+        left_out : LeftOut, of the law of joints, at those of them that it learns from
+        first : (n, d) array, from :meth:`commands`
         """
         assert joints.setpoint_jp is not None
         assert joints.external_jp is not None
@@ -273,8 +269,7 @@ class JointRoute:
         position, rotation : (3,) and (3, 3) arrays, reference pose
         q : (d,) array, its joints
         in_joints : Correction, the answer in joints
-        largest : (2,) array
-            Largest believed correction of a pose, m and rad.
+        largest : (2,) array, largest believed correction of a pose, m and rad
         """
         assert in_joints.joints is not None
         chain = self.kinematics.chain

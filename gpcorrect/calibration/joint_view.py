@@ -35,11 +35,9 @@ class JointView:
     types : str, "R" or "P" for each of the d joints
     moving : (k,) int array
         Joints that moved in training; only these are corrected.
-    rest : (d,) array
-        Where each joint stood in the middle of training, rad or m.
+    rest : (d,) array, where each joint stood in the middle of training, rad or m
     features : JointFeatures, what the law looks at, of the k joints
-    end_to_end : bool
-        Whether the law predicts the positions themselves, not their error.
+    end_to_end : bool, whether the law predicts the positions themselves, not their error
     stops : Stops or None
         Where joints end, whatever is wrong with them besides; None where training showed no stop.
     """
@@ -100,8 +98,7 @@ class JointView:
         trajectory, session : (n,) int arrays, as in the log
         error : (n, k) array or None
             What is to be added; None where unknown.
-        keep : (n,) mask
-            Samples that may be learned from where they are complete.
+        keep : (n,) mask, samples that may be learned from where they are complete
         """
         X = self.features.transform(path)
         origin = path.q if self.end_to_end else np.zeros(path.q.shape)
@@ -255,8 +252,7 @@ def error_of(source: FloatArray, truth: FloatArray, stops: Stops | None, directi
 
     Parameters
     ----------
-    source, truth : (n, d) arrays
-        Joints that go in, and what is to come out, rad or m.
+    source, truth : (n, d) arrays, joints that go in, and what is to come out, rad or m
     stops : Stops or None, where joints end
     direction : str, "estimate" or "command"
     """

@@ -53,8 +53,7 @@ class JointCorrector(ViewCorrector):
     Parameters
     ----------
     view : JointView, which joints go in, and what comes out
-    offset : (k,) array
-        Mean error in training: what a fixed offset would have corrected.
+    offset : (k,) array, mean error in training: what a fixed offset would have corrected
     """
 
     KIND: ClassVar[str] = "gpcorrect.joint_corrector"
@@ -106,8 +105,7 @@ class JointCorrector(ViewCorrector):
             rad or m; NaN where missing.
         times : (n,) array, Seconds, increasing
         efforts : (n, d) array, optional, as logged, for models that look at them
-        sessions : n int, optional
-            Where the number changes, the arm was homed or moved by hand.
+        sessions : n int, optional, where the number changes, the arm was homed or moved by hand
 
         Returns
         -------

@@ -40,14 +40,12 @@ class Law:
 
     Parameters
     ----------
-    learned : a map of gpcorrect.calibration.learners
-        Mean, standard deviation and novelty of the residual.
+    learned : a map of gpcorrect.calibration.learners, Mean, standard deviation and novelty of the residual
     intervals : IntervalCalibration
         What turns standard deviations into 95 % intervals that hold on unseen trajectories.
     domain : Domain, region in which answers can be trusted
     bounds : Bounds, largest believed residual
-    zero : (m,) array
-        Added to every residual: where the zeros stand now.
+    zero : (m,) array, added to every residual: where the zeros stand now
     """
 
     learned: GPMap | PolynomialMap | NetworkMap | TreesMap | MixedMap | CableModel
@@ -83,8 +81,7 @@ class Law:
         ----------
         X : (n, d) array
             Inputs; a row with a NaN is missing.
-        origin : (n, m) array, optional
-            See :class:`Samples`.
+        origin : (n, m) array, optional, see :class:`Samples`
         """
         assert not isinstance(self.learned, CableModel)
         mean, std = np.full((2, len(X), len(self.zero)), np.nan)
@@ -99,8 +96,7 @@ class Law:
         Parameters
         ----------
         x : (d,) array, inputs
-        origin : (m,) array
-            See :class:`Samples`.
+        origin : (m,) array, see :class:`Samples`
         """
         if not (isinstance(self.learned, GPMap) and np.isfinite(x).all()):
             return self.predict_rows(x[None], origin[None])

@@ -79,8 +79,7 @@ class Memory:
 
     Parameters
     ----------
-    states : MemoryMap
-        From a path of reference poses to its memory features.
+    states : MemoryMap, from a path of reference poses to its memory features
     law : Law, its inputs end in those features
     """
 

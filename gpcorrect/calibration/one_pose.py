@@ -68,8 +68,7 @@ def inputs(
     memory : (h,) array
         Memory features; none for a query without history.
     f : Frame
-    region : (2, d) array
-        Lower and upper bounds of the inputs before the memory features.
+    region : (2, d) array, lower and upper bounds of the inputs before the memory features
 
     Returns
     -------
@@ -128,8 +127,7 @@ def command(
     ----------
     position, rotation : (3,) and (3, 3) arrays, of the reference
     mean : (6,) or (3,) array, Residual, m and rad
-    bounds : (2,) array
-        Longest believed residual: m and rad.
+    bounds : (2,) array, longest believed residual: m and rad
     """
     shift, cut = _shortened(mean[:3], bounds[0])
     if len(mean) > 3:

@@ -35,18 +35,14 @@ class PoseAnswers(Corrector):
     ----------
     rigid : RigidModel
         G, the registration from the observer's frame to the command's; H adds the residual that was learned.
-    features : FeatureMap
-        From a reference pose and its twist to the inputs of the law.
+    features : FeatureMap, from a reference pose and its twist to the inputs of the law
     motion : MotionLimits or None
         What no arm does from one pose of a path to the next; None believes every path, as a fit without cleaning does.
     velocity_step : float or None
         Step of the stencil on recorded paths, s; None takes five neighbouring samples.
-    check_queries : (k, 13) array
-        Training queries (pose, twist) that a model file asks again at load.
-    memory : Memory or None
-        What was learned with memory features, for paths and streams.
-    route : JointRoute or None
-        What was learned of the arm's joints, by which paths and streams are answered.
+    check_queries : (k, 13) array, training queries (pose, twist) that a model file asks again at load
+    memory : Memory or None, what was learned with memory features, for paths and streams
+    route : JointRoute or None, what was learned of the arm's joints, by which paths and streams are answered
     """
 
     rigid: RigidModel
@@ -119,8 +115,7 @@ class PoseAnswers(Corrector):
         ----------
         query, twist : (7,) or (3,), and (6,) arrays
             m and wxyz; m/s and rad/s.
-        reasons : int
-            What was not used, :class:`Reason` codes.
+        reasons : int, what was not used, :class:`Reason` codes
         memory : (h,) array, optional, memory features
         """
         f, law = self.frame, self.law
@@ -157,8 +152,7 @@ class PoseAnswers(Corrector):
 
         Parameters
         ----------
-        poses : (n, 7) or (n, 3) array
-            Desired poses, as for :meth:`correct`.
+        poses : (n, 7) or (n, 3) array, desired poses, as for :meth:`correct`
         times : (n,) array
             Seconds, strictly increasing. A path of one pose is at rest.
 

@@ -53,10 +53,8 @@ class FitSettings:
         Joints: "measured_jp" or "setpoint_jp"; the first that is logged when None.
     direction : str
         Joints: "estimate" (from reported to true) or "command" (from desired true to commanded).
-    end_to_end : bool
-        Joints: learn the true positions themselves, not the error.
-    extra : tuple of str
-        Tool position: extra columns of the log that belong to the state.
+    end_to_end : bool, Joints: learn the true positions themselves, not the error
+    extra : tuple of str, tool position: extra columns of the log that belong to the state
     """
 
     method: str = "gp"

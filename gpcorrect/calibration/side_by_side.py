@@ -156,8 +156,7 @@ def measure_both(one: Corrector, other: Corrector, log: CalibrationLog) -> SideB
 
     Parameters
     ----------
-    one, other : Corrector
-        Of one task, as :func:`refuse_unlike` asks.
+    one, other : Corrector, of one task, as :func:`refuse_unlike` asks
     log : CalibrationLog, on one clock
 
     Raises

@@ -122,8 +122,7 @@ class RobotState:
     measured_quaternion : (4,) array or None, reported orientation wxyz
     setpoint_jp, measured_jv, measured_jf : (d,) arrays or None, commanded joints, velocities, efforts
     setpoint_position, setpoint_quaternion : arrays or None, commanded pose
-    extra : sequence of float
-        The extra columns that the model was trained with, in its order.
+    extra : sequence of float, the extra columns that the model was trained with, in its order
     """
 
     time: float

@@ -56,13 +56,11 @@ class Outcome:
     ----------
     corrector : Corrector, without a summary yet
     samples : Samples, what was learned from
-    left_out : LeftOut
-        Errors at the usable samples, each predicted without its own fold.
+    left_out : LeftOut, errors at the usable samples, each predicted without its own fold
     interval95 : (k, m) array, half widths of their 95 % intervals
     report : mapping, the task's report on its fit, JSON-able
     remarks : tuple of str, what a person should know
-    registration : Any
-        Which rigid model was chosen and why, of tasks that register frames.
+    registration : Any, which rigid model was chosen and why, of tasks that register frames
     """
 
     corrector: Corrector
@@ -89,8 +87,7 @@ class Measured:
     ----------
     raw, registered, corrected : (n, m) arrays
         Errors, m or rad; NaN where not measured.
-    interval95 : (n, m) array
-        Half widths of the corrected method's 95 % intervals.
+    interval95 : (n, m) array, half widths of the corrected method's 95 % intervals
     in_domain : (n,) mask, whether the sample lies near training data
     speed : (n,) array
         Linear speed, m/s, of tasks whose errors are shown over it; NaN otherwise.
@@ -139,12 +136,10 @@ class Corrector(ABC):
     Parameters
     ----------
     law : Law, what was learned, with its safeguards
-    cleaner : FittedCleaner
-        The training's thresholds for classifying samples of other logs.
+    cleaner : FittedCleaner, the training's thresholds for classifying samples of other logs
     trained : TrainingMotion
         Where and how fast the training moved, in the quantity that queries are given in.
-    summary : mapping
-        Description of the model: frames, units, features, fit report.
+    summary : mapping, description of the model: frames, units, features, fit report
     history : tuple of Step
         How it was made, oldest first; empty in older files.
     """
@@ -191,8 +186,7 @@ class Corrector(ABC):
         keep : (n,) mask, samples that are not rejected
         cleaner : FittedCleaner, what rejected the others
         settings : FitSettings
-        learn_law : callable
-            From samples and their layout to a law and its predictions of left-out samples.
+        learn_law : callable, from samples and their layout to a law and its predictions of left-out samples
 
         Raises
         ------

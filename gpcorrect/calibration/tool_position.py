@@ -108,8 +108,7 @@ class PositionEstimator(ViewCorrector):
     Parameters
     ----------
     view : ToolView, what of a log goes in
-    rigid : RigidModel
-        The best rigid motion of the training, from the tracker's frame to the base.
+    rigid : RigidModel, the best rigid motion of the training, from the tracker's frame to the base
     """
 
     KIND: ClassVar[str] = "gpcorrect.position_estimator"

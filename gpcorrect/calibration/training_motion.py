@@ -59,8 +59,7 @@ class TrainingMotion:
         path : (n, k) array, positions or joints, m or rad
         time, trajectory : (n,) arrays, as in the log
         keep : (n,) mask, samples that were not rejected
-        joints : bool
-            Whether each coordinate is measured by its own range.
+        joints : bool, whether each coordinate is measured by its own range
         static : bool, whether the log has no clock
         """
         keep = keep & np.isfinite(path).all(axis=1)

@@ -44,10 +44,8 @@ class Update:
 
     Parameters
     ----------
-    corrector : Corrector
-        Learned from the old data and those of `log` that were not held out.
-    keep : float
-        Weight of the old data: 1 for all of it.
+    corrector : Corrector, learned from the old data and those of `log` that were not held out
+    keep : float, weight of the old data: 1 for all of it
     n_added : int, samples added
     unseen : float
         Fraction of the prior variance at the new samples that the model's points cannot see: large when the new motion

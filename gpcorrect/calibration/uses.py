@@ -72,8 +72,7 @@ def for_purpose(report: ValidationReport, log: CalibrationLog, purpose: str) -> 
     ----------
     report : ValidationReport, of the same recording
     log : CalibrationLog
-    purpose : str
-        One of :data:`PURPOSES`.
+    purpose : str, one of :data:`PURPOSES`
     """
     known = PURPOSES[purpose]
     findings = [f for f in report.findings if f.code not in ("no_command", "no_observation")]

@@ -33,8 +33,7 @@ class Thresholds:
         Robust standard deviation of an error component about the registration, m and rad.
     low, high : (g, w) arrays
         Corners of the box of commands; infinite for rotations.
-    steps : StepThresholds
-        How far the error can change from sample to sample.
+    steps : StepThresholds, how far the error can change from sample to sample
     """
 
     scales: FloatArray
@@ -49,8 +48,7 @@ class Thresholds:
         Parameters
         ----------
         samples : Samples, n samples
-        scales : (g,) array
-            Robust standard deviations about the registration, m and rad.
+        scales : (g,) array, robust standard deviations about the registration, m and rad
         settings : CleaningSettings, factors and floors
         """
         shape = samples.error.shape[1:]

@@ -66,20 +66,16 @@ def fit_cleaner(
     settings : CleaningSettings, optional, what differs from the defaults
     rng : numpy Generator
         Source of the random samples; the same state gives the same report.
-    pair : Pair
-        Signals to compare: :data:`POSES`, :data:`TOOL` or :func:`joint_pair`.
+    pair : Pair, signals to compare: :data:`POSES`, :data:`TOOL` or :func:`joint_pair`
     marker : "none", "solve" or "auto"
         Where the tracked marker may be another point than the tool tip: the registration that comes first, since such
         a marker moves by decimetres against the tip. See :func:`gpcorrect.rigid.register`.
-    rigid : RigidModel, optional
-        A registration that comes first instead, such as that of the training recording.
+    rigid : RigidModel, optional, A registration that comes first instead, such as that of the training recording
 
     Returns
     -------
-    cleaner : FittedCleaner
-        What was learned, for :func:`clean_with`.
-    report : CleaningReport
-        Which samples of `log` pass, and why the others do not.
+    cleaner : FittedCleaner, what was learned, for :func:`clean_with`
+    report : CleaningReport, which samples of `log` pass, and why the others do not
 
     Raises
     ------
@@ -122,10 +118,8 @@ def clean_with(cleaner: FittedCleaner, log: CalibrationLog) -> CleaningReport:
 
     Parameters
     ----------
-    cleaner : FittedCleaner
-        From :func:`fit_cleaner`.
-    log : CalibrationLog
-        Of the same arm and sensor, in the same tracker frame.
+    cleaner : FittedCleaner, from :func:`fit_cleaner`
+    log : CalibrationLog, of the same arm and sensor, in the same tracker frame
 
     Returns
     -------

@@ -39,8 +39,7 @@ class LeastMedianFit(Generic[Model]):
     Parameters
     ----------
     model : object, refitted on the inliers
-    scales : (g,) array
-        Robust standard deviation of one component of each group of the residual.
+    scales : (g,) array, robust standard deviation of one component of each group of the residual
     inliers : (n,) bool array
         Samples within 2.5 scales in every group.
     """
@@ -126,11 +125,9 @@ def least_median(
     ----------
     fit : callable of (m,) row numbers
         Model of these rows; may raise DegenerateError.
-    lengths : callable of model
-        Residual lengths (n, g) of all rows, in g groups.
+    lengths : callable of model, residual lengths (n, g) of all rows, in g groups
     n : int, number of rows
-    sample_size : int
-        Rows in a random sample: as few as determine a model.
+    sample_size : int, rows in a random sample: as few as determine a model
     rng : numpy Generator, source of the samples
     dimension : int, components of each group of the residual
     floor : (g,) array or float, residuals below it count as equal
@@ -193,8 +190,7 @@ def least_median_pose(
     ----------
     observed, command : PoseSignal
         n complete samples; both with orientations where orientations are to count.
-    resolution : (g,) array
-        Smallest scales: m, and rad where there are orientations.
+    resolution : (g,) array, smallest scales: m, and rad where there are orientations
     rng : numpy Generator, source of the random samples
 
     Raises

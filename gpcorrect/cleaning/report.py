@@ -77,8 +77,7 @@ class Labels:
 
     Parameters
     ----------
-    reason : (n,) array of str
-        Codes of :class:`Reason`, empty while a sample is kept.
+    reason : (n,) array of str, codes of :class:`Reason`, empty while a sample is kept
     value, limit : (n,) arrays
         In the reason's unit; NaN while kept and where nothing is measured.
     """
@@ -153,14 +152,12 @@ class CleaningReport:
     Parameters
     ----------
     time, trajectory : (n,) arrays, the log's
-    reason : (n,) array of str
-        Code of :class:`Reason` of each sample, empty where it is kept.
+    reason : (n,) array of str, code of :class:`Reason` of each sample, empty where it is kept
     value, limit : (n,) arrays
         What was measured and the limit that it broke, in the reason's unit; NaN where there is none.
     overruled : (n,) array of str
         What the rules would have said of samples that are kept by hand; empty elsewhere.
-    dropped_trajectories : dict of int to float
-        Fraction of rejected samples of each trajectory that was dropped whole.
+    dropped_trajectories : dict of int to float, fraction of rejected samples of each trajectory that was dropped whole
     settings : CleaningSettings, as used
     scales : (g,) array
         Robust standard deviation of an error component about the registration, m or rad, of each group: position and

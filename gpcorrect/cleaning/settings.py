@@ -114,8 +114,7 @@ class CleaningSettings:
     outlier_factor : float
         Robust scales from the registration beyond which a sample is a gross outlier whatever surrounds it. Systematic
         errors are bounded and fill their scale, so their largest stay well below.
-    step_factor : float
-        Robust scales of the sample-to-sample noise that a step of the error may have.
+    step_factor : float, robust scales of the sample-to-sample noise that a step of the error may have
     follow_factor : float
         Times the commanded travel that a step of the error may have besides: 1 is an arm that stands still while it is
         commanded to move (friction, play); one that catches up moves faster than commanded.
@@ -125,8 +124,7 @@ class CleaningSettings:
         Longest occlusion, s, that differs from a real step of the error (which lasts) by its length alone.
     offset_factor : float
         Robust scales from the smooth model of the error beyond which a sample is rejected.
-    frozen_travel : float
-        Commanded travel, m, during which the observation may repeat itself exactly.
+    frozen_travel : float, commanded travel, m, during which the observation may repeat itself exactly
     position_resolution, rotation_resolution : float
         Deviations below these are never faults: a floor under every learned scale.
     field_samples : int

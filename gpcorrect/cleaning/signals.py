@@ -29,12 +29,10 @@ class Pair:
 
     Parameters
     ----------
-    observed : str
-        Signal of the outside sensor: "tracker_cp" or "external_jp".
+    observed : str, signal of the outside sensor: "tracker_cp" or "external_jp"
     command : str
         Signal of the robot: "setpoint_cp", "measured_cp", "measured_jp" or "setpoint_jp".
-    orientation : bool
-        Whether orientations are compared too, where both signals have them.
+    orientation : bool, whether orientations are compared too, where both signals have them
     """
 
     observed: Literal["tracker_cp", "external_jp"]
@@ -200,8 +198,7 @@ def unusable(log: CalibrationLog, pair: Pair, order: IntArray) -> FloatArray:
     ----------
     log : CalibrationLog, n samples
     pair : Pair, signals that are compared
-    order : (n,) array
-        From :func:`recorded_order`.
+    order : (n,) array, from :func:`recorded_order`
     """
     count: FloatArray
     if pair.joints:

@@ -42,12 +42,9 @@ class Residual:
     ----------
     left : (n, g, w) array
         Error less the model's, m and rad; in training, the model of the other folds.
-    along : (n, g, w) array
-        The same by one model throughout, so that steps in it are steps of the error.
-    distance : (n,) array
-        Robust scales between error and model, of the worst group.
-    scale : (g,) array
-        Typical robust standard deviation of a component about the model, m and rad.
+    along : (n, g, w) array, the same by one model throughout, so that steps in it are steps of the error
+    distance : (n,) array, robust scales between error and model, of the worst group
+    scale : (g,) array, typical robust standard deviation of a component about the model, m and rad
     """
 
     left: FloatArray
@@ -146,8 +143,7 @@ class SmoothModel:
     trend : tuple of (r, w) arrays
         For each group, slopes and level of its error over commanded position and velocity (an arm that follows late
         errs in proportion to its velocity), found by least median of squares.
-    unit : (g,) array
-        Robust spread of what the trend leaves, m and rad: the field's unit.
+    unit : (g,) array, robust spread of what the trend leaves, m and rad: the field's unit
     inputs, outputs : (m, d) and (m, g w) arrays, samples that the field is conditioned on
     kernel : WithLinear, covariance of the field
     noise : float

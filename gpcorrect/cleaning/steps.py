@@ -37,8 +37,7 @@ class Path:
     Parameters
     ----------
     samples : Samples, n samples
-    error : (n, g, w) array
-        Their error, or what a smooth model leaves of it, m and rad.
+    error : (n, g, w) array, their error, or what a smooth model leaves of it, m and rad
     travel : (n, g) array
         Commanded travel since the first sample, m and rad, at the largest speed of each sample's neighbourhood: what
         an arm that follows late can have moved.
@@ -78,11 +77,9 @@ class StepThresholds:
     Parameters
     ----------
     units : str, "P" or "R" for each of g groups
-    noise : (g,) array
-        Largest step of the error that noise makes, m and rad.
+    noise : (g,) array, largest step of the error that noise makes, m and rad
     speeds : (g,) array, largest observed speed, m/s and rad/s
-    follow : float
-        Times the commanded travel that the error may step besides.
+    follow : float, times the commanded travel that the error may step besides
     cap : (g,) array, largest difference of any two errors, m and rad
     """
 
@@ -265,8 +262,7 @@ def best_chain(
     ----------
     scores : (m,) array, positive
     first, last : (m,) int arrays, first and last sample of each
-    possible : callable
-        From samples i and later samples j to the mask of possible steps.
+    possible : callable, from samples i and later samples j to the mask of possible steps
     switch_cost : float, of an impossible step in the chain
     """
     best, before = scores.astype(np.float64), np.full(len(scores), -1)

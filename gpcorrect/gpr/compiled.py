@@ -95,8 +95,7 @@ def predict_one(x: FloatArray, t: Tables) -> tuple[FloatArray, FloatArray, float
     Parameters
     ----------
     x : (d,) array, input
-    t : Tables
-        From :func:`tables`.
+    t : Tables, from :func:`tables`
     """
     total = 0
     for g in range(len(t.sizes)):

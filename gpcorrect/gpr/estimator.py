@@ -27,8 +27,7 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
 
     Attributes
     ----------
-    learned_ : tuple of Learned
-        Kernel, variances and units of each group of outputs.
+    learned_ : tuple of Learned, Kernel, variances and units of each group of outputs
     predictor_ : Predictor, the posterior in the form of the hot path
     """
 
@@ -57,8 +56,7 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
         groups : (n,) array, optional
             Trajectory of each sample. When given, the hyperparameters allow for noise that neighbouring samples of
             one trajectory have in common, as real recordings have; without it the noise is taken as white.
-        times : (n,) array, optional
-            Seconds: the common noise then fades with the lag.
+        times : (n,) array, optional, Seconds: the common noise then fades with the lag
         progress : Progress, optional, updated with how far the fit is
 
         Raises

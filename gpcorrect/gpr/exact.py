@@ -21,10 +21,8 @@ class ExactGPR(GaussianProcess):
         Columns of X that act in part by themselves (pose; velocity): each group adds a component to the kernel.
     output_groups : sequence of int, optional
         How many outputs in turn share a kernel, as (3, 3) for positions and rotations; all of them by default.
-    n_learn : int
-        Samples that the hyperparameters are learned from.
-    n_restarts : int
-        Further searches for the hyperparameters, from random starts.
+    n_learn : int, samples that the hyperparameters are learned from
+    n_restarts : int, further searches for the hyperparameters, from random starts
     kernel : "rbf", "matern52" or "auto"
         Correlation function; "auto" takes, for each group of outputs, the one of greater evidence.
     random_state : int, RandomState or None, seed of the subset and the restarts

@@ -43,8 +43,7 @@ class FeatureMap:
     rotation : str
         Representation of rotations, found by :meth:`fit`: "rotvec", "columns" or "euler", "none" for data without
         rotations.
-    R_mean : (3, 3) array
-        Mean training rotation, found by :meth:`fit`.
+    R_mean : (3, 3) array, mean training rotation, found by :meth:`fit`
     spread : (d,) array
         What each feature is divided by, found by :meth:`fit`; empty before.
 
@@ -169,8 +168,7 @@ class FeatureMap:
 
         Parameters
         ----------
-        features : (n, d) array
-            From :meth:`transform`.
+        features : (n, d) array, from :meth:`transform`
         """
         return np.asarray(np.isfinite(features).all(axis=1))
 

@@ -61,8 +61,7 @@ class IntervalCalibration:
 
         Parameters
         ----------
-        errors, std : (n, m) arrays
-            Errors and the standard deviations predicted for them.
+        errors, std : (n, m) arrays, errors and the standard deviations predicted for them
         groups : (n,) array, trajectory of each sample
         parts : (n,) array, optional
             Part of the recording that each sample was left out with. With them the intervals allow for how much parts
@@ -172,8 +171,7 @@ class LeftOut:
 
     Parameters
     ----------
-    errors, std : (n, m) arrays
-        Errors, and the standard deviations promised for them.
+    errors, std : (n, m) arrays, Errors, and the standard deviations promised for them
     novelty : (n,) array
     """
 
@@ -198,8 +196,7 @@ def learn_inflation(
     regressor : SparseGPR
         Fitted to X and Y, quickest by the same parts as `folds`; its hyperparameters stay.
     X, Y : (n, d) and (n, m) arrays
-    folds : (n,) array
-        Which samples are left out together: whole trajectories.
+    folds : (n,) array, which samples are left out together: whole trajectories
     groups, times : (n,) arrays, optional
         Trajectories and times that it was fitted with. Where there are few trajectories, what is said of a left-out one
         comes from hyperparameters that were not learned from it either.

@@ -194,8 +194,7 @@ class WithLinear:
     Parameters
     ----------
     kernel : AdditiveRBF, what bends
-    slopes : (d,) array
-        Prior variance of the line's slope along each feature.
+    slopes : (d,) array, prior variance of the line's slope along each feature
     """
 
     kernel: AdditiveRBF

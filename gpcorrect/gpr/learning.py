@@ -34,11 +34,9 @@ class Hyperparameters:
     ----------
     kernel : Kernel, correlation over inputs, shared by the outputs
     signal, noise : (m,) arrays, variances
-    correlated_share : (m,) array
-        Share of the noise that neighbouring samples have in common.
+    correlated_share : (m,) array, share of the noise that neighbouring samples have in common
     correlation_time : float, how long they have it in common, s
-    objective : float
-        Negative log posterior up to a constant, of the best search.
+    objective : float, negative log posterior up to a constant, of the best search
     theta : (p,) array
         The same as the search saw it, :class:`gpcorrect.gpr.likelihood.Layout`: where another search may start.
     """

@@ -37,8 +37,7 @@ class _NoiseModel:
     Parameters
     ----------
     ratio : (m,) array, noise variance over signal variance
-    share : (m,) array
-        Share of the noise that is correlated in time, 0 to 1.
+    share : (m,) array, share of the noise that is correlated in time, 0 to 1
     time : float, correlation time, s
     """
 

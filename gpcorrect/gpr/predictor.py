@@ -21,8 +21,7 @@ class SharedPredictor:
     Parameters
     ----------
     kernel : Kernel, Correlation, in the inputs' units
-    basis : (p, d) array
-        Points that predictions rest on: the inducing points, or the training inputs.
+    basis : (p, d) array, points that predictions rest on: the inducing points, or the training inputs
     alpha : (m, p) array, weights of the mean, in the outputs' units
     offset : (m,) array, mean far from all data
     projection : (r, q) array
@@ -31,8 +30,7 @@ class SharedPredictor:
         and half the bytes stay in the processor's cache.
     explained : (m, r) array
         c above: the share of prior variance that the data take away along each direction.
-    signal, noise : (m,) arrays
-        Prior variance and noise variance, in squared units of the outputs.
+    signal, noise : (m,) arrays, prior variance and noise variance, in squared units of the outputs
     """
 
     kernel: Kernel
@@ -86,8 +84,7 @@ class Predictor:
 
     Parameters
     ----------
-    parts : tuple of SharedPredictor
-        One for each group of outputs, in the order of the outputs.
+    parts : tuple of SharedPredictor, one for each group of outputs, in the order of the outputs
 
     Attributes
     ----------

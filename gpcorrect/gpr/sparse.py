@@ -42,8 +42,7 @@ class SparseGPR(GaussianProcess):
     inflation : sequence of float, optional
         For each group of outputs, how many neighbouring samples count as one, because they err together; 1 by default.
         :func:`gpcorrect.gpr.learn_inflation` learns it.
-    random_state : int, RandomState or None
-        Seed of the subset, the restarts and the inducing points.
+    random_state : int, RandomState or None, seed of the subset, the restarts and the inducing points
 
     Attributes
     ----------
@@ -104,8 +103,7 @@ class SparseGPR(GaussianProcess):
         X, Y : (n, d) and (n, m) arrays, inputs and outputs
         parts : (n,) array
             Which samples are left out together; `by_part_` is in the order of their labels.
-        terms : (n, k) array, optional
-            See :meth:`collected`.
+        terms : (n, k) array, optional, see :meth:`collected`
         groups, times, progress
             See :meth:`fit`.
         """
@@ -121,8 +119,7 @@ class SparseGPR(GaussianProcess):
 
         Parameters
         ----------
-        inflation : sequence of float
-            For each group of outputs, how many samples count as one.
+        inflation : sequence of float, for each group of outputs, how many samples count as one
         """
         pairs = zip(self.statistics_, inflation, strict=True)
         other = self.resting_on([statistics.inflated(factor) for statistics, factor in pairs])

@@ -86,8 +86,7 @@ class Statistics:
 
         Parameters
         ----------
-        L : (M, M) array
-            Cholesky factor of the correlations of the points.
+        L : (M, M) array, Cholesky factor of the correlations of the points
         ratio : (m,) array, noise over signal variance
         """
         diagonal = np.diag_indices_from(self.G)
@@ -191,8 +190,7 @@ def statistics_of(part: SharedPredictor, X: FloatArray, Y: FloatArray, terms: Fl
     ----------
     part : SharedPredictor, points and hyperparameters
     X, Y : (n, d) and (n, m) arrays, inputs and outputs
-    terms : (n, k) array, optional
-        Further columns that stand behind the outputs, not centred.
+    terms : (n, k) array, optional, further columns that stand behind the outputs, not centred
     """
     L = cholesky(part.kernel(part.basis, part.basis))[0]
     terms = np.zeros((len(X), 0)) if terms is None else terms

@@ -42,8 +42,7 @@ def learner_named(name: str) -> Learner:
 
     Parameters
     ----------
-    name : str
-        A key of :data:`LEARNERS`.
+    name : str, A key of :data:`LEARNERS`
 
     Raises
     ------

@@ -49,8 +49,7 @@ class GPMap:
     linear : PolynomialMap or None, of degree 1
     columns : (k,) int array, inputs of the regression
     predictor : Predictor, of what the linear law leaves
-    statistics : tuple of Statistics
-        What the predictor rests on, a group of targets each: more data can be added.
+    statistics : tuple of Statistics, what the predictor rests on, a group of targets each: more data can be added
     """
 
     linear: PolynomialMap | None
@@ -206,8 +205,7 @@ class LocalLevel:
     Parameters
     ----------
     samples : (n, m) array, at each sample, smoothed from both sides
-    last : (m,) array
-        Where it stands in the end, relative to its mean.
+    last : (m,) array, where it stands in the end, relative to its mean
     """
 
     samples: FloatArray

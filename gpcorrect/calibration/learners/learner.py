@@ -87,8 +87,7 @@ def cross_predicted(learn: Callable[[Samples], TargetMap], samples: Samples, fol
     Parameters
     ----------
     learn : callable, from samples to a map
-    samples : Samples
-        Whose usable rows are predicted, neighbouring trajectories left out together.
+    samples : Samples, whose usable rows are predicted, neighbouring trajectories left out together
     folds : int
         How many parts are left out in turn; with 1 only the last of four is, and the errors are of that part alone.
     """

@@ -165,8 +165,7 @@ class Trees:
 
     Parameters
     ----------
-    after_law : bool
-        Whether the trees take what the task's linear law leaves.
+    after_law : bool, whether the trees take what the task's linear law leaves
     """
 
     after_law: bool = True

@@ -39,11 +39,9 @@ class CableModel:
 
     Parameters
     ----------
-    motor : PolynomialMap
-        From positions to the error that coupling, gain and offset make.
+    motor : PolynomialMap, from positions to the error that coupling, gain and offset make
     gap : (d,) array, half gap, rad or m
-    stretch_per_effort, stretch_at_rest : (d,) arrays
-        Stretch m - q for an effort: `compliance tau + rest`.
+    stretch_per_effort, stretch_at_rest : (d,) arrays, stretch m - q for an effort: `compliance tau + rest`
     process, measurement : (d,) arrays
         Standard deviations of the joint's step, and of the stretch that the effort shows; infinite where it shows
         nothing.
@@ -68,8 +66,7 @@ class CableModel:
 
         Parameters
         ----------
-        samples : Samples
-            n samples, in order, with their path of d joints.
+        samples : Samples, n samples, in order, with their path of d joints
         """
         motor, stretch = self.inputs(samples.path, samples.effort)
         parts = [
