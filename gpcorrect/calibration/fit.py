@@ -131,7 +131,7 @@ def fit_model(
 
 def _learn_law(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> tuple[Law, LeftOut]:
     """Learn a law and calibrate its intervals on predictions of samples whose fold it was not fitted to."""
-    fitted = learner_named(settings.method).fit(samples, layout, settings, progress)
+    fitted = learner_named(settings.method)(samples, layout, settings, progress)
     X, target = samples.learnable()
     rows = samples.rows
     left_out = fitted.judged()

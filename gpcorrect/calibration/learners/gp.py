@@ -68,12 +68,7 @@ class GPMap:
         return self.linear is not None
 
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return means and standard deviations of a new observation `(n, m)` and novelties `(n,)`.
-
-        Parameters
-        ----------
-        X : (n, d) array, inputs
-        """
+        """See :class:`TargetMap`; deviations are those of a new observation."""
         mean, std, novelty = self.predictor.mean_std_batch(X[:, self.columns])
         return (mean if self.linear is None else self.linear.mean(X) + mean), std, novelty
 
@@ -88,53 +83,54 @@ class GPMap:
         return (mean if self.linear is None else self.linear.mean(x[None])[0] + mean), std, novelty
 
 
-class GP:
-    """The learner of :class:`GPMap`.
+def learn_gp(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
+    """Learn a :class:`GPMap`.
 
     Without a linear law, how many neighbouring samples count as one is chosen on errors at folds of trajectories that
     the regression was not fitted to (:func:`gpcorrect.gpr.learn_inflation`). After one, the regression is used of those
     targets alone whose errors there it clearly lessens.
+
+    Parameters
+    ----------
+    samples, layout, settings, progress
+        See :data:`Learner`.
     """
+    from gpcorrect.gpr import SparseGPR  # a scikit-learn estimator; answering needs no scikit-learn
 
-    def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-        """See :class:`Learner`."""
-        from gpcorrect.gpr import SparseGPR  # a scikit-learn estimator; answering needs no scikit-learn
-
-        X, Y = samples.learnable()
-        trajectory, time = samples.trajectory[samples.rows], samples.time[samples.rows]
-        level, linear, groups = np.zeros(Y.shape), None, trajectory
-        zero = None
-        if layout.penalties is not None:
-            first = PolynomialMap.fit(X, Y, 1, layout.penalties)
-            wandering = Y - first.mean(X)
-            moved = local_level(wandering, trajectory)
-            level, zero = moved.samples, moved.last
-            linear = PolynomialMap.fit(X, Y - level, 1, layout.penalties)
-            groups = _stretches(trajectory)
-        left = Y - level - (0.0 if linear is None else linear.mean(X))
-        inducing = settings.inducing or layout.inducing
-        regressor = SparseGPR(
-            n_inducing=inducing,
-            n_variance=min(inducing, VARIANCE_POINTS if linear else POSE_VARIANCE_POINTS),
-            feature_groups=layout.inputs,
-            output_groups=layout.targets,
-            random_state=settings.seed,
-        )
-        regressor.set_params(n_learn=settings.search_samples or regressor.n_learn)
-        chosen = X[:, layout.smooth]
-        folds, terms = folds_of(trajectory), None if linear is None else _terms(linear, X)
-        regressor.fit_by_parts(chosen, left, folds, terms, groups=groups, times=time, progress=progress)
-        if linear is None:
-            regressor, left_out = learn_inflation(regressor, chosen, left, folds, groups, time, progress)
-        else:
-            left_out, of_law = _left_out(regressor, linear, X, Y - level, layout, folds)
-            useless = (left_out.errors**2).sum(axis=0) > CLEARLY * (of_law**2).sum(axis=0)
-            if useless.any():  # what neighbours share and nobody else, a slack's unknown start, is no field
-                regressor = regressor.resting_on(_times(regressor, regressor.statistics_, np.diag(~useless)))
-                left_out = replace(left_out, errors=np.where(useless, of_law, left_out.errors))
-        learned = GPMap(linear, layout.smooth, regressor.predictor_, regressor.statistics_)
-        foretold = None if zero is None else _foretold(wandering, trajectory, folds, zero)
-        return Fitted(learned, replace(left_out, errors=left_out.errors + level), zero, foretold)
+    X, Y = samples.learnable()
+    trajectory, time = samples.trajectory[samples.rows], samples.time[samples.rows]
+    level, linear, groups = np.zeros(Y.shape), None, trajectory
+    zero = None
+    if layout.penalties is not None:
+        first = PolynomialMap.fit(X, Y, 1, layout.penalties)
+        unlevelled = Y - first.mean(X)
+        level, zero = local_level(unlevelled, trajectory)
+        linear = PolynomialMap.fit(X, Y - level, 1, layout.penalties)
+        groups = _stretches(trajectory)
+    left = Y - level - (0.0 if linear is None else linear.mean(X))
+    inducing = settings.inducing or layout.inducing
+    regressor = SparseGPR(
+        n_inducing=inducing,
+        n_variance=min(inducing, VARIANCE_POINTS if linear else POSE_VARIANCE_POINTS),
+        feature_groups=layout.inputs,
+        output_groups=layout.targets,
+        random_state=settings.seed,
+    )
+    regressor.set_params(n_learn=settings.search_samples or regressor.n_learn)
+    chosen = X[:, layout.smooth]
+    folds, terms = folds_of(trajectory), None if linear is None else _terms(linear, X)
+    regressor.fit_by_parts(chosen, left, folds, terms, groups=groups, times=time, progress=progress)
+    if linear is None:
+        regressor, left_out = learn_inflation(regressor, chosen, left, folds, groups, time, progress)
+    else:
+        left_out, of_law = _left_out(regressor, linear, X, Y - level, layout, folds)
+        useless = (left_out.errors**2).sum(axis=0) > CLEARLY * (of_law**2).sum(axis=0)
+        if useless.any():  # what neighbours share and nobody else, a slack's unknown start, is no field
+            regressor = regressor.resting_on(_times(regressor, regressor.statistics_, np.diag(~useless)))
+            left_out = replace(left_out, errors=np.where(useless, of_law, left_out.errors))
+    learned = GPMap(linear, layout.smooth, regressor.predictor_, regressor.statistics_)
+    foretold = None if zero is None else _foretold(unlevelled, trajectory, folds, zero)
+    return Fitted(learned, replace(left_out, errors=left_out.errors + level), zero, foretold)
 
 
 def _left_out(
@@ -178,7 +174,7 @@ def _foretold(errors: FloatArray, trajectory: IntArray, folds: IntArray, zero: F
     for fold in np.unique(folds):
         rest = folds != fold
         others = _means(errors[rest], trajectory[rest])
-        foretold[~rest] = others.mean(axis=0) - means.mean(axis=0) + local_level(errors[rest], trajectory[rest]).last
+        foretold[~rest] = others.mean(axis=0) - means.mean(axis=0) + local_level(errors[rest], trajectory[rest])[1]
     return np.where(zero != 0, foretold, 0.0)
 
 
@@ -198,25 +194,12 @@ def _times(regressor: SparseGPR, statistics: Sequence[Statistics], factor: Float
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class LocalLevel:
-    """How a level moved from trajectory to trajectory.
+def local_level(errors: FloatArray, trajectory: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return the part of errors that moves with time `(n, m)`, and where it stands in the end, from its mean `(m,)`.
 
-    Parameters
-    ----------
-    samples : (n, m) array, at each sample, smoothed from both sides
-    last : (m,) array, where it stands in the end, relative to its mean
-    """
-
-    samples: FloatArray
-    last: FloatArray
-
-
-def local_level(errors: FloatArray, trajectory: IntArray) -> LocalLevel:
-    """Return the part of errors that moves with time: a local level model of each trajectory's mean.
-
-    In its steady form (Durbin and Koopman 2012, Sec. 2.1) that is exponential smoothing, whose gain is chosen by how
-    well it predicts the next trajectory. A level that holds still gets gain 0.
+    A local level model of each trajectory's mean: in its steady form (Durbin and Koopman 2012, Sec. 2.1) that is
+    exponential smoothing, whose gain is chosen by how well it predicts the next trajectory; 0 for a level that holds
+    still.
 
     Parameters
     ----------
@@ -225,11 +208,11 @@ def local_level(errors: FloatArray, trajectory: IntArray) -> LocalLevel:
     """
     means, number = _means(errors, trajectory), in_order(trajectory)
     if len(means) < FEWEST_LEVELS:
-        return LocalLevel(np.zeros(errors.shape), np.zeros(errors.shape[1]))
+        return np.zeros(errors.shape), np.zeros(errors.shape[1])
     columns = [(column, _gain(column)) for column in (means - means.mean(axis=0)).T]
     paths = [(_levels(column, gain), _levels(column[::-1], gain)[::-1]) for column, gain in columns]
     smooth = np.column_stack([(ahead + back) / 2 for ahead, back in paths])
-    return LocalLevel(smooth[number], np.array([ahead[-1] for ahead, _ in paths]))
+    return smooth[number], np.array([ahead[-1] for ahead, _ in paths])
 
 
 def _gain(means: FloatArray) -> float:

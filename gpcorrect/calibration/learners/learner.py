@@ -24,7 +24,7 @@ class TargetMap(Protocol):
         ...
 
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return means and standard deviations `(n, m)` and novelties `(n,)` at inputs `(n, d)`.
+        """Return means and standard deviations `(n, m)` and novelties `(n,)`.
 
         Parameters
         ----------
@@ -60,25 +60,19 @@ class Fitted:
         return left_out if self.foretold is None else replace(left_out, errors=left_out.errors - self.foretold)
 
 
-class Learner(Protocol):
-    """A way to learn targets from inputs; a registry names each."""
+Learner = Callable[[Samples, Layout, FitSettings, Progress], Fitted]
+"""Learns from the usable samples; raises DataError where they are too few, or the task lacks what it needs."""
 
-    def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-        """Return what was learned of the usable samples.
 
-        Parameters
-        ----------
-        samples : Samples, those usable are learned from
-        layout : Layout, how inputs and targets are grouped
-        settings : FitSettings, the user's settings
-        progress : Progress, receives the progress of the fit
+def fitted(learn: Callable[[Samples], TargetMap], samples: Samples, folds: int) -> Fitted:
+    """Return a map of all usable samples, with predictions by maps that were not fitted to them.
 
-        Raises
-        ------
-        DataError
-            There are too few samples, or the task lacks what the learner needs.
-        """
-        ...
+    Parameters
+    ----------
+    learn, samples, folds
+        As for :func:`cross_predicted`.
+    """
+    return Fitted(learn(samples), cross_predicted(learn, samples, folds))
 
 
 def cross_predicted(learn: Callable[[Samples], TargetMap], samples: Samples, folds: int) -> LeftOut:

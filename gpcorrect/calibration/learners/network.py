@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
 from gpcorrect.calibration.dataset import Layout, Samples
-from gpcorrect.calibration.learners.learner import Fitted, cross_predicted
+from gpcorrect.calibration.learners.learner import Fitted, fitted
 from gpcorrect.calibration.learners.polynomial import Scaler
 from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.types import FloatArray, Progress
@@ -34,6 +34,7 @@ class NetworkMap:
     biases: tuple[FloatArray, ...]
     output: Scaler
     std: FloatArray
+    extrapolates: ClassVar[bool] = True
 
     @classmethod
     def fit(cls, X: FloatArray, Y: FloatArray, layers: tuple[int, ...], epochs: int, seed: int) -> Self:
@@ -78,18 +79,8 @@ class NetworkMap:
         learned = cls(scaler, weights, biases, output, np.zeros(Y.shape[1]))
         return cls(scaler, weights, biases, output, (Y - learned.predict(X)[0]).std(axis=0))
 
-    @property
-    def extrapolates(self) -> bool:
-        """True: it extrapolates outside its training inputs."""
-        return True
-
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return means and standard deviations `(n, m)` and novelties `(n,)` at inputs `(n, d)`.
-
-        Parameters
-        ----------
-        X : (n, d) array, inputs
-        """
+        """See :class:`TargetMap`."""
         layer = self.scaler.apply(X)
         for W, b in zip(self.weights[:-1], self.biases[:-1], strict=True):
             layer = 0.5 * (1.0 + np.tanh(0.5 * (layer @ W + b)))
@@ -97,13 +88,13 @@ class NetworkMap:
         return mean, np.broadcast_to(self.std, mean.shape), np.zeros(len(X))
 
 
-class Network:
-    """The learner of :class:`NetworkMap`; one fold is left out, for training takes long."""
+def learn_network(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
+    """Learn a :class:`NetworkMap`; one fold is left out, for training takes long.
 
-    def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-        """See :class:`Learner`."""
-
-        def _learn(part: Samples) -> NetworkMap:
-            return NetworkMap.fit(*part.learnable(), settings.layers, settings.epochs, settings.seed)
-
-        return Fitted(_learn(samples), cross_predicted(_learn, samples, 1))
+    Parameters
+    ----------
+    samples, layout, settings, progress
+        See :data:`Learner`.
+    """
+    layers, epochs, seed = settings.layers, settings.epochs, settings.seed
+    return fitted(lambda part: NetworkMap.fit(*part.learnable(), layers, epochs, seed), samples, 1)

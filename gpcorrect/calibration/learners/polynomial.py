@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
 from gpcorrect.calibration.dataset import Layout, Samples
-from gpcorrect.calibration.learners.learner import Fitted, cross_predicted
+from gpcorrect.calibration.learners.learner import Fitted, fitted
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, Progress
@@ -62,6 +62,7 @@ class PolynomialMap:
     scaler: Scaler
     weights: FloatArray
     std: FloatArray
+    extrapolates: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if self.weights.ndim != 2 or self.std.shape != self.weights.shape[1:]:
@@ -110,40 +111,24 @@ class PolynomialMap:
         shifted = first + self.scaler.apply(scaler.centre) @ others
         return np.vstack([shifted, (scaler.spread / self.scaler.spread)[:, None] * others])
 
-    @property
-    def extrapolates(self) -> bool:
-        """True: it extrapolates outside its training inputs."""
-        return True
-
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return means and standard deviations `(n, m)` and novelties `(n,)` at inputs `(n, d)`.
-
-        Parameters
-        ----------
-        X : (n, d) array, inputs
-        """
+        """See :class:`TargetMap`."""
         mean = self.mean(X)
         return mean, np.broadcast_to(self.std, mean.shape), np.zeros(len(X))
 
 
-@dataclass(frozen=True)
-class Polynomial:
-    """The learner of :class:`PolynomialMap`.
+def learn_polynomial(
+    degree: int, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress
+) -> Fitted:
+    """Learn a :class:`PolynomialMap`.
 
     Parameters
     ----------
     degree : int, 0, 1 or 2
+    samples, layout, settings, progress
+        See :data:`Learner`.
     """
-
-    degree: int
-
-    def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-        """See :class:`Learner`."""
-
-        def _learn(part: Samples) -> PolynomialMap:
-            return PolynomialMap.fit(*part.learnable(), self.degree)
-
-        return Fitted(_learn(samples), cross_predicted(_learn, samples, LIMITS.folds))
+    return fitted(lambda part: PolynomialMap.fit(*part.learnable(), degree), samples, LIMITS.folds)
 
 
 def _terms(X: FloatArray, degree: int) -> FloatArray:

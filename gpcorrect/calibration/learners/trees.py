@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from gpcorrect.calibration.dataset import Layout, Samples
-from gpcorrect.calibration.learners.learner import Fitted, cross_predicted
+from gpcorrect.calibration.learners.learner import Fitted, fitted
 from gpcorrect.calibration.learners.polynomial import PolynomialMap
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.errors import DataError
@@ -159,21 +159,16 @@ def _add_leaves(
             mean[i, target[t]] += value[at]
 
 
-@dataclass(frozen=True)
-class Trees:
-    """The learner of :class:`TreesMap`.
+def learn_trees(
+    samples: Samples, layout: Layout, settings: FitSettings, progress: Progress, *, after_law: bool = True
+) -> Fitted:
+    """Learn a :class:`TreesMap`.
 
     Parameters
     ----------
+    samples, layout, settings, progress
+        See :data:`Learner`.
     after_law : bool, whether the trees take what the task's linear law leaves
     """
-
-    after_law: bool = True
-
-    def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-        """See :class:`Learner`."""
-
-        def _learn(part: Samples) -> TreesMap:
-            return TreesMap.fit(*part.learnable(), settings.seed, layout.penalties if self.after_law else None)
-
-        return Fitted(_learn(samples), cross_predicted(_learn, samples, LIMITS.folds))
+    penalties = layout.penalties if after_law else None
+    return fitted(lambda part: TreesMap.fit(*part.learnable(), settings.seed, penalties), samples, LIMITS.folds)

@@ -98,22 +98,25 @@ class CableModel:
         return [CableFilter(*parts) for parts in noises]
 
 
-class Cable:
-    """The learner of :class:`CableModel`: so few numbers a joint that errors in training stand for left-out ones."""
+def learn_cable(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
+    """Learn a :class:`CableModel`: so few numbers a joint that errors in training stand for left-out ones.
 
-    def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-        """See :class:`Learner`."""
-        if samples.path.shape[1] != samples.target.shape[1]:
-            raise DataError("the cable model (ukf) is of joints.", hint="Use: gpcorrect joint fit --method ukf")
-        samples.learnable()
-        rows = samples.rows
-        motor = PolynomialMap.fit(samples.path[rows], samples.target[rows], 1)
-        path = CableModel(motor, *np.zeros((5, samples.path.shape[1]))).inputs(samples.path, None)[0]
-        left = samples.path + samples.target - path
-        parts = [_tuned(samples, path[:, j], left[:, j], j) for j in range(path.shape[1])]
-        learned = CableModel(motor, *(np.array(column) for column in zip(*parts, strict=True)))
-        mean, std = learned.errors(samples)
-        return Fitted(learned, LeftOut((samples.target - mean)[rows], std[rows], np.zeros(len(rows))))
+    Parameters
+    ----------
+    samples, layout, settings, progress
+        See :data:`Learner`.
+    """
+    if samples.path.shape[1] != samples.target.shape[1]:
+        raise DataError("the cable model (ukf) is of joints.", hint="Use: gpcorrect joint fit --method ukf")
+    samples.learnable()
+    rows = samples.rows
+    motor = PolynomialMap.fit(samples.path[rows], samples.target[rows], 1)
+    path = CableModel(motor, *np.zeros((5, samples.path.shape[1]))).inputs(samples.path, None)[0]
+    left = samples.path + samples.target - path
+    parts = [_tuned(samples, path[:, j], left[:, j], j) for j in range(path.shape[1])]
+    learned = CableModel(motor, *(np.array(column) for column in zip(*parts, strict=True)))
+    mean, std = learned.errors(samples)
+    return Fitted(learned, LeftOut((samples.target - mean)[rows], std[rows], np.zeros(len(rows))))
 
 
 def _tuned(data: Samples, motor: FloatArray, left: FloatArray, joint: int) -> tuple[float, float, float, float, float]:
