@@ -8,6 +8,7 @@ is wrong there and back, and the error that this leaves was in the training too.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -31,7 +32,7 @@ from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError, DegenerateError
 from gpcorrect.gpr import IntervalCalibration, LeftOut
 from gpcorrect.rigid import apply_residual, pose_residual
-from gpcorrect.types import CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
 
 SAME_BRANCH = 1.0
 """rad or m that a command and its pose may be apart in joints: more is another branch of the inverse. By hand."""
@@ -47,6 +48,52 @@ millisecond would look fast to it, and be moved back (103 changes of more than h
 AWAY = 0.1
 """Of the error of left-out commands that may be added by moving them to where the arm would arrive: beyond that the
 model of where it arrives is not believed. On a planted play, where four fifths of what is missed go, it is 0.07."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseJoints:
+    """Samples of a log of poses, in the joints of its arm; NaN where there are none.
+
+    Parameters
+    ----------
+    log : CalibrationLog, n samples of joints: the next two, as set points and as what was seen from outside
+    asked, wanted : (n, d) arrays, joints of commands and of references, rad or m
+    reference, command : PoseSignal, the poses
+    """
+
+    log: CalibrationLog
+    asked: FloatArray
+    wanted: FloatArray
+    reference: PoseSignal
+    command: PoseSignal
+
+    @classmethod
+    def of(cls, log: CalibrationLog, pair: tuple[PoseSignal, PoseSignal], kinematics: ArmKinematics) -> Self:
+        """Return the samples of a log.
+
+        Parameters
+        ----------
+        log : CalibrationLog, n samples
+        pair : two PoseSignal, their references and commands
+        kinematics : ArmKinematics, of the arm
+        """
+        wanted, asked = (kinematics.inverse(poses) for poses in pair)
+        wanted[~(np.abs(wanted - asked) <= SAME_BRANCH).all(axis=1)] = np.nan
+        joints = CalibrationLog(
+            time=log.time,
+            trajectory=log.trajectory,
+            session=log.session,
+            setpoint_jp=asked,
+            external_jp=wanted,
+            meta=LogMeta(joint_types=kinematics.chain.joint_types),
+            name=log.name,
+        )
+        return cls(joints, asked, wanted, *pair)
+
+    @property
+    def known(self) -> BoolArray:
+        """Which samples `(n,)` have joints of a reference."""
+        return np.asarray(np.isfinite(self.wanted).all(axis=1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,25 +157,22 @@ class JointRoute:
             The log's joints cannot be learned from, or promise nothing.
         """
         kinematics = kinematics.reaching(pair[0])
-        joints = joints_of(log, pair, kinematics)
-        asked, wanted = joints.setpoint_jp, joints.external_jp
-        assert asked is not None
-        assert wanted is not None
+        joints = PoseJoints.of(log, pair, kinematics)
 
         def promising(samples: Samples, layout: Layout) -> tuple[Law, LeftOut]:
-            if alone is not None and samples.target.shape[1] == asked.shape[1]:
+            if alone is not None and samples.target.shape[1] == joints.asked.shape[1]:
                 first = cross_predicted(
                     lambda s: PolynomialMap.fit(*s.learnable(), 1, layout.penalties), samples, LIMITS.folds
                 )
                 rows = samples.rows
-                moved = kinematics.carried(pair[0][rows], wanted[rows], asked[rows] - first.errors)
-                change = changes(replace(first, errors=pose_residual(moved, pair[1][rows])), alone)
+                commanded = joints.asked[rows] - first.errors
+                moved = kinematics.carried(joints.reference[rows], joints.wanted[rows], commanded)
+                change = changes(replace(first, errors=pose_residual(moved, joints.command[rows])), alone)
                 if change.mean() > HOPELESS:
                     raise DegenerateError(f"a linear law of them promises too little, {changes_text(change)}.")
             return learn_law(samples, layout)
 
         own = replace(settings, direction="command", features=(), input_signal="setpoint_jp", end_to_end=False)
-        known = np.asarray(np.isfinite(wanted).all(axis=1))
         anywhere = np.full(kinematics.chain.dof, np.inf)  # poses are looked at where they come in
         motion = TrainingMotion(-anywhere, anywhere, np.ones(kinematics.chain.dof), np.nan)
 
@@ -136,32 +180,21 @@ class JointRoute:
             assert isinstance(outcome.corrector, JointCorrector)
             return replace(outcome.corrector, trained=motion)
 
-        outcome = JointCorrector.learn(joints, known, cleaner, own, promising)
+        outcome = JointCorrector.learn(joints.log, joints.known, cleaner, own, promising)
         route = cls(kinematics, corrector_of(outcome), IntervalCalibration(np.ones(6)))
         first = route.commands(joints, outcome.samples, outcome.left_out)
-        route, left_out = route.calibrated(joints, pair, outcome.samples, outcome.left_out, first)
+        route, left_out = route.calibrated(joints, outcome.samples, outcome.left_out, first)
         if alone is None or changes(left_out, alone).mean() <= -WORTH_IT:
-            back = JointCorrector.learn(
-                joints, known, cleaner, replace(own, direction="estimate", features=REACHED), learn_law
-            )
+            own = replace(own, direction="estimate", features=REACHED)
+            back = JointCorrector.learn(joints.log, joints.known, cleaner, own, learn_law)
             reached = corrector_of(back)
-            aim = Aim.learn(reached, reached.view.wide(back.left_out.errors), joints, first)
-            aimed = replace(route, aim=aim).calibrated(joints, pair, outcome.samples, outcome.left_out, first)
+            aim = Aim.learn(reached, reached.view.wide(back.left_out.errors), joints.log, first)
+            aimed = replace(route, aim=aim).calibrated(joints, outcome.samples, outcome.left_out, first)
             if changes(aimed[1], left_out).mean() <= AWAY:
                 route, left_out = aimed
         return route, replace(outcome, left_out=left_out, interval95=route.intervals.interval95(left_out.std))
 
-    def samples(self, joints: CalibrationLog) -> Samples:
-        """Return samples as the law of joints sees them.
-
-        Parameters
-        ----------
-        joints : CalibrationLog, from :func:`joints_of`
-        """
-        assert joints.external_jp is not None
-        return self.joints.samples(joints, np.asarray(np.isfinite(joints.external_jp).all(axis=1)))
-
-    def commands(self, joints: CalibrationLog, samples: Samples, left_out: LeftOut) -> FloatArray:
+    def commands(self, joints: PoseJoints, samples: Samples, left_out: LeftOut) -> FloatArray:
         """Return commands `(n, d)` found for the reached joints of a log: left-out ones where there are any.
 
         Parameters
@@ -169,40 +202,29 @@ class JointRoute:
         joints, samples, left_out
             As for :meth:`calibrated`.
         """
-        wanted, asked = joints.external_jp, joints.setpoint_jp
-        assert asked is not None
-        assert wanted is not None
-        found = self.joints.correct_path(wanted, joints.time, sessions=joints.session.tolist()).joints
-        assert found is not None
-        known = np.isfinite(left_out.errors).all(axis=1)
+        answer = self.joints.correct_path(joints.wanted, joints.log.time, sessions=joints.log.session.tolist())
+        assert answer.joints is not None
+        known, found = np.isfinite(left_out.errors).all(axis=1), answer.joints
         cells = np.ix_(samples.rows[known], self.joints.view.moving)
-        found[cells] = asked[cells] - left_out.errors[known]
+        found[cells] = joints.asked[cells] - left_out.errors[known]
         return found
 
     def calibrated(
-        self,
-        joints: CalibrationLog,
-        pair: tuple[PoseSignal, PoseSignal],
-        samples: Samples,
-        left_out: LeftOut,
-        first: FloatArray,
+        self, joints: PoseJoints, samples: Samples, left_out: LeftOut, first: FloatArray
     ) -> tuple[JointRoute, LeftOut]:
         """Return the route with intervals that hold for left-out samples as poses, and what it leaves of these.
 
         Parameters
         ----------
-        joints : CalibrationLog, n samples, from :func:`joints_of`
-        pair : two PoseSignal, their references and commands
+        joints : PoseJoints, n samples
         samples : Samples, the same as the law of joints sees them
         left_out : LeftOut, of the law of joints, at those of them that it learns from
         first : (n, d) array, from :meth:`commands`
         """
-        assert joints.setpoint_jp is not None
-        assert joints.external_jp is not None
         rows, view = samples.rows, self.joints.view
         found = np.array(first)
         if self.aim is not None:
-            found, _ = self.aim.moved(joints.external_jp, first, joints.time, joints.session.tolist())
+            found, _ = self.aim.moved(joints.wanted, first, joints.log.time, joints.log.session.tolist())
         found[rows[~np.isfinite(left_out.errors).all(axis=1)]] = np.nan
         in_joints = Correction(
             position=None,
@@ -212,9 +234,9 @@ class JointRoute:
             interval95=np.full((len(rows), len(view.types)), np.nan),
             reasons=np.zeros(len(rows), dtype=np.int64),
         )
-        answer = self._as_poses(pair[0][rows], joints.external_jp[rows], in_joints)
+        answer = self._as_poses(joints.reference[rows], joints.wanted[rows], in_joints)
         assert answer.position is not None
-        errors = pose_residual(PoseSignal(answer.position, answer.quaternion), pair[1][rows])
+        errors = pose_residual(PoseSignal(answer.position, answer.quaternion), joints.command[rows])
         known = np.isfinite(errors).all(axis=1)
         trajectory = samples.trajectory[rows][known]
         intervals = IntervalCalibration.fit(errors[known], answer.std[known], trajectory, folds_of(trajectory))
@@ -255,9 +277,9 @@ class JointRoute:
             in_joints = replace(in_joints, joints=moved).because(Reason.OUTSIDE, beyond)
         return self._as_poses(reference, q, in_joints, bounds)
 
-    def stream(self) -> RouteStream:
+    def stream(self) -> _RouteStream:
         """Return a stream of the joints of poses."""
-        return RouteStream(self)
+        return _RouteStream(self)
 
     def as_pose(
         self, position: FloatArray, rotation: FloatArray, q: FloatArray, in_joints: Correction, largest: FloatArray
@@ -302,13 +324,8 @@ class JointRoute:
         return Correction(position, quaternion, None, std, intervals, in_joints.reasons).because(Reason.LIMITED, cut)
 
 
-class RouteStream:
-    """Answers desired joints one after the other, as :meth:`JointRoute.correct` does along a path.
-
-    Parameters
-    ----------
-    route : JointRoute, what answers
-    """
+class _RouteStream:
+    """Answers desired joints one after the other, as :meth:`JointRoute.correct` does along a path."""
 
     def __init__(self, route: JointRoute) -> None:
         self._first, self._aim = route.joints.stream(), None if route.aim is None else route.aim.stream()
@@ -333,27 +350,3 @@ class RouteStream:
         assert answer.joints is not None
         moved, beyond = self._aim.moved(time, q, answer.joints)
         return replace(answer, joints=moved).because(Reason.OUTSIDE, beyond)
-
-
-def joints_of(log: CalibrationLog, pair: tuple[PoseSignal, PoseSignal], kinematics: ArmKinematics) -> CalibrationLog:
-    """Return samples as a log of joints: those commanded, and those of the references; NaN where there are none.
-
-    Parameters
-    ----------
-    log : CalibrationLog, n samples
-    pair : two PoseSignal, their references and commands
-    kinematics : ArmKinematics, of the arm
-    """
-    reference, command = pair
-    asked = kinematics.inverse(command)
-    wanted = kinematics.inverse(reference)
-    wanted[~(np.abs(wanted - asked) <= SAME_BRANCH).all(axis=1)] = np.nan
-    return CalibrationLog(
-        time=log.time,
-        trajectory=log.trajectory,
-        session=log.session,
-        setpoint_jp=asked,
-        external_jp=wanted,
-        meta=LogMeta(joint_types=kinematics.chain.joint_types),
-        name=log.name,
-    )

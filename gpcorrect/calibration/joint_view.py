@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.joint_features import JointFeatures, law_penalties
-from gpcorrect.calibration.joint_path import JointPath, joint_path, joint_signal, state_columns
+from gpcorrect.calibration.joint_path import JointPath, joint_path, joint_signal, logged_path, state_columns
 from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.stops import Stops
 from gpcorrect.calibration.task import Corrector
@@ -82,9 +82,7 @@ class JointView:
         source, truth = directed(log, self.input_signal, self.direction, needs_truth=needs_truth)
         if source.shape[1] != len(self.types):
             raise DataError(f"the model knows {len(self.types)} joints, the log has {source.shape[1]}.")
-        inside = self.reached(source)
-        path = logged_path(log, inside, self.moving, self.direction, self.features.kinds)
-        error = None if truth is None else error_of(inside, truth, self.stops, self.direction)[:, self.moving]
+        path, error = path_and_error(log, source, truth, self.stops, self.moving, self.direction, self.features.kinds)
         return source, self.samples(path, log.trajectory, log.session, error, keep)
 
     def samples(
@@ -146,8 +144,7 @@ class JointView:
         """Return in which rows a joint that was still in training stands elsewhere."""
         still = np.setdiff1d(np.arange(len(self.types)), self.moving)
         limit = np.array([STILL[self.types[j]] for j in still])
-        strayed: BoolArray = np.asarray((np.abs(q[:, still] - self.rest[still]) > limit).any(axis=1))
-        return strayed
+        return np.asarray((np.abs(q[:, still] - self.rest[still]) > limit).any(axis=1))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -235,47 +232,42 @@ def directed(
     direction : str, "estimate" or "command"
     needs_truth : bool, whether what is to come out must be logged
     """
-    needed = needs_truth or direction == "command"
-    reported = joint_signal(log, signal) if needs_truth or direction == "estimate" else getattr(log, signal)
-    true = joint_signal(log, "external_jp") if needed or log.external_jp is not None else None
-    if true is not None and reported is not None and true.shape != reported.shape:
+    given, wanted = (signal, "external_jp") if direction == "estimate" else ("external_jp", signal)
+    source = joint_signal(log, given)
+    truth = joint_signal(log, wanted) if needs_truth or getattr(log, wanted) is not None else None
+    if truth is not None and truth.shape != source.shape:
         raise LogError(
-            f"{signal} has {reported.shape[1]} joints, external_jp {true.shape[1]}.",
+            f"{given} has {source.shape[1]} joints, {wanted} {truth.shape[1]}.",
             hint="Name the same joints in both: a mapping file given with --columns says which columns are which.",
             path=log.name,
         )
-    return (reported, true) if direction == "estimate" else (joint_signal(log, "external_jp"), reported)
+    return source, truth
 
 
-def error_of(source: FloatArray, truth: FloatArray, stops: Stops | None, direction: str) -> FloatArray:
-    """Return what is to be added to joints `(n, d)` that are back at their stops; commands are taken back there too.
-
-    Parameters
-    ----------
-    source, truth : (n, d) arrays, joints that go in, and what is to come out, rad or m
-    stops : Stops or None, where joints end
-    direction : str, "estimate" or "command"
-    """
-    return (truth if stops is None or direction == "estimate" else stops.reached(truth)) - source
-
-
-def logged_path(
-    log: CalibrationLog, source: FloatArray, moving: IntArray, direction: str, kinds: Sequence[str]
-) -> JointPath:
-    """Return the path of the moving joints; in static poses every row is a path of its own, at rest.
+def path_and_error(
+    log: CalibrationLog,
+    source: FloatArray,
+    truth: FloatArray | None,
+    stops: Stops | None,
+    moving: IntArray,
+    direction: str,
+    kinds: Sequence[str],
+) -> tuple[JointPath, FloatArray | None]:
+    """Return the path of k moving joints, back at their stops, and what is to be added to them `(n, k)`.
 
     Parameters
     ----------
     log : CalibrationLog, n samples
-    source : (n, d) array, joints that go in, rad or m
+    source, truth : (n, d) arrays, joints that go in, and what is to come out, rad or m
+    stops : Stops or None, where joints end
     moving : (k,) int array, joints that moved in training
-    direction : str, "estimate" or "command"
-    kinds : sequence of str
-        Kinds of features; the whole state is read for "state" only.
+    direction : str, "estimate" or "command"; commands are taken back to their stops too
+    kinds : sequence of str, kinds of features; the whole state is read for "state" only
     """
+    if stops is not None:
+        source = stops.reached(source)
+        truth = truth if truth is None or direction == "estimate" else stops.reached(truth)
     effort = None if log.measured_jf is None or direction == "command" else log.measured_jf[:, moving]
     state = state_columns(log)[1] if "state" in kinds else None
-    path = joint_path(log.time, log.session, source[:, moving], effort, state)
-    if not log.static:
-        return path
-    return replace(path, new=np.ones(len(log), dtype=bool), velocity=np.zeros(path.q.shape))
+    path = logged_path(log, source[:, moving], effort, state)
+    return path, None if truth is None else (truth - source)[:, moving]

@@ -17,9 +17,8 @@ from gpcorrect.calibration.joint_view import (
     JointView,
     ViewCorrector,
     directed,
-    error_of,
     joint_layout,
-    logged_path,
+    path_and_error,
 )
 from gpcorrect.calibration.metrics import joint_errors, joint_units
 from gpcorrect.calibration.queries import checked_times, numbers
@@ -250,11 +249,11 @@ class JointCorrector(ViewCorrector):
             remarks.append(f"joint {', '.join(still)} never moves in training: left uncorrected")
         kinds = settings.features or _default_features(log, settings)
         stops = Stops.of(*((source, truth) if settings.direction == "estimate" else (truth, source)))
+        path, error = path_and_error(log, source, truth, stops, moving, settings.direction, kinds)
+        assert error is not None
         if stops is not None:
             remarks += stops.remarks(truth if settings.direction == "command" else source, types)
             source = stops.reached(source)
-        path = logged_path(log, source, moving, settings.direction, kinds)
-        error = error_of(source, truth, stops, settings.direction)[:, moving]
         features = JointFeatures.learn(kinds, path, error, rows)
         remarks += features.remarks((moving + 1).tolist())
         view = JointView(
