@@ -22,19 +22,14 @@ from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal, frozen_array
 
 SOURCES = (("setpoint_cp", "setpoint_jp"), ("measured_cp", "measured_jp"))
 """Pairs of which one kinematics made the first from the second."""
-STARTS = 300
-"""Postures of the training that an inverse begins at: chosen by hand."""
-GRIPPER = 2
-"""Joints at the end of a log that may belong to a gripper: no arm here logs more."""
-NO_EFFECT = 1e-6
-"""m/rad or rad/rad: a joint that moves the tip less is a gripper; chosen by hand."""
+STARTS = 300  # postures of the training that an inverse begins at: chosen by hand
+GRIPPER = 2  # joints at the end of a log that may belong to a gripper: no arm here logs more
+NO_EFFECT = 1e-6  # m/rad or rad/rad: a joint that moves the tip less is a gripper; chosen by hand
 LEAST_SHARE = 0.01
 """Of its largest, that the arm's smallest rate must reach in most of the training: else poses do not determine joints,
 and a correction in joints is as good as any other; chosen by hand."""
-HEADROOM = 2.0
-"""By how much further from the arm's reach than in training a pose may lie; chosen by hand."""
-NOISE_FLOOR = 1e-6
-"""rad: what the inverse leaves of a pose that it reaches, with plenty to spare."""
+HEADROOM = 2.0  # by how much further from the arm's reach than in training a pose may lie; chosen by hand
+NOISE_FLOOR = 1e-6  # rad: what the inverse leaves of a pose that it reaches, with plenty to spare
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,12 +181,9 @@ def _pose_matrices(poses: PoseSignal) -> FloatArray:
     return se3.pose(rotations, poses.position)
 
 
-SAMPLES = 1000
-"""Postures in the registration: two dozen unknowns need no more."""
-STEPS = 20
-"""Gauss-Newton steps of the registration; those of well-determined ones end after five."""
-AT_REST = 1e-8
-"""rad: a step that is smaller ends the registration."""
+SAMPLES = 1000  # postures in the registration: two dozen unknowns need no more
+STEPS = 20  # Gauss-Newton steps of the registration; those of well-determined ones end after five
+AT_REST = 1e-8  # rad: a step that is smaller ends the registration
 FAR = 4.0
 """Median errors beyond which a sample does not count: no noise of six numbers lies there, outliers do. By hand."""
 ZERO_WEIGHT = 1e-3

@@ -18,8 +18,7 @@ from gpcorrect.cleaning import FittedCleaner
 from gpcorrect.cleaning.steps import best_chain
 from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal
 
-POSSIBLE_FRACTION = 0.7
-"""Least part of a run that must be possible motion, or it is left as it is; chosen by hand."""
+POSSIBLE_FRACTION = 0.7  # least part of a run that must be possible motion, or it is left as it is; chosen by hand
 
 
 @dataclass(frozen=True)

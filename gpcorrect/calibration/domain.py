@@ -11,8 +11,7 @@ from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
-WITHOUT_MARGIN = 1 / (1 + 2 * LIMITS.margin)
-"""Of half a region, the part that is not margin."""
+WITHOUT_MARGIN = 1 / (1 + 2 * LIMITS.margin)  # of half a region, the part that is not margin
 
 
 @dataclass(frozen=True, eq=False)

@@ -103,8 +103,7 @@ class _Covariance:
         Parameters
         ----------
         part : SharedPredictor, of outputs with one kernel
-        candidates : (k, d) array, features of what may be measured
-        task : (t, d) array, features of the task region
+        candidates, task : (k, d) and (t, d) arrays, features of what may be measured and of the task region
         """
         explained, basis = part.explained.mean(axis=0), part.basis[: part.projection.shape[1]]
         w_own, w_task = (part.kernel(X, basis) @ part.projection.T for X in (candidates, task))

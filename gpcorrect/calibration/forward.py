@@ -18,8 +18,7 @@ from gpcorrect.errors import DataError
 from gpcorrect.rigid import RigidModel, apply_residual, pose_residual
 from gpcorrect.types import FloatArray, PoseSignal
 
-SOLVED = 1e-7
-"""m and rad between a command and that of the pose found: far below any tracker."""
+SOLVED = 1e-7  # m and rad between a command and that of the pose found: far below any tracker
 STEPS = 30
 """An addition whose slope is below 0.6 is solved in them; where it is steeper, two poses may have one command: of a
 model of four reaches the poses that took 32 to 47 steps lay 49 to 113 mm off those that the commands were made for."""

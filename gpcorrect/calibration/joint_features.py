@@ -25,8 +25,7 @@ FeatureKind = Literal["position", "velocity", "acceleration", "effort", "memory"
 
 LADDER = (0.02, 0.1, 0.3)
 """Radii of single plays beside the coupled one, in units of half the joints' ranges; chosen by hand on dvrk_random."""
-LAGS = 4
-"""Time constants of creep and drag, evenly spaced in their logarithm; chosen by hand."""
+LAGS = 4  # time constants of creep and drag, evenly spaced in their logarithm; chosen by hand
 SHORTEST_LAG, LONGEST_LAG = 2.0, 60.0
 """Usual steps, and s, between which they lie: below, a lag is the velocity; above, an arm rests before it has settled;
 chosen by hand."""
@@ -37,12 +36,9 @@ CLEARLY = 0.9
 """Fraction of a joint's squared error without lags or accelerations that it must come under with them. On six machines
 of bench/joint_foreign.py and three real ones they come under .85 where they act. At .95 another one had lags, and 1.6
 times the error, and joints 4 and 6 of the real pick-and-place had 3 and 4 % less."""
-SLACK = 0.05
-"""Half ranges that a joint must turn back by to show its slack; chosen by hand."""
-FEWEST_TURNS = 8
-"""Of the slack from one side to the other, to distinguish it from position and effort; chosen by hand."""
-MOVING = 0.05
-"""Of a joint's highest speed: below it the joint rests; chosen by hand."""
+SLACK = 0.05  # half ranges that a joint must turn back by to show its slack; chosen by hand
+FEWEST_TURNS = 8  # of the slack from one side to the other, to distinguish it from position and effort; chosen by hand
+MOVING = 0.05  # of a joint's highest speed: below it the joint rests; chosen by hand
 LEAST_SPEEDS = 1.5
 """Ratio of faster to slower motion, to separate what grows with speed from what does not; chosen by hand."""
 PLAIN, REMEMBERED, SLOW, OTHERS = 1e-5, 1e-2, 0.1, 0.3

@@ -7,8 +7,7 @@ import numpy as np
 from gpcorrect.types import FloatArray
 
 AXES = ("x", "y", "z")
-Z95 = 1.959964
-"""Half width of the central 95 % of a standard normal."""
+Z95 = 1.959964  # half width of the central 95 % of a standard normal
 
 JointErrors = list[dict[str, object]]
 Leaf = dict[str, float]

@@ -14,8 +14,7 @@ from gpcorrect.types import FloatArray
 
 ALMOST = 0.9
 """Of the training's shortest step, over which a faster stream takes its velocities: clocks jitter; chosen by hand."""
-MOST_PAST = 4096
-"""Samples stored to take a velocity over: bounds the memory of a stream; chosen by hand."""
+MOST_PAST = 4096  # samples stored to take a velocity over: bounds the memory of a stream; chosen by hand
 
 
 class PathFollower:

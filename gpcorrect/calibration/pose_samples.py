@@ -18,10 +18,8 @@ from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, Pos
 
 INDUCING = 700
 """Points of the Gaussian process: within a tenth of 1500 points' error on simulated reaches (bench/gpr_choices.py)."""
-CHECK_QUERIES = 8
-"""Training queries that a model file asks again at load; chosen by hand."""
-WORTH_IT = 0.02
-"""Least fraction of the error that memory must take away not to be called useless; chosen by hand."""
+CHECK_QUERIES = 8  # training queries that a model file asks again at load; chosen by hand
+WORTH_IT = 0.02  # least fraction of the error that memory must take away not to be called useless; chosen by hand
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,10 +16,8 @@ from gpcorrect.calibration.task import Corrector, Measured, Part
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 
-DRAWS = 2000
-"""Of whole trajectories, for the interval of a difference: its ends are known to a hundredth of it or so."""
-FEWEST = 4
-"""Trajectories from which an interval is drawn; fewer say nothing of others. Chosen by hand."""
+DRAWS = 2000  # of whole trajectories, for the interval of a difference: its ends are known to a hundredth of it or so
+FEWEST = 4  # trajectories from which an interval is drawn; fewer say nothing of others. Chosen by hand
 
 
 @dataclass(frozen=True)
@@ -123,17 +121,12 @@ class SideBySide:
 
 
 def refuse_unlike(one: Corrector, other: Corrector, names: tuple[str, str]) -> None:
-    """Refuse two models whose errors cannot stand beside each other.
+    """Refuse, with a DataError, two models of different tasks, directions, joints or arms.
 
     Parameters
     ----------
     one, other : Corrector
     names : (str, str), of the models, for the message
-
-    Raises
-    ------
-    DataError
-        They are of different tasks, directions, joints or arms.
     """
     pairs: list[tuple[str, Any, Any]] = [("corrects", one.TASK.replace("_", " "), other.TASK.replace("_", " "))]
     if isinstance(one, JointCorrector) and isinstance(other, JointCorrector):
@@ -196,23 +189,15 @@ def _mean(sizes: FloatArray) -> float:
 
 
 def compare(one: Any, other: Any) -> dict[str, Any]:
-    """Return in what two models differ: what they say of themselves, their errors, how far apart their commands are.
+    """Return in what two models of one task differ: what they say of themselves, their errors, their commands.
+
+    `made` and `held_out` are the last step of each and the last measured errors (JSON-able, None where not known);
+    `differs` holds by name what the one and the other say, `commands` distances (mm, deg) on the recorded check queries
+    of both, for models of poses.
 
     Parameters
     ----------
-    one, other : Corrector, models of one task
-
-    Returns
-    -------
-    dict
-        `made` and `held_out`: the last step of each and the last measured errors (JSON-able, None where not known);
-        `differs`: by name, what the one and the other say; `commands`: distances (mm, deg) on the recorded check
-        queries of both, for models of poses.
-
-    Raises
-    ------
-    DataError
-        They are not of one task.
+    one, other : Corrector
     """
     if one.TASK != other.TASK:
         raise DataError(f"one model corrects {one.TASK}, the other {other.TASK}: they cannot be compared.")

@@ -14,12 +14,10 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 UNITS = "radians and metres"
 """Of joints."""
 
-STRIDE = 5
-"""Samples between which a speed is taken: noise of a tracker then adds little to it."""
+STRIDE = 5  # samples between which a speed is taken: noise of a tracker then adds little to it
 FASTER = 90.0
 """Per cent of the speeds below the one that motions are compared by: rests and faults of the tracker say nothing."""
-LONGEST_LOOK = 64
-"""Samples of a stream that are looked at together: at 1 kHz they cover some millimetres."""
+LONGEST_LOOK = 64  # samples of a stream that are looked at together: at 1 kHz they cover some millimetres
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,12 +29,9 @@ FEWEST_STRETCHES = 40
 """Into which a recording is cut for noise that neighbours have in common: a stretch costs its cube; chosen by hand."""
 VARIANCE_POINTS = 150
 """Inducing points of variances after a linear law: a stream asks for six joints a sample at 1 kHz; chosen by hand."""
-POSE_VARIANCE_POINTS = 250
-"""The same without one: a pose is asked for one at a time; chosen by hand."""
-GAINS = (0.0, 0.1, 0.2, 0.4, 0.7)
-"""Gains of the local level to choose from; chosen by hand."""
-FEWEST_LEVELS = 8
-"""Trajectories from which a moving zero can be separated from chance; chosen by hand."""
+POSE_VARIANCE_POINTS = 250  # the same without one: a pose is asked for one at a time; chosen by hand
+GAINS = (0.0, 0.1, 0.2, 0.4, 0.7)  # gains of the local level to choose from; chosen by hand
+FEWEST_LEVELS = 8  # trajectories from which a moving zero can be separated from chance; chosen by hand
 CLEARLY = 0.95
 """Fraction that squared errors must come under: with a gain above 0 those without motion, with the regression those of
 the linear law; chosen by hand."""

@@ -23,14 +23,11 @@ from gpcorrect.types import BoolArray, FloatArray, Progress
 
 GAPS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.15)
 """Half gap over half the range, to choose from: up to the slack of the dVRK wrist recorded in `dvrk_random`."""
-PROCESS = (0.01, 0.1, 1.0)
-"""Standard deviation a step over that of the play's residual, to choose from; chosen by hand."""
-TUNING_ROWS = 1500
-"""Samples that the process noise is tuned on: a pass of the filter over them takes a second."""
+PROCESS = (0.01, 0.1, 1.0)  # standard deviation a step over that of the play's residual, to choose from; chosen by hand
+TUNING_ROWS = 1500  # samples that the process noise is tuned on: a pass of the filter over them takes a second
 LEAST_EXPLAINED = 0.05
 """Part of the stretch's variance that the effort must explain to be a measurement; chosen by hand."""
-TINY = 1e-9
-"""m or rad: keeps variances positive, far below the resolution of any encoder."""
+TINY = 1e-9  # m or rad: keeps variances positive, far below the resolution of any encoder
 
 
 @dataclass(frozen=True, eq=False)
