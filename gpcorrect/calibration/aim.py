@@ -35,8 +35,7 @@ class Aim:
     Parameters
     ----------
     reached : JointCorrector, from commanded joints to those reached
-    share : (d,) array
-        0 to 1; 0 for joints that are not moved.
+    share : (d,) array, 0 to 1; 0 for joints that are not moved
     """
 
     reached: JointCorrector
@@ -61,8 +60,7 @@ class Aim:
         Parameters
         ----------
         reached : JointCorrector, learned from the log
-        errors : (k, d) array
-            Of it at left-out samples, rad or m; NaN where unknown.
+        errors : (k, d) array, of it at left-out samples, rad or m; NaN where unknown
         joints : CalibrationLog, n samples of commanded joints and those reached
         first : (n, d) array
             Commands found for these without the samples' own trajectories, rad or m; NaN where there are none.
@@ -72,7 +70,7 @@ class Aim:
         assert wanted is not None
         aim, sessions = cls(reached, np.full(asked.shape[1], SHARE)), joints.session.tolist()
         moved, _ = aim.moved(wanted, first, joints.time, sessions)
-        missed, _ = aim.missed(wanted, first, joints.time, sessions)
+        missed, _ = aim._missed(wanted, first, joints.time, sessions)
         known = np.isfinite(moved).all(axis=1) & np.isfinite(asked).all(axis=1)
         before, after, beside = ((part[known] ** 2).mean(axis=0) for part in (first - asked, moved - asked, missed))
         return cls(reached, np.where((after <= before) | (beside > np.nanmean(errors**2, axis=0)), SHARE, 0.0))
@@ -93,21 +91,14 @@ class Aim:
         """
         found, beyond = first, np.zeros(len(q), dtype=bool)
         for _ in range(STEPS):
-            missed, outside = self.missed(q, found, time, sessions)
+            missed, outside = self._missed(q, found, time, sessions)
             found, beyond = found + self.share * missed, beyond | outside
         return found, beyond
 
-    def missed(
+    def _missed(
         self, q: FloatArray, commands: FloatArray, time: FloatArray, sessions: Sequence[int]
     ) -> tuple[FloatArray, BoolArray]:
-        """Return by how much commands `(n, d)` miss the joints of a path, and where the model cannot know `(n,)`.
-
-        Parameters
-        ----------
-        q, commands : (n, d) arrays, desired joints, and what is commanded for them, rad or m
-        time, sessions
-            As for :meth:`moved`.
-        """
+        """Return by how much commands `(n, d)` miss the joints of a path, and where the model cannot know `(n,)`."""
         reached = self.reached.correct_path(commands, time, sessions=sessions)
         assert reached.joints is not None
         return q - reached.joints, ~np.asarray(reached.in_domain)

@@ -38,8 +38,7 @@ class ArmKinematics:
 
     Parameters
     ----------
-    chain : Chain
-        From the joints that move the tip to its poses, as the robot's controller has it.
+    chain : Chain, from the joints that move the tip to its poses, as the robot's controller has it
     starts : (k, d) array, postures of the training, rad and m
     length : float, m that weigh as much as one radian
     reach : float
@@ -119,8 +118,7 @@ class ArmKinematics:
         Parameters
         ----------
         position, rotation : (3,) and (3, 3) arrays, the pose, command's frame
-        near : (d,) array or None
-            Where to begin; at the training's nearest posture without it.
+        near : (d,) array or None, where to begin; at the training's nearest posture without it
         """
         T = np.eye(4)[None]
         T[0, :3, :3], T[0, :3, 3] = rotation, position
@@ -195,8 +193,7 @@ def with_poses(log: CalibrationLog, chain: Chain) -> CalibrationLog:
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples; joints behind the chain's, such as a gripper's, are not looked at.
+    log : CalibrationLog, n samples; joints behind the chain's, such as a gripper's, are not looked at
     chain : Chain, the arm's
 
     Raises

@@ -29,8 +29,7 @@ class MotionLimits:
     ----------
     speeds : tuple of float, largest speed, m/s, and where orientations are observed rad/s
     noise : tuple of float, step that noise alone can make, m and rad
-    longest : float
-        Longest stretch that is bridged, s; what lasts longer may be meant.
+    longest : float, longest stretch that is bridged, s; what lasts longer may be meant
     """
 
     speeds: tuple[float, ...]

@@ -39,7 +39,7 @@ class CoupledPlay:
 
     Parameters
     ----------
-    stiffness : (d, d) array, Symmetric, positive definite, unit diagonal or more
+    stiffness : (d, d) array, symmetric, positive definite, unit diagonal or more
     gap : (d,) array, half gaps F_i / K_ii
     """
 
@@ -102,12 +102,10 @@ def learn_coupled_play(
     Parameters
     ----------
     path : (n, d) array, positions in units of half the ranges
-    errors : (n, d) array
-        What the lags are to explain; NaN where unknown.
+    errors : (n, d) array, what the lags are to explain; NaN where unknown
     new : (n,) bool array, where a path starts
     rows : (k,) int array, rows whose errors may be looked at
-    shown : (d,) bool array
-        Joints whose slack this path shows; the others neither pull nor are pulled.
+    shown : (d,) bool array, joints whose slack this path shows; the others neither pull nor are pulled
     """
     stiffness, gap = np.eye(path.shape[1]), np.full(path.shape[1], FIRST_GAP)
     if shown.any():

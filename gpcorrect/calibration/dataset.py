@@ -22,16 +22,13 @@ class Samples:
     time : (n,) array, s
     trajectory, session : (n,) int arrays, as in the log
     new : (n,) mask, where an unbroken path begins: nothing is known of what the arm did before
-    X : (n, d) array
-        Inputs of the learner; NaN in rows that lack one.
-    target : (n, m) array
-        What the learner is to predict; NaN where unknown.
+    X : (n, d) array, inputs of the learner; NaN in rows that lack one
+    target : (n, m) array, what the learner is to predict; NaN where unknown
     origin : (n, m) array
         What the target is counted from, beyond the correction itself: 0, or the input for a learner of true positions.
     usable : (n,) mask, rows that may be learned from: complete, and not rejected
-    path : (n, d) array
-        Joints that go in, for learners that filter a path; no columns where there are none.
-    effort : (n, d) array or None, Efforts, likewise
+    path : (n, d) array, joints that go in, for learners that filter a path; no columns where there are none
+    effort : (n, d) array or None, efforts, likewise
     """
 
     time: FloatArray
@@ -106,7 +103,7 @@ class Layout:
         Ridge penalties of a linear law that comes before the Gaussian process; None for a task without one.
     slack : (d,) array, how far outside its training range an input may always be
     inducing : int, points of the Gaussian process where the settings say nothing
-    fading : (f,) int array, Columns, velocities, whose linear effect fades outside the training range
+    fading : (f,) int array, columns, velocities, whose linear effect fades outside the training range
     """
 
     targets: tuple[int, ...]
@@ -158,8 +155,7 @@ def scores_by_piece(ratio: FloatArray, labels: IntArray) -> FloatArray:
 
     Parameters
     ----------
-    ratio : (n, m) array
-        About 1 while a model holds; NaN where not known.
+    ratio : (n, m) array, about 1 while a model holds; NaN where not known
     labels : (n,) int array, pieces
     """
     squares = np.mean(ratio**2, axis=1)

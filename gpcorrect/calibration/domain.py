@@ -23,14 +23,11 @@ class Domain:
 
     Parameters
     ----------
-    low, high : (d,) arrays
-        Range of each bounded input; inputs behind the first d are free.
+    low, high : (d,) arrays, range of each bounded input; inputs behind the first d are free
     novelty : float
         Fraction of prior variance left above which a query is outside; infinite for learners that know no novelty.
-    spread : (m,) array
-        Root mean square of the training targets: how wrong an answer may be where nothing is known.
-    fading : (f,) int array
-        Bounded inputs that an extrapolating law is not asked of outside: see :meth:`clip`.
+    spread : (m,) array, root mean square of the training targets: how wrong an answer may be where nothing is known
+    fading : (f,) int array, bounded inputs that an extrapolating law is not asked of outside: see :meth:`clip`
     kept : (f,) array
         How far from the middle of the region, in halves of it, each of them is left as it is: as far as training went,
         where that is told.
@@ -65,8 +62,7 @@ class Domain:
 
         Parameters
         ----------
-        X : (n, d) array
-            Training inputs; the margin around their range is half of it, but `slack` at least.
+        X : (n, d) array, training inputs; the margin around their range is half of it, but `slack` at least
         slack : (d,) array, how far outside its range an input may always be
         novelty : float
         targets : (n, m) array, what was to be predicted
@@ -187,7 +183,7 @@ class Bounds:
 
         Parameters
         ----------
-        residual : (n, m) array, Corrections, m or rad
+        residual : (n, m) array, corrections, m or rad
         """
         scale = np.minimum(1.0, self.largest / np.maximum(_lengths(residual, self.sizes), 1e-300))
         cut: BoolArray = np.asarray((scale < 1.0).any(axis=1))

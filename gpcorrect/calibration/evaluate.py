@@ -62,13 +62,13 @@ class Evaluation:
         """What a reader must know before using the model: parts where learning did not beat the simplest remedy."""
         clean = self.clean
         sentences = list(self.first)
-        for name, unit, columns, scale in self.corrector.parts(clean.raw.shape[1]):
-            before, after = (scale * _rmse(errors[:, columns]) for errors in (clean.registered, clean.corrected))
+        for part in self.corrector.parts(clean.raw.shape[1]):
+            before, after = (spread(part.sizes(errors))["rmse"] for errors in (clean.registered, clean.corrected))
             if after >= before > 0:
                 remedy = "registration" if self.corrector.METHODS[1] == "rigid" else "a fixed offset"
                 sentences.append(
-                    f"on held-out trajectories the learned part does not lessen the {name} error (RMSE "
-                    f"{before:.3g} {unit} after {remedy}, {after:.3g} {unit} corrected): record more motion"
+                    f"on held-out trajectories the learned part does not lessen the {part.name} error (RMSE "
+                    f"{before:.3g} {part.unit} after {remedy}, {after:.3g} {part.unit} corrected): record more motion"
                 )
         return tuple(sentences)
 
@@ -155,8 +155,7 @@ def run_experiment(
     log : CalibrationLog, holds the task's signals
     settings : FitSettings, optional, what differs from the defaults
     task : type, A subclass of :class:`Corrector`
-    holdout : float
-        Fraction of the units to measure on; 0 for none.
+    holdout : float, fraction of the units to measure on; 0 for none
     by : HoldOut, what is held out whole
     shuffle : bool, hold out random units, not the last ones
     progress : Progress, optional
@@ -268,8 +267,7 @@ def position_reductions(evaluation: Evaluation | None) -> dict[str, Any]:
 
     Parameters
     ----------
-    evaluation : Evaluation or None
-        Of a position estimator; nothing is returned without any.
+    evaluation : Evaluation or None, of a position estimator; nothing is returned without any
     """
     if evaluation is None:
         return {}
@@ -282,7 +280,3 @@ def position_reductions(evaluation: Evaluation | None) -> dict[str, Any]:
         "sd_reduction": 100.0 * (1.0 - estimated["sd_mm"] / raw["sd_mm"]),
         "rms_reduction_beyond_rigid": 100.0 * (1.0 - estimated["rms_mm"] / rigid["rms_mm"]),
     }
-
-
-def _rmse(errors: Any) -> float:
-    return float(np.sqrt(np.nanmean((errors**2).sum(axis=1)))) if np.isfinite(errors).any() else 0.0

@@ -80,18 +80,13 @@ def zigzag(direction: Direction, sparsity: int, limits: FloatArray, *, as_publis
         low, high = PUBLISHED_REACH
         turned[:, 0] = (turned[:, 0] + 0.5 - low) / (high - low) - 0.5
     else:
-        turned = (2.0 * HALF_SIDE) * _stripes(sparsity) @ rotation_to(direction).T
+        turned = (2.0 * HALF_SIDE) * _stripes(sparsity) @ _rotation_to(direction).T
     corners: FloatArray = centre + reach * turned
     return corners
 
 
-def rotation_to(direction: Direction) -> FloatArray:
-    """Rotation `(3, 3)` that takes the first axis to the direction, and the stack of stripes along.
-
-    Parameters
-    ----------
-    direction : str, joints along which the stripes run
-    """
+def _rotation_to(direction: Direction) -> FloatArray:
+    """Rotation `(3, 3)` that takes the first axis to the direction, and the stack of stripes along."""
     along = np.array([f"J{i}" in direction.split("-") for i in (1, 2, 3)], dtype=np.float64)
     first = along / np.linalg.norm(along)
     # The next axis lies in the plane of two of the joints, so that a double direction turns within its own plane.

@@ -31,10 +31,8 @@ class Proposal:
     Parameters
     ----------
     positions : (n, 3) array, metres
-    quaternions : (n, 4) array or None
-        wxyz; None for a position-only model.
-    twists : (n, 6) or (n, 3) array or None
-        m/s and rad/s; None for a model without velocity.
+    quaternions : (n, 4) array or None, wxyz; None for a position-only model
+    twists : (n, 6) or (n, 3) array or None, m/s and rad/s; None for a model without velocity
     remaining : (n,) array
         Fraction of today's uncertainty (variance that more data can take away) in the task region that is left after
         each of them and those before.

@@ -38,8 +38,7 @@ class FitResult:
     log : CalibrationLog, what it was fitted to: the training log, on one clock
     clocks : Clocks, what was found of the outside sensor's clock, and what was done about it
     cleaning : CleaningReport, what was dropped from the training log, and why
-    registration : Registration or None
-        Which rigid model was chosen, and why; None for a task without one.
+    registration : Registration or None, which rigid model was chosen, and why; None for a task without one
     n_train : int, samples that were learned from
     remarks : tuple of str, what a person should know, in sentences
     """
@@ -60,8 +59,7 @@ def fit_corrector(
 
     Parameters
     ----------
-    log : CalibrationLog
-        Must hold `tracker_cp` (what was observed) and `setpoint_cp` (what was commanded).
+    log : CalibrationLog, must hold `tracker_cp` (what was observed) and `setpoint_cp` (what was commanded)
     settings : FitSettings, optional, what differs from the defaults
     progress : Progress, optional
 

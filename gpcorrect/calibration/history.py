@@ -69,10 +69,8 @@ class Step:
     date : str, UTC, ISO 8601, to the second
     command : str, command line of the process, as a shell would take it
     versions : mapping, of the packages that can change numbers, and of Python, by name
-    source, sha256 : str
-        Name of the data, and the SHA-256 of their files (empty for data that came from no file).
-    held_out : HeldOut or None
-        Errors on what was held out; None where nothing was.
+    source, sha256 : str, name of the data, and the SHA-256 of their files (empty for data that came from no file)
+    held_out : HeldOut or None, errors on what was held out; None where nothing was
     """
 
     what: str
@@ -156,8 +154,7 @@ def check_summary(summary: Mapping[str, Any]) -> None:
 
     Parameters
     ----------
-    summary : mapping
-        As :meth:`Corrector.info` gives it; an empty one says nothing.
+    summary : mapping, as :meth:`Corrector.info` gives it; an empty one says nothing
 
     Raises
     ------

@@ -85,8 +85,7 @@ class JointFeatures:
         ----------
         kinds : sequence of str, which features
         path : JointPath, n samples of d joints
-        errors : (n, m) array
-            What the slack is to explain; NaN where unknown.
+        errors : (n, m) array, what the slack is to explain; NaN where unknown
         rows : (k,) int array, samples that may be learned from
 
         Raises
@@ -138,7 +137,7 @@ class JointFeatures:
 
         Parameters
         ----------
-        q : (..., d) array, Joints, rad or m
+        q : (..., d) array, joints, rad or m
         """
         path: FloatArray = (q - self.centre) / self.half
         return path

@@ -25,8 +25,7 @@ class JointPath:
     ----------
     time : (n,) array, s
     new : (n,) mask, where an unbroken path begins
-    q : (n, d) array
-        Joints, rad or m; NaN where missing.
+    q : (n, d) array, joints, rad or m; NaN where missing
     velocity : (n, d) array, of `q`, from the sample before: what a stream knows too
     effort : (n, d) array or None, reported efforts, N m or N
     state : (n, k) array or None, all that the log holds of the robot at each moment
@@ -124,8 +123,7 @@ def state_columns(log: CalibrationLog, extra: Sequence[str] | None = None) -> tu
     Parameters
     ----------
     log : CalibrationLog, n samples
-    extra : sequence of str, optional
-        Extra columns that belong to the state; all complete ones when None.
+    extra : sequence of str, optional, extra columns that belong to the state; all complete ones when None
     """
     parts: list[tuple[str, FloatArray | None]] = [(name, getattr(log, name)) for name in JOINT_SIGNALS]
     if log.setpoint_jp is not None and log.measured_jp is not None:

@@ -145,8 +145,7 @@ class JointRoute:
         pair : two PoseSignal, their references and commands, with orientation
         cleaner : FittedCleaner, what rejected the others
         settings : FitSettings
-        learn_law : callable
-            See :meth:`Corrector.learn`.
+        learn_law : callable, see :meth:`Corrector.learn`
         alone : LeftOut, optional
             Of a law of the poses alone. A linear law of the joints that comes nowhere near it ends the learning: the
             joints are not where this arm misses, and a Gaussian process after it takes most of the fit to say so.

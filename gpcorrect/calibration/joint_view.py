@@ -33,13 +33,11 @@ class JointView:
     direction : str, "estimate" or "command"
     input_signal : str, signal of the robot's side
     types : str, "R" or "P" for each of the d joints
-    moving : (k,) int array
-        Joints that moved in training; only these are corrected.
+    moving : (k,) int array, joints that moved in training; only these are corrected
     rest : (d,) array, where each joint stood in the middle of training, rad or m
     features : JointFeatures, what the law looks at, of the k joints
     end_to_end : bool, whether the law predicts the positions themselves, not their error
-    stops : Stops or None
-        Where joints end, whatever is wrong with them besides; None where training showed no stop.
+    stops : Stops or None, where joints end, whatever is wrong with them besides; None where training showed no stop
     """
 
     direction: Literal["estimate", "command"]
@@ -94,8 +92,7 @@ class JointView:
         ----------
         path : JointPath, n samples of k joints
         trajectory, session : (n,) int arrays, as in the log
-        error : (n, k) array or None
-            What is to be added; None where unknown.
+        error : (n, k) array or None, what is to be added; None where unknown
         keep : (n,) mask, samples that may be learned from where they are complete
         """
         X = self.features.transform(path)
@@ -167,8 +164,7 @@ class ViewCorrector(Corrector):
 
         Parameters
         ----------
-        log : CalibrationLog
-            n samples; needs no truth.
+        log : CalibrationLog, n samples; needs no truth
 
         Raises
         ------
@@ -205,8 +201,7 @@ def joint_layout(features: JointFeatures, targets: int, *, owned: bool, inducing
     ----------
     features : JointFeatures, with their columns
     targets : int, m
-    owned : bool
-        Whether each target is the error of the joint of its number; each is then bounded by itself.
+    owned : bool, whether each target is the error of the joint of its number; each is then bounded by itself
     inducing : int, points of the Gaussian process
     """
     return Layout(

@@ -96,9 +96,8 @@ class JointCorrector(ViewCorrector):
 
         Parameters
         ----------
-        q : (n, d) array
-            rad or m; NaN where missing.
-        times : (n,) array, Seconds, increasing
+        q : (n, d) array, rad or m; NaN where missing
+        times : (n,) array, seconds, increasing
         efforts : (n, d) array, optional, as logged, for models that look at them
         sessions : n int, optional, where the number changes, the arm was homed or moved by hand
 

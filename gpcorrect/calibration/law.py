@@ -24,8 +24,7 @@ class Prediction:
     ----------
     residual, std, interval95 : (n, m) arrays
         Correction, its standard deviation and the half width of its 95 % interval; NaN where an input is missing.
-    reasons : (n,) int array
-        :class:`gpcorrect.correction.Reason` codes.
+    reasons : (n,) int array, :class:`gpcorrect.correction.Reason` codes
     """
 
     residual: FloatArray
@@ -79,8 +78,7 @@ class Law:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs; a row with a NaN is missing.
+        X : (n, d) array, inputs; a row with a NaN is missing
         origin : (n, m) array, optional, see :class:`Samples`
         """
         assert not isinstance(self.learned, CableModel)

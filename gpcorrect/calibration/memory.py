@@ -37,8 +37,7 @@ class MemoryMap:
 
     Parameters
     ----------
-    radii : (h, k) array
-        Half widths of the slacks in the tool's position, m, and its turns about its own axes, rad.
+    radii : (h, k) array, half widths of the slacks in the tool's position, m, and its turns about its own axes, rad
     """
 
     radii: FloatArray
@@ -171,8 +170,7 @@ def steps(poses: PoseSignal) -> FloatArray:
 
     Parameters
     ----------
-    poses : PoseSignal
-        n poses, in order; without orientation there are no turns.
+    poses : PoseSignal, n poses, in order; without orientation there are no turns
     """
     position, rotations = poses.position, rotations_of(poses)
     linear = np.diff(position, axis=0, prepend=position[:1])
@@ -189,8 +187,7 @@ def left_out_squares(F: FloatArray, Y: FloatArray, folds: IntArray, penalties: F
     ----------
     F, Y : (n, d) and (n, m) arrays, features and targets
     folds : (n,) int array, what is left out together
-    penalties : (d,) array, optional
-        On squared weights, in units of the samples; the offset is free then.
+    penalties : (d,) array, optional, on squared weights, in units of the samples; the offset is free then
     """
     A, total = np.hstack([F, np.ones((len(F), 1))]), np.zeros(Y.shape[1])
     ridge = np.full(A.shape[1], RIDGE) if penalties is None else np.append(penalties, 0.0)
@@ -211,8 +208,7 @@ def lag_step(behind: FloatArray, moved: FloatArray, step: float, constants: Floa
     Parameters
     ----------
     behind : (t, d) array, by how much they were
-    moved : (d,) array
-        What the signal moved by; where that is not known it is taken to have stood.
+    moved : (d,) array, what the signal moved by; where that is not known it is taken to have stood
     step : float, s
     constants : (t,) array, time constants tau, s
     """
@@ -231,8 +227,7 @@ def lagged(signal: FloatArray, time: FloatArray, new: BoolArray, constants: Floa
 
     Parameters
     ----------
-    signal : (n, d) array
-        Positions or efforts; where one is not known, it is taken to have stood.
+    signal : (n, d) array, positions or efforts; where one is not known, it is taken to have stood
     time : (n,) array, s
     new : (n,) mask, where a path starts
     constants : (t,) array, time constants tau, s

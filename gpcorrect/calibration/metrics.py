@@ -44,8 +44,7 @@ def error_table(residual: FloatArray) -> ErrorTable:
 
     Parameters
     ----------
-    residual : (n, 6) array
-        m, then rad; NaN where not measured.
+    residual : (n, 6) array, m, then rad; NaN where not measured
     """
     table = {"position_mm": _by_axis(1e3 * residual[:, :3])}
     if np.isfinite(residual[:, 3:]).any():

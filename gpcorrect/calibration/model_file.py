@@ -92,8 +92,7 @@ def load(path: str | Path, kind: type[Any] = CommandCorrector) -> Any:
     Parameters
     ----------
     path : str or Path, model file
-    kind : type
-        Task that it must be of; poses by default.
+    kind : type, task that it must be of; poses by default
 
     Raises
     ------

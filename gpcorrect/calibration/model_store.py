@@ -176,8 +176,7 @@ class ModelStore:
         entry : Entry
         verified : bool
             Whether the caller has just read it, and compared it with the one it follows: then it is not read again.
-        back : bool
-            Whether the active model is given up for the one before it: the next one back is then an older one.
+        back : bool, whether the active model is given up for the one before it: the next one back is then an older one
         """
         if not verified:
             self._compared(entry)
@@ -325,8 +324,7 @@ def refuse_other_use(name: str, new: Mapping[str, Any], old: Mapping[str, Any]) 
     Parameters
     ----------
     name : str, what to call the new model
-    new, old : mapping
-        Descriptions, as :meth:`gpcorrect.calibration.task.Corrector.info` gives them.
+    new, old : mapping, Descriptions, as :meth:`gpcorrect.calibration.task.Corrector.info` gives them
 
     Raises
     ------

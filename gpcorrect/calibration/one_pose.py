@@ -65,8 +65,7 @@ def inputs(
     ----------
     pose : (7,) or (3,) array, desired pose, observer's frame
     twist : (6,) array, m/s and rad/s, observer's frame
-    memory : (h,) array
-        Memory features; none for a query without history.
+    memory : (h,) array, memory features; none for a query without history
     f : Frame
     region : (2, d) array, lower and upper bounds of the inputs before the memory features
 
@@ -74,8 +73,7 @@ def inputs(
     -------
     good : bool
         Whether every number is below `LARGEST` and the quaternion a unit one; the rest means nothing otherwise.
-    position, rotation : (3,) and (3, 3) arrays
-        Of the reference; no rotation without a quaternion.
+    position, rotation : (3,) and (3, 3) arrays, of the reference; no rotation without a quaternion
     x : (d,) array
     near : bool, whether the inputs lie inside their bounds
     """
@@ -126,7 +124,7 @@ def command(
     Parameters
     ----------
     position, rotation : (3,) and (3, 3) arrays, of the reference
-    mean : (6,) or (3,) array, Residual, m and rad
+    mean : (6,) or (3,) array, residual, m and rad
     bounds : (2,) array, longest believed residual: m and rad
     """
     shift, cut = _shortened(mean[:3], bounds[0])

@@ -38,8 +38,7 @@ class PoseAnswers(Corrector):
     features : FeatureMap, from a reference pose and its twist to the inputs of the law
     motion : MotionLimits or None
         What no arm does from one pose of a path to the next; None believes every path, as a fit without cleaning does.
-    velocity_step : float or None
-        Step of the stencil on recorded paths, s; None takes five neighbouring samples.
+    velocity_step : float or None, step of the stencil on recorded paths, s; None takes five neighbouring samples
     check_queries : (k, 13) array, training queries (pose, twist) that a model file asks again at load
     memory : Memory or None, what was learned with memory features, for paths and streams
     route : JointRoute or None, what was learned of the arm's joints, by which paths and streams are answered
@@ -113,8 +112,7 @@ class PoseAnswers(Corrector):
 
         Parameters
         ----------
-        query, twist : (7,) or (3,), and (6,) arrays
-            m and wxyz; m/s and rad/s.
+        query, twist : (7,) or (3,), and (6,) arrays, m and wxyz; m/s and rad/s
         reasons : int, what was not used, :class:`Reason` codes
         memory : (h,) array, optional, memory features
         """
@@ -153,8 +151,7 @@ class PoseAnswers(Corrector):
         Parameters
         ----------
         poses : (n, 7) or (n, 3) array, desired poses, as for :meth:`correct`
-        times : (n,) array
-            Seconds, strictly increasing. A path of one pose is at rest.
+        times : (n,) array, seconds, strictly increasing; A path of one pose is at rest
 
         Raises
         ------
@@ -280,11 +277,9 @@ class PoseStream:
 
         Parameters
         ----------
-        time : float, Seconds, later than that of the pose before
-        pose : (7,) or (3,) array
-            As for `CommandCorrector.correct`.
-        twist : (6,) array, optional
-            Desired velocity; estimated from the poses so far when not given.
+        time : float, seconds, later than that of the pose before
+        pose : (7,) or (3,) array, as for `CommandCorrector.correct`
+        twist : (6,) array, optional, desired velocity; estimated from the poses so far when not given
 
         Raises
         ------

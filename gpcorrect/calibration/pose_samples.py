@@ -40,8 +40,7 @@ class PosePairs:
         ----------
         log : CalibrationLog, n samples
         keep : (n,) mask, samples that are not rejected
-        velocity_step : float or None
-            Step of the stencil, s; None takes five neighbouring samples.
+        velocity_step : float or None, step of the stencil, s; None takes five neighbouring samples
         """
         observed, commanded = pose_pair(log)
         twist = observed_twists(log, observed, keep, velocity_step)
@@ -71,8 +70,7 @@ class PosePairs:
         Parameters
         ----------
         log : CalibrationLog, that the samples are of
-        settings : FitSettings
-            Whether frames are registered, and whether the marker may be away from the tool tip.
+        settings : FitSettings, whether frames are registered, and whether the marker may be away from the tool tip
         """
         if not settings.rigid:
             return Registration(RigidModel(), "the registration was switched off", (), None)

@@ -12,6 +12,7 @@ from gpcorrect.calibration.cartesian import CommandCorrector
 from gpcorrect.calibration.evaluate import Evaluation, evaluate_model, part_errors
 from gpcorrect.calibration.history import last_measured
 from gpcorrect.calibration.joints import JointCorrector
+from gpcorrect.calibration.metrics import spread
 from gpcorrect.calibration.task import Corrector, Measured, Part
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
@@ -107,7 +108,9 @@ class SideBySide:
             {
                 "trajectory": number,
                 "samples": len(index),
-                "mean": {p.name: [_mean(p.sizes(m.corrected[index])) for m in self.measured] for p in self.parts},
+                "mean": {
+                    p.name: [spread(p.sizes(m.corrected[index]))["mean"] for m in self.measured] for p in self.parts
+                },
                 "in_domain": [float(m.in_domain[index].mean()) for m in self.measured],
             }
             for number, index in groups.items()
@@ -181,11 +184,6 @@ def _interval(sums: FloatArray) -> tuple[float, float] | None:
     drawn = sums[np.random.default_rng(0).integers(0, len(sums), (DRAWS, len(sums)))].sum(axis=1)
     low, high = np.percentile(drawn[:, 0] / drawn[:, 1], [2.5, 97.5])
     return float(low), float(high)
-
-
-def _mean(sizes: FloatArray) -> float:
-    known = sizes[np.isfinite(sizes)]
-    return float(known.mean()) if known.size else float("nan")
 
 
 def compare(one: Any, other: Any) -> dict[str, Any]:

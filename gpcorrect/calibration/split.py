@@ -20,14 +20,10 @@ class HoldOut(StrEnum):
     BLOCK = "block"
 
 
-def hold_out_units(log: CalibrationLog, by: HoldOut = HoldOut.AUTO) -> IntArray:
+def _hold_out_units(log: CalibrationLog, by: HoldOut = HoldOut.AUTO) -> IntArray:
     """Return the unit `(n,)`, 0, 1... in recorded order, that each sample is held out with.
 
-    Parameters
-    ----------
-    log : CalibrationLog, n samples
-    by : HoldOut
-        AUTO takes trajectories, and blocks of time where there is one trajectory or the poses are static.
+    AUTO takes trajectories, and blocks of time where there is one trajectory or the poses are static.
     """
     if by is HoldOut.AUTO:
         by = HoldOut.BLOCK if log.static or len(log.trajectory_ids) < 2 else HoldOut.TRAJECTORY
@@ -44,17 +40,15 @@ def held_out(
     Parameters
     ----------
     log : CalibrationLog, n samples
-    holdout : float
-        Fraction of the units to measure on; 0 for none.
+    holdout : float, fraction of the units to measure on; 0 for none
     by : HoldOut, what the units are
-    rng : numpy.random.Generator, optional
-        Draws the units; the last ones are taken without it.
+    rng : numpy.random.Generator, optional, draws the units; the last ones are taken without it
     """
     if not 0 <= holdout < 1:
         raise DataError(f"the held-out fraction must be at least 0 and below 1, got {holdout}.")
     if holdout == 0:
         return np.zeros(len(log), dtype=bool)
-    units = hold_out_units(log, by)
+    units = _hold_out_units(log, by)
     names = np.unique(units)
     if len(names) < 2:
         raise LogError(

@@ -34,8 +34,7 @@ class Stops:
 
     Parameters
     ----------
-    low, high : (d,) arrays
-        As the robot's side has them, rad or m; infinite where no stop shows.
+    low, high : (d,) arrays, as the robot's side has them, rad or m; infinite where no stop shows
     """
 
     low: FloatArray

@@ -36,8 +36,7 @@ class ToolView:
     registration : RigidModel
         From the tracker's frame to the base: as the log states it, or the best rigid motion of the training.
     features : JointFeatures, what the law looks at
-    state_names : tuple of str
-        Columns of the whole state; empty for a law that does not look at it.
+    state_names : tuple of str, columns of the whole state; empty for a law that does not look at it
     extra : tuple of str, extra columns of the log in it
     """
 
@@ -69,8 +68,7 @@ class ToolView:
         ----------
         path : JointPath, n samples of the joints
         log : CalibrationLog, the same samples
-        error : (n, 3) array
-            What is to be added to reported positions, m; NaN where unknown.
+        error : (n, 3) array, what is to be added to reported positions, m; NaN where unknown
         keep : (n,) mask, samples that are not rejected
         """
         X = self.features.transform(path)

@@ -29,8 +29,7 @@ class TrainingMotion:
     low, high : (k,) arrays, range of the k coordinates, m or rad
     size : (k,) array
         What lengths are measured by in each coordinate, m or rad: the widest range of a position, each joint's own.
-    speed : float
-        Sizes per second that the training reached when it moved; NaN for static poses.
+    speed : float, sizes per second that the training reached when it moved; NaN for static poses
     """
 
     low: FloatArray
@@ -80,8 +79,7 @@ class TrainingMotion:
 
         Parameters
         ----------
-        query : (n, k) or (k,) array
-            Positions or joints, m or rad; NaN where missing.
+        query : (n, k) or (k,) array, positions or joints, m or rad; NaN where missing
         unit : str, what they are taken for
 
         Raises
@@ -107,11 +105,9 @@ class TrainingMotion:
 
         Parameters
         ----------
-        path : (n, k) array
-            Positions or joints, m or rad; NaN where missing.
+        path : (n, k) array, positions or joints, m or rad; NaN where missing
         time : (n,) array, s
-        labels : (n,) int array, optional
-            Unbroken run of each sample; one run without it.
+        labels : (n,) int array, optional, unbroken run of each sample; one run without it
 
         Raises
         ------

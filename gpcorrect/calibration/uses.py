@@ -21,8 +21,7 @@ class Use:
     Parameters
     ----------
     command : str, words after `gpcorrect`
-    refusal, hint : str
-        Why it would not take this recording, and what to do; empty where it would.
+    refusal, hint : str, why it would not take this recording, and what to do; empty where it would
     """
 
     command: str
@@ -56,7 +55,9 @@ def with_uses(report: ValidationReport, log: CalibrationLog) -> tuple[Validation
     uses = _uses_of(log)
     if not all(use.refusal for use in uses):
         return report, uses
-    hint = TRACKER_HINT if log.signals == ("tracker_cp",) else uses[0].hint
+    hint = uses[0].hint
+    if log.signals == ("tracker_cp",):
+        hint = "A tracker's own file goes beside the robot's (--tracker-log); look at it with validate --for tracker."
     what = f"no command can learn from it. {'; '.join(f'{use.command}: {use.refusal}' for use in uses)}"
     unusable = Finding("error", "unusable", "", what, hint)
     return replace(report, findings=(unusable, *report.findings)), uses
@@ -122,8 +123,7 @@ class Purpose:
     ----------
     uses : tuple of str, signals that are learned from
     require : callable, raises where the recording would be refused
-    command : str
-        That learns from it; empty for none.
+    command : str, that learns from it; empty for none
     """
 
     uses: tuple[str, ...]
@@ -140,5 +140,3 @@ PURPOSES = {
     ),
 }
 """What `gpcorrect validate --for` takes."""
-
-TRACKER_HINT = "A tracker's own file goes beside the robot's (--tracker-log); look at it with validate --for tracker."

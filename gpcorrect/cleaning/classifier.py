@@ -29,10 +29,8 @@ class Thresholds:
 
     Parameters
     ----------
-    scales : (g,) array
-        Robust standard deviation of an error component about the registration, m and rad.
-    low, high : (g, w) arrays
-        Corners of the box of commands; infinite for rotations.
+    scales : (g,) array, robust standard deviation of an error component about the registration, m and rad
+    low, high : (g, w) arrays, corners of the box of commands; infinite for rotations
     steps : StepThresholds, how far the error can change from sample to sample
     """
 
@@ -94,8 +92,7 @@ def label_motion(
     Parameters
     ----------
     samples : Samples, n samples
-    labels : Labels
-        On these n so far; rejected samples take no part.
+    labels : Labels, on these n so far; rejected samples take no part
     residual : Residual, what the smooth model leaves of their error
     thresholds, settings
         Limits and factors.

@@ -29,11 +29,9 @@ class FittedCleaner:
     Parameters
     ----------
     pair : Pair, signals that are compared
-    rigid : RigidModel
-        Robust registration of the tracker; the identity for joints.
+    rigid : RigidModel, robust registration of the tracker; the identity for joints
     thresholds : Thresholds, scales and limits
-    smooth : SmoothModel or None
-        Smooth model of the error; None where there were too few samples to learn one.
+    smooth : SmoothModel or None, smooth model of the error; None where there were too few samples to learn one
     settings : CleaningSettings
         Factors, and segments by hand: these hold in every log that is labelled, by its trajectory numbers and times.
     """
@@ -61,11 +59,9 @@ def fit_cleaner(
 
     Parameters
     ----------
-    log : CalibrationLog
-        Holds both signals of the pair; poses each with or without orientations.
+    log : CalibrationLog, holds both signals of the pair; poses each with or without orientations
     settings : CleaningSettings, optional, what differs from the defaults
-    rng : numpy Generator
-        Source of the random samples; the same state gives the same report.
+    rng : numpy Generator, source of the random samples; the same state gives the same report
     pair : Pair, signals to compare: :data:`POSES`, :data:`TOOL` or :func:`joint_pair`
     marker : "none", "solve" or "auto"
         Where the tracked marker may be another point than the tool tip: the registration that comes first, since such

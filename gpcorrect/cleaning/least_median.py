@@ -40,8 +40,7 @@ class LeastMedianFit(Generic[Model]):
     ----------
     model : object, refitted on the inliers
     scales : (g,) array, robust standard deviation of one component of each group of the residual
-    inliers : (n,) bool array
-        Samples within 2.5 scales in every group.
+    inliers : (n,) bool array, samples within 2.5 scales in every group
     """
 
     model: Model
@@ -123,8 +122,7 @@ def least_median(
 
     Parameters
     ----------
-    fit : callable of (m,) row numbers
-        Model of these rows; may raise DegenerateError.
+    fit : callable of (m,) row numbers, model of these rows; may raise DegenerateError
     lengths : callable of model, residual lengths (n, g) of all rows, in g groups
     n : int, number of rows
     sample_size : int, rows in a random sample: as few as determine a model
@@ -161,7 +159,7 @@ def least_median_plane(X: FloatArray, Y: FloatArray, rng: np.random.Generator) -
     Parameters
     ----------
     X : (n, d) array, inputs
-    Y : (n, m) array, Outputs, one group
+    Y : (n, m) array, outputs, one group
     rng : numpy Generator, source of the random samples
     """
     design = np.hstack([X, np.ones((len(X), 1))])
@@ -188,8 +186,7 @@ def least_median_pose(
 
     Parameters
     ----------
-    observed, command : PoseSignal
-        n complete samples; both with orientations where orientations are to count.
+    observed, command : PoseSignal, n complete samples; both with orientations where orientations are to count
     resolution : (g,) array, smallest scales: m, and rad where there are orientations
     rng : numpy Generator, source of the random samples
 

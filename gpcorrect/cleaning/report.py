@@ -151,10 +151,8 @@ class CleaningReport:
     ----------
     time, trajectory : (n,) arrays, the log's
     reason, value, limit : (n,) arrays, see :class:`Labels`
-    overruled : (n,) array of str
-        What the rules would have said of samples that pass by hand; empty elsewhere.
-    dropped_trajectories : dict of int to float
-        Fraction of rejected samples of each trajectory that was dropped whole.
+    overruled : (n,) array of str, what the rules would have said of samples that pass by hand; empty elsewhere
+    dropped_trajectories : dict of int to float, fraction of rejected samples of each trajectory that was dropped whole
     settings : CleaningSettings, as used
     scales : (g,) array
         Robust standard deviation of an error component about the registration, m or rad, of each group: position and

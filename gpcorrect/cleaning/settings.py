@@ -21,8 +21,7 @@ class Segment:
     Parameters
     ----------
     trajectory : int, number of the trajectory
-    start, stop : float
-        First and last time, s; infinite for an open end.
+    start, stop : float, first and last time, s; infinite for an open end
 
     Raises
     ------
@@ -109,8 +108,7 @@ class CleaningSettings:
         centimetres.
     max_speed, max_angular_speed : float or None
         Physical limits on observed motion, m/s and rad/s. None takes `speed_factor` times the fastest command.
-    speed_factor : float
-        See above: an arm on cables overshoots and springs back faster than it is commanded.
+    speed_factor : float, see above: an arm on cables overshoots and springs back faster than it is commanded
     outlier_factor : float
         Robust scales from the registration beyond which a sample is a gross outlier whatever surrounds it. Systematic
         errors are bounded and fill their scale, so their largest stay well below.
@@ -122,15 +120,12 @@ class CleaningSettings:
         The arm follows its command within this time, so the commanded travel is the largest of this neighbourhood.
     occlusion_time : float
         Longest occlusion, s, that differs from a real step of the error (which lasts) by its length alone.
-    offset_factor : float
-        Robust scales from the smooth model of the error beyond which a sample is rejected.
+    offset_factor : float, robust scales from the smooth model of the error beyond which a sample is rejected
     frozen_travel : float, commanded travel, m, during which the observation may repeat itself exactly
     position_resolution, rotation_resolution : float
         Deviations below these are never faults: a floor under every learned scale.
-    field_samples : int
-        Samples that the smooth model of the error is learned from (time grows with the cube).
-    keep, drop : tuple of Segment
-        Segments to keep or to drop by hand; they beat every rule, and `keep` beats `drop`.
+    field_samples : int, samples that the smooth model of the error is learned from (time grows with the cube)
+    keep, drop : tuple of Segment, segments to keep or to drop by hand; they beat every rule, and `keep` beats `drop`
 
     Raises
     ------

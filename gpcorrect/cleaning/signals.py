@@ -30,8 +30,7 @@ class Pair:
     Parameters
     ----------
     observed : str, signal of the outside sensor: "tracker_cp" or "external_jp"
-    command : str
-        Signal of the robot: "setpoint_cp", "measured_cp", "measured_jp" or "setpoint_jp".
+    command : str, signal of the robot: "setpoint_cp", "measured_cp", "measured_jp" or "setpoint_jp"
     orientation : bool, whether orientations are compared too, where both signals have them
     """
 
@@ -66,17 +65,15 @@ class Samples:
     Parameters
     ----------
     time : (n,) array, seconds
-    trajectory, session : (n,) int arrays, Motion, and recording day or homing
-    run : (n,) int array
-        Unbroken stretch of the recording, across trajectories where nothing lies between them.
+    trajectory, session : (n,) int arrays, motion, and recording day or homing
+    run : (n,) int array, unbroken stretch of the recording, across trajectories where nothing lies between them
     units : str, "P" (m) or "R" (rad) for each group
     observed, command : tuple of (n, k) arrays
         A group each: positions (k = 3) and quaternions wxyz (k = 4) in the command's frame, or one joint (k = 1).
     error : (n, g, w) array
         Command minus observation; for rotations the rotation vector of `R_cmd R_obs^T`. Of joints each session's
         median is taken out, since homing moves their zero.
-    place : tuple of (n, k) arrays
-        Coordinates of the command: position and rotation-matrix entries, or a joint each.
+    place : tuple of (n, k) arrays, coordinates of the command: position and rotation-matrix entries, or a joint each
     velocity : tuple of (n, w) arrays
         Velocity of the command, m/s or rad/s, for poses always linear and angular; zero where a run is too short.
     """
@@ -220,8 +217,7 @@ def samples_of(log: CalibrationLog, pair: Pair, rows: IntArray, rigid: RigidMode
     log : CalibrationLog, recording
     pair : Pair, signals to compare
     rows : (n,) array, complete samples in recorded order
-    rigid : RigidModel
-        Registration of the observed poses; joints need none.
+    rigid : RigidModel, registration of the observed poses; joints need none
     """
     time, trajectory, session = log.time[rows], log.trajectory[rows], log.session[rows]
     stretch = (time, trajectory, session, _recording_runs(time, trajectory, session))

@@ -40,8 +40,7 @@ class Residual:
 
     Parameters
     ----------
-    left : (n, g, w) array
-        Error less the model's, m and rad; in training, the model of the other folds.
+    left : (n, g, w) array, error less the model's, m and rad; in training, the model of the other folds
     along : (n, g, w) array, the same by one model throughout, so that steps in it are steps of the error
     distance : (n,) array, robust scales between error and model, of the worst group
     scale : (g,) array, typical robust standard deviation of a component about the model, m and rad
@@ -146,10 +145,8 @@ class SmoothModel:
     unit : (g,) array, robust spread of what the trend leaves, m and rad: the field's unit
     inputs, outputs : (m, d) and (m, g w) arrays, samples that the field is conditioned on
     kernel : WithLinear, covariance of the field
-    noise : float
-        Variance that position and velocity do not explain (noise, play), over that of the field.
-    scale : (g,) array
-        Robust standard deviation of a component about the field, as a multiple of the field's own.
+    noise : float, variance that position and velocity do not explain (noise, play), over that of the field
+    scale : (g,) array, robust standard deviation of a component about the field, as a multiple of the field's own
     reach : tuple of (2, r - 1) arrays
         For each group, least and largest position and velocity that the trend is followed to: a training range beyond
         the training. The slope of a joint that hardly moved is noise, and far away that noise is metres. Empty in older

@@ -56,7 +56,7 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
         groups : (n,) array, optional
             Trajectory of each sample. When given, the hyperparameters allow for noise that neighbouring samples of
             one trajectory have in common, as real recordings have; without it the noise is taken as white.
-        times : (n,) array, optional, Seconds: the common noise then fades with the lag
+        times : (n,) array, optional, seconds: the common noise then fades with the lag
         progress : Progress, optional, updated with how far the fit is
 
         Raises

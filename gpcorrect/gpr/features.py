@@ -44,8 +44,7 @@ class FeatureMap:
         Representation of rotations, found by :meth:`fit`: "rotvec", "columns" or "euler", "none" for data without
         rotations.
     R_mean : (3, 3) array, mean training rotation, found by :meth:`fit`
-    spread : (d,) array
-        What each feature is divided by, found by :meth:`fit`; empty before.
+    spread : (d,) array, what each feature is divided by, found by :meth:`fit`; empty before
 
     Raises
     ------
@@ -204,8 +203,8 @@ def _rotation_features(rotations: FloatArray, kind: RotationKind, R_mean: FloatA
     if kind == "columns":
         return np.concatenate([rotations[:, :, 0], rotations[:, :, 1]], axis=1)
     if kind == "euler":
-        centre = fixed_axes_angles(R_mean)  # half a turn from it, far from the training, is where angles jump
-        return centre + np.mod(fixed_axes_angles(rotations) - centre + np.pi, 2 * np.pi) - np.pi
+        centre = _fixed_axes_angles(R_mean)  # half a turn from it, far from the training, is where angles jump
+        return centre + np.mod(_fixed_axes_angles(rotations) - centre + np.pi, 2 * np.pi) - np.pi
     features = np.full((len(rotations), 3), np.nan)
     finite = np.isfinite(rotations).all(axis=(1, 2))
     features[finite] = se3.rotvec_from_matrix(rotations[finite] @ R_mean.T)
@@ -228,14 +227,10 @@ def _rotations_from_features(features: FloatArray, kind: RotationKind, R_mean: F
     return se3.matrix_from_rotvec(features) @ R_mean
 
 
-def fixed_axes_angles(rotations: FloatArray) -> FloatArray:
+def _fixed_axes_angles(rotations: FloatArray) -> FloatArray:
     """Angles `(..., 3)` about the fixed axes x, y and z in this order, rad: `R = Rz Ry Rx` (the paper's Euler angles).
 
     They jump by a full turn at +-180 degrees, and x and z are not defined apart where y reaches +-90 degrees.
-
-    Parameters
-    ----------
-    rotations : (..., 3, 3) array, rotation matrices
     """
     x = np.arctan2(rotations[..., 2, 1], rotations[..., 2, 2])
     y = np.arctan2(-rotations[..., 2, 0], np.hypot(rotations[..., 0, 0], rotations[..., 1, 0]))

@@ -44,8 +44,7 @@ class IntervalCalibration:
 
     Parameters
     ----------
-    factor : (m,) array
-        1.96 where errors are normal and the standard deviations right.
+    factor : (m,) array, 1.96 where errors are normal and the standard deviations right
     """
 
     factor: FloatArray
@@ -171,7 +170,7 @@ class LeftOut:
 
     Parameters
     ----------
-    errors, std : (n, m) arrays, Errors, and the standard deviations promised for them
+    errors, std : (n, m) arrays, errors, and the standard deviations promised for them
     novelty : (n,) array
     """
 
@@ -193,8 +192,7 @@ def learn_inflation(
 
     Parameters
     ----------
-    regressor : SparseGPR
-        Fitted to X and Y, quickest by the same parts as `folds`; its hyperparameters stay.
+    regressor : SparseGPR, fitted to X and Y, quickest by the same parts as `folds`; its hyperparameters stay
     X, Y : (n, d) and (n, m) arrays
     folds : (n,) array, which samples are left out together: whole trajectories
     groups, times : (n,) arrays, optional
@@ -226,8 +224,8 @@ def learn_inflation(
 def _less(regressor: SparseGPR, X: FloatArray, Y: FloatArray, folds: IntArray) -> Iterator[SparseGPR]:
     """Models without each fold, under the hyperparameters and points of all: the sums of all less those of the fold."""
     for k, fold in enumerate(np.unique(folds)):
-        kept = regressor.by_part_
-        own = kept[k] if kept else regressor.collected(X[folds == fold], Y[folds == fold])
+        parts = regressor.by_part_
+        own = parts[k] if parts else regressor.collected(X[folds == fold], Y[folds == fold])
         yield regressor.resting_on([a.minus(b) for a, b in zip(regressor.statistics_, own, strict=True)])
 
 

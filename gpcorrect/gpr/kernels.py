@@ -45,9 +45,8 @@ class Kernel(ABC):
 
     Parameters
     ----------
-    weights : (c,) array, Positive, summing to one
-    length_scales : (c, d) array
-        Positive; infinite where a component does not see a feature.
+    weights : (c,) array, positive, summing to one
+    length_scales : (c, d) array, positive; infinite where a component does not see a feature
     """
 
     weights: FloatArray
@@ -76,7 +75,7 @@ class Kernel(ABC):
         for start in range(0, len(A), ROWS):
             rows = slice(start, start + ROWS)
             for weight, scales in zip(self.weights, self.length_scales, strict=True):
-                part = self.profile(half_squares(A[rows] / scales, B / scales))
+                part = self.profile(_half_squares(A[rows] / scales, B / scales))
                 part *= weight
                 total[rows] += part
         return total
@@ -101,7 +100,7 @@ class Kernel(ABC):
         ----------
         X : (n, d) array, inputs
         """
-        parts = [self.profile_and_slope(half_squares(X / scales, X / scales)) for scales in self.length_scales]
+        parts = [self.profile_and_slope(_half_squares(X / scales, X / scales)) for scales in self.length_scales]
         R = self.weights[0] * parts[0][0]
         for weight, (part, _) in zip(self.weights[1:], parts[1:], strict=True):
             R += weight * part
@@ -251,13 +250,8 @@ def component_masks(n_features: int, groups: Sequence[Sequence[int]] | None) -> 
     return np.array([*masks, np.ones(n_features, dtype=bool)])
 
 
-def half_squares(A: FloatArray, B: FloatArray) -> FloatArray:
-    """Minus half the squared Euclidean distances `(n, m)` between rows, never above zero.
-
-    Parameters
-    ----------
-    A, B : (n, d) and (m, d) arrays, points
-    """
+def _half_squares(A: FloatArray, B: FloatArray) -> FloatArray:
+    """Minus half the squared Euclidean distances `(n, m)` between rows, never above zero."""
     # The norms are part of the product, for a pass over the result costs as much as it.
     left = np.hstack([A, -0.5 * np.einsum("nd,nd->n", A, A)[:, None], np.ones((len(A), 1))])
     right = np.hstack([B, np.ones((len(B), 1)), -0.5 * np.einsum("md,md->m", B, B)[:, None]])

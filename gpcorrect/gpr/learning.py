@@ -140,13 +140,11 @@ def learn(
     ----------
     X, Y : (n, d) and (n, m) arrays, of unit spread, outputs centred
     masks : (c, d) bool array, features that each component of the kernel sees
-    groups, times : (n,) arrays or None
-        Trajectory and time (s) of each sample; None takes the noise as white.
+    groups, times : (n,) arrays or None, trajectory and time (s) of each sample; None takes the noise as white
     restarts : int, further searches from random starts
     rng : numpy.random.Generator, source of the random starts
     progress : Progress, updated after each search
-    start : (p,) array, optional
-        Where the first search starts, as it came out of a search of data of the same kind.
+    start : (p,) array, optional, where the first search starts, as it came out of a search of data of the same kind
     kernel : "rbf", "matern52" or "auto", Kernel, or "auto" for any
     """
     kinds = list(KERNELS.values()) if kernel == "auto" else [kernel_named(kernel)]

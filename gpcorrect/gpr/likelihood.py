@@ -54,8 +54,7 @@ class Layout:
     ----------
     masks : (c, d) bool array, which features each component sees
     outputs : int, number of outputs m
-    correlated : bool
-        Whether part of the noise is correlated; without it there are no shares and no time.
+    correlated : bool, whether part of the noise is correlated; without it there are no shares and no time
     time_range : (float, float) or None
         Shortest and longest correlation time, s; None when samples of a trajectory carry no times.
     kind : type of Kernel, which kernel the scales and weights belong to
@@ -177,8 +176,7 @@ class LearningData:
     ----------
     X : (n, d) array, inputs of unit spread
     Y : (n, m) array, centred outputs of unit spread
-    lags : Lags
-        Between samples of one trajectory; none for white noise.
+    lags : Lags, between samples of one trajectory; none for white noise
     """
 
     X: FloatArray
@@ -191,8 +189,7 @@ def sample_lags(groups: IntArray | None, times: FloatArray | None) -> Lags:
 
     Parameters
     ----------
-    groups : (n,) array or None
-        Group of each sample; None for no pairs.
+    groups : (n,) array or None, group of each sample; None for no pairs
     times : (n,) array or None, seconds
     """
     if groups is None:

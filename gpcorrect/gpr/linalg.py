@@ -70,8 +70,7 @@ def conditioned(
     Returns
     -------
     mean : (q, m) array
-    std : (q,) array
-        The same for all outputs; noise included.
+    std : (q,) array, the same for all outputs; noise included
     """
     lower, _ = cholesky(kernel(X, X) + noise * np.eye(len(X)))
     cross = kernel(at, X)

@@ -28,8 +28,7 @@ class SharedPredictor:
         P above, over the first q <= p basis points: the variance may rest on fewer points than the mean. Rounded to
         single precision, which moves a standard deviation by some 1e-6 of itself: it is most of what a query reads,
         and half the bytes stay in the processor's cache.
-    explained : (m, r) array
-        c above: the share of prior variance that the data take away along each direction.
+    explained : (m, r) array, c above: the share of prior variance that the data take away along each direction
     signal, noise : (m,) arrays, prior variance and noise variance, in squared units of the outputs
     """
 

@@ -35,24 +35,21 @@ class SparseGPR(GaussianProcess):
     Parameters
     ----------
     n_inducing : int, inducing points that the mean rests on
-    n_variance : int
-        How many of them the variance rests on: the part of a query that costs their square.
+    n_variance : int, how many of them the variance rests on: the part of a query that costs their square
     feature_groups, output_groups, n_learn, n_restarts, kernel
         As for :class:`ExactGPR`.
     inflation : sequence of float, optional
         For each group of outputs, how many neighbouring samples count as one, because they err together; 1 by default.
         :func:`gpcorrect.gpr.learn_inflation` learns it.
-    random_state : int, RandomState or None, seed of the subset, the restarts and the inducing points
+    random_state : int, randomState or None, seed of the subset, the restarts and the inducing points
 
     Attributes
     ----------
     jitter_ : float
         What had to be added to the inducing points' correlations (of unit variance) for their factorisation;
         the largest of the groups of outputs.
-    unseen_ : float
-        Mean share of prior variance that the inducing points cannot see at the training samples; likewise.
-    statistics_ : tuple of Statistics
-        What the posterior of each group of outputs rests on; data can be added to it.
+    unseen_ : float, mean share of prior variance that the inducing points cannot see at the training samples; likewise
+    statistics_ : tuple of Statistics, what the posterior of each group of outputs rests on; data can be added to it
 
     See Also
     --------
@@ -101,8 +98,7 @@ class SparseGPR(GaussianProcess):
         Parameters
         ----------
         X, Y : (n, d) and (n, m) arrays, inputs and outputs
-        parts : (n,) array
-            Which samples are left out together; `by_part_` is in the order of their labels.
+        parts : (n,) array, which samples are left out together; `by_part_` is in the order of their labels
         terms : (n, k) array, optional, see :meth:`collected`
         groups, times, progress
             See :meth:`fit`.
@@ -203,8 +199,7 @@ def choose_inducing(kernel: Kernel, X: FloatArray, count: int, rng: np.random.Ge
     Parameters
     ----------
     kernel : Kernel, in the units of X
-    X : (n, d) array
-        Training inputs; a random part of them are candidates.
+    X : (n, d) array, training inputs; a random part of them are candidates
     count : int, points wanted
     rng : numpy.random.Generator, source of the draws
     """

@@ -33,8 +33,7 @@ class Statistics:
     ----------
     G : (M, M) array, `V V^T`, symmetric
     Vy : (M, m) array, `V (y - offset)`, in the outputs' units
-    n : float
-        Samples; a fraction where some of them were given less weight.
+    n : float, samples; a fraction where some of them were given less weight
     inflation : float
         By how much the noise is multiplied, because neighbouring samples err together: so many count as one.
     """
@@ -86,7 +85,7 @@ class Statistics:
 
         Parameters
         ----------
-        L : (M, M) array, Cholesky factor of the correlations of the points
+        L : (M, M) array, cholesky factor of the correlations of the points
         ratio : (m,) array, noise over signal variance
         """
         diagonal = np.diag_indices_from(self.G)
@@ -133,7 +132,7 @@ def collect(
     ----------
     kernel : Kernel, in the units of the inputs
     basis : (M, d) array, inducing points
-    L : (M, M) array, Cholesky factor of their correlations
+    L : (M, M) array, cholesky factor of their correlations
     offset : (m,) array, mean far from all data
     X, Y : (n, d) and (n, m) arrays, inputs and outputs
     progress : Progress, updated after each block

@@ -36,8 +36,7 @@ class MixedMap:
     ----------
     gp : GPMap, which also says where it knows nothing
     others : tuple of TreesMap or PolynomialMap, the other k - 1
-    weights : (k, m) array
-        Of each, the Gaussian process first; columns sum to 1.
+    weights : (k, m) array, of each, the Gaussian process first; columns sum to 1
     """
 
     gp: GPMap
@@ -64,19 +63,14 @@ def learn_mixture(samples: Samples, layout: Layout, settings: FitSettings, progr
         members.append(partial(learn_trees, after_law=False))
     gp, *others = (learn(samples, layout, settings, progress) for learn in members)
     errors = [part.left_out.errors for part in (gp, *others)]
-    weights = stacking_weights(errors)
+    weights = _stacking_weights(errors)
     left_out = LeftOut(_sum(weights, errors), gp.left_out.std, gp.left_out.novelty)
     zero, foretold = (None if part is None else weights[0] * part for part in (gp.zero, gp.foretold))
     return Fitted(MixedMap(gp.learned, tuple(part.learned for part in others), weights), left_out, zero, foretold)
 
 
-def stacking_weights(errors: list[FloatArray]) -> FloatArray:
-    """Return weights `(k, m)`, not negative and summing to 1, under which left-out errors are smallest.
-
-    Parameters
-    ----------
-    errors : k arrays (n, m), of each member at the same samples
-    """
+def _stacking_weights(errors: list[FloatArray]) -> FloatArray:
+    """Return weights `(k, m)`, not negative and summing to 1, under which k left-out errors `(n, m)` are smallest."""
     columns = np.stack(errors, axis=-1)
     weights = []
     for part in np.moveaxis(columns, 1, 0):

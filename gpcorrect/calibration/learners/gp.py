@@ -101,7 +101,7 @@ def learn_gp(samples: Samples, layout: Layout, settings: FitSettings, progress: 
     if layout.penalties is not None:
         first = PolynomialMap.fit(X, Y, 1, layout.penalties)
         unlevelled = Y - first.mean(X)
-        level, zero = local_level(unlevelled, trajectory)
+        level, zero = _local_level(unlevelled, trajectory)
         linear = PolynomialMap.fit(X, Y - level, 1, layout.penalties)
         groups = _stretches(trajectory)
     left = Y - level - (0.0 if linear is None else linear.mean(X))
@@ -171,7 +171,7 @@ def _foretold(errors: FloatArray, trajectory: IntArray, folds: IntArray, zero: F
     for fold in np.unique(folds):
         rest = folds != fold
         others = _means(errors[rest], trajectory[rest])
-        foretold[~rest] = others.mean(axis=0) - means.mean(axis=0) + local_level(errors[rest], trajectory[rest])[1]
+        foretold[~rest] = others.mean(axis=0) - means.mean(axis=0) + _local_level(errors[rest], trajectory[rest])[1]
     return np.where(zero != 0, foretold, 0.0)
 
 
@@ -191,17 +191,12 @@ def _times(regressor: SparseGPR, statistics: Sequence[Statistics], factor: Float
     return found
 
 
-def local_level(errors: FloatArray, trajectory: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return the part of errors that moves with time `(n, m)`, and where it stands in the end, from its mean `(m,)`.
+def _local_level(errors: FloatArray, trajectory: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return the part of errors `(n, m)` that moves between trajectories, and where it stands last, from its mean.
 
     A local level model of each trajectory's mean: in its steady form (Durbin and Koopman 2012, Sec. 2.1) that is
     exponential smoothing, whose gain is chosen by how well it predicts the next trajectory; 0 for a level that holds
     still.
-
-    Parameters
-    ----------
-    errors : (n, m) array, of trajectories in recorded order
-    trajectory : (n,) int array, their numbers
     """
     means, number = _means(errors, trajectory), in_order(trajectory)
     if len(means) < FEWEST_LEVELS:

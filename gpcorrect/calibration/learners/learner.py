@@ -43,8 +43,7 @@ class Fitted:
     left_out : LeftOut
         Errors, standard deviations and novelties at the samples that may be learned from, each predicted without its
         own fold, zeros that move over time taken for still.
-    zero : (m,) array or None
-        Where zeros that move over time stood last; None for those that hold still.
+    zero : (m,) array or None, where zeros that move over time stood last; None for those that hold still
     foretold : (n, m) array or None
         Where the other folds say that they stood at these samples; None for those that hold still.
     """

@@ -33,11 +33,9 @@ class TreesMap:
     Parameters
     ----------
     linear : PolynomialMap or None, of degree 1
-    feature : (k,) int array
-        Input that a node looks at; -1 in leaves.
+    feature : (k,) int array, input that a node looks at; -1 in leaves
     threshold : (k,) array, inputs up to it go left, those above go right
-    left, right : (k,) int arrays
-        Next nodes; a leaf's are itself.
+    left, right : (k,) int arrays, next nodes; a leaf's are itself
     value : (k,) array, of leaves, m or rad
     roots : (t,) int array, first node of each tree
     target : (t,) int array, which target a tree adds to
@@ -74,8 +72,7 @@ class TreesMap:
         ----------
         X, Y : (n, d) and (n, m) arrays, inputs and targets
         seed : int, of the samples that bins are made from
-        penalties : (d, m) array, optional
-            Of a linear law that comes before; none without.
+        penalties : (d, m) array, optional, of a linear law that comes before; none without
         """
         from sklearn.ensemble import HistGradientBoostingRegressor
 

@@ -78,7 +78,7 @@ class CableModel:
 
         Parameters
         ----------
-        q : (n, d) array, Joints, rad or m
+        q : (n, d) array, joints, rad or m
         effort : (n, d) array or None, N m or N
         """
         motor = np.full(q.shape, np.nan)
@@ -203,8 +203,7 @@ class CableFilter:
         Parameters
         ----------
         motor : float, corrected position of the motor, rad or m
-        stretch : float
-            Stretch that the effort shows, rad or m; NaN where it shows none.
+        stretch : float, stretch that the effort shows, rad or m; NaN where it shows none
         new : bool, whether a path begins here
         """
         ukf = self._ukf
