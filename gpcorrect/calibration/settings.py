@@ -41,7 +41,7 @@ class FitSettings:
     seed : int, seed of everything random
     rigid : bool, poses: register frames first; without it the regression learns from the observed pose as it is
     marker : str, poses: "none", "solve" or "auto": whether the marker may be away from the tool tip
-    velocity_step : float, none or "auto"
+    velocity_step : float, None or "auto"
         Poses: step of the stencil on recorded paths, s, through all samples within two steps on either side; None takes
         five neighbouring samples, "auto" a step that keeps the tracker's noise out of the velocities.
     input_signal : str or None, joints: "measured_jp" or "setpoint_jp"; the first that is logged when None

@@ -85,7 +85,7 @@ class Statistics:
 
         Parameters
         ----------
-        L : (M, M) array, cholesky factor of the correlations of the points
+        L : (M, M) array, Cholesky factor of the correlations of the points
         ratio : (m,) array, noise over signal variance
         """
         diagonal = np.diag_indices_from(self.G)
@@ -132,7 +132,7 @@ def collect(
     ----------
     kernel : Kernel, in the units of the inputs
     basis : (M, d) array, inducing points
-    L : (M, M) array, cholesky factor of their correlations
+    L : (M, M) array, Cholesky factor of their correlations
     offset : (m,) array, mean far from all data
     X, Y : (n, d) and (n, m) arrays, inputs and outputs
     progress : Progress, updated after each block
