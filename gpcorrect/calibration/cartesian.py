@@ -87,7 +87,7 @@ class CommandCorrector(PoseAnswers):
             remarks.append("the log holds positions only: orientations are turned into the base frame, not corrected")
         memory = route = None
         if MEMORY in kinds:
-            folds, labels = folds_of(log.trajectory[pairs.rows]), np.cumsum(pairs.new)
+            folds, labels = folds_of(log.trajectory[pairs.rows]), np.cumsum(pairs.new, dtype=np.int64)
             states = choose_memory(pairs.command, reference, labels, left_out.errors, folds)
             samples = samples_of_poses(pairs, log, rigid, features, states)
             recalling, recalled = learn_law(samples, pose_layout(features, states))

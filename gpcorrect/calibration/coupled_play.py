@@ -60,8 +60,7 @@ class CoupledPlay:
         path : (n, d) array, positions of the motors in units of half the ranges
         new : (n,) mask, where a path starts
         """
-        lags: FloatArray = _lags(np.ascontiguousarray(path), np.array(self.stiffness), np.array(self.gap), new)
-        return lags
+        return _lags(np.ascontiguousarray(path), np.array(self.stiffness), np.array(self.gap), new)
 
     def lags_and_slopes(self, path: FloatArray, new: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Return the lags `(n, d)`, and how they change with the play's numbers `(n, d, e)`.
@@ -152,8 +151,7 @@ def _coupled(p: FloatArray, dof: int) -> FloatArray:
     """Stiffness `(d, d)` of unit diagonal, which need not be positive definite yet."""
     upper = np.zeros((dof, dof))
     upper[np.triu_indices(dof, 1)] = STRONGEST * np.tanh(p[dof:])
-    stiffness: FloatArray = np.eye(dof) + upper + upper.T
-    return stiffness
+    return np.eye(dof) + upper + upper.T
 
 
 def _play_slopes(p: FloatArray, dof: int) -> FloatArray:

@@ -146,8 +146,7 @@ def pieces(time: FloatArray, trajectory: IntArray) -> IntArray:
     begins = np.diff(trajectory, prepend=trajectory[:1] - 1) != 0
     first = np.maximum.accumulate(np.where(begins, np.arange(len(time)), 0))
     inside = ((time - time[first]) // LIMITS.piece_seconds).astype(np.int64)
-    labels: IntArray = np.cumsum(begins | (np.diff(inside, prepend=0) != 0)) - 1
-    return labels
+    return np.cumsum(begins | (np.diff(inside, prepend=0) != 0)) - 1
 
 
 def scores_by_piece(ratio: FloatArray, labels: IntArray) -> FloatArray:

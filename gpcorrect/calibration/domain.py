@@ -123,8 +123,7 @@ class Domain:
         novelty : (n,) array, fraction of the prior variance left at each
         """
         bounded = X[:, : len(self.low)]
-        inside: BoolArray = ((bounded >= self.low) & (bounded <= self.high)).all(axis=1) & (novelty <= self.novelty)
-        return inside
+        return ((bounded >= self.low) & (bounded <= self.high)).all(axis=1) & (novelty <= self.novelty)
 
     def widen(self, std: FloatArray, inside: BoolArray | bool) -> FloatArray:
         """Return standard deviations `(..., m)`, outside the region no smaller than the spread of the targets.
@@ -137,8 +136,7 @@ class Domain:
         if inside is True:
             return std
         outside = ~np.asarray(inside)[..., None]
-        wide: FloatArray = np.where(outside, np.maximum(std, self.spread), std)
-        return wide
+        return np.where(outside, np.maximum(std, self.spread), std)
 
 
 @dataclass(frozen=True, eq=False)

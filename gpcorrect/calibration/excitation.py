@@ -93,8 +93,7 @@ def _rotation_to(direction: Direction) -> FloatArray:
     still = int(np.argmin(along)) if along.sum() < 3 else 2
     third = np.eye(3)[still] - first[still] * first
     third /= np.linalg.norm(third)
-    rotation: FloatArray = np.column_stack([first, np.cross(third, first), third])
-    return rotation
+    return np.column_stack([first, np.cross(third, first), third])
 
 
 def _stripes(sparsity: int) -> FloatArray:

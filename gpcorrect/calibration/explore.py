@@ -147,8 +147,7 @@ def _candidates(corrector: CommandCorrector, known: FloatArray, rng: np.random.G
         columns: IntArray = np.array(group)
         drawn[:, columns] = known[rng.integers(len(known), size=CANDIDATES)][:, columns]
     drawn += JITTER * rng.standard_normal(drawn.shape)
-    inside: FloatArray = np.clip(drawn, known.min(axis=0), known.max(axis=0))
-    return inside
+    return np.clip(drawn, known.min(axis=0), known.max(axis=0))
 
 
 def _proposal(corrector: CommandCorrector, X: FloatArray, remaining: FloatArray) -> Proposal:

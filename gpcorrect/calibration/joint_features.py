@@ -139,8 +139,7 @@ class JointFeatures:
         ----------
         q : (..., d) array, joints, rad or m
         """
-        path: FloatArray = (q - self.centre) / self.half
-        return path
+        return (q - self.centre) / self.half
 
     def transform(self, path: JointPath) -> FloatArray:
         """Return features `(n, k)` of a path; rows with a missing number are NaN.

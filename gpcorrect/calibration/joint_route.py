@@ -255,8 +255,7 @@ class JointRoute:
         for session in (np.arange(len(reference)), np.zeros(len(reference), dtype=np.int64)):
             answer = self.correct(reference, time, session, bounds)
             found.append(answer.numbers(answer.interval95))
-        answers: FloatArray = np.nan_to_num(np.vstack(found))
-        return answers
+        return np.nan_to_num(np.vstack(found))
 
     def correct(self, reference: PoseSignal, time: FloatArray, session: IntArray, bounds: Bounds) -> Correction:
         """Return what to command along a path of reference poses; NaN where the arm comes not near.

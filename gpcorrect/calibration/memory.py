@@ -68,8 +68,7 @@ class MemoryMap:
         ----------
         states : (..., h, k) array, lags inside the slacks, m or rad
         """
-        scaled: FloatArray = (states / self.radii).reshape(*states.shape[:-2], -1)
-        return scaled
+        return (states / self.radii).reshape(*states.shape[:-2], -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +98,7 @@ def advance(state: FloatArray, step: FloatArray, radii: FloatArray) -> FloatArra
     step : (..., 1, k) or (k,) array, step of each coordinate, m or rad
     radii : (h, k) array, half widths of the slacks, m or rad
     """
-    moved: FloatArray = np.clip(state + step, -radii, radii)
-    return moved
+    return np.clip(state + step, -radii, radii)
 
 
 def play_states(steps: FloatArray, radii: FloatArray, labels: IntArray) -> FloatArray:
@@ -115,8 +113,7 @@ def play_states(steps: FloatArray, radii: FloatArray, labels: IntArray) -> Float
     radii : (h, k) array, half widths of the slacks, m or rad
     labels : (n,) int array, path of each row
     """
-    states: FloatArray = _followed(np.ascontiguousarray(steps), np.ascontiguousarray(radii), np.asarray(labels))
-    return states
+    return _followed(np.ascontiguousarray(steps), np.ascontiguousarray(radii), np.asarray(labels))
 
 
 @njit(cache=True)

@@ -63,8 +63,7 @@ def coverage(residual: FloatArray, half_width: FloatArray) -> FloatArray:
     known = np.isfinite(residual) & np.isfinite(half_width)
     inside = (np.abs(residual) <= half_width) & known
     count = known.sum(axis=0)
-    fraction: FloatArray = np.where(count > 0, inside.sum(axis=0) / np.maximum(count, 1), np.nan)
-    return fraction
+    return np.where(count > 0, inside.sum(axis=0) / np.maximum(count, 1), np.nan)
 
 
 def joint_units(types: str) -> tuple[list[str], FloatArray]:

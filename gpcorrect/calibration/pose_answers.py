@@ -207,7 +207,7 @@ class PoseAnswers(Corrector):
         X = self.features.transform(reference.position, rotations_of(reference), moved)
         law = self.law
         if self.memory is not None and commands is not None and new is not None:
-            states = self.memory.states.transform(commands, reference, np.cumsum(new))
+            states = self.memory.states.transform(commands, reference, np.cumsum(new, dtype=np.int64))
             X, law = np.hstack([X, states]), self.memory.law
         prediction = law.predict_rows(X)
         answer = apply_residual(reference, np.nan_to_num(_six(prediction.residual)))
@@ -331,4 +331,5 @@ def _step(first: PoseSignal, second: PoseSignal) -> FloatArray:
     """Return the step `(k,)` between two poses of one row each, see :func:`gpcorrect.calibration.memory.steps`."""
     quaternions = [pose.quaternion for pose in (first, second) if pose.quaternion is not None]
     both = PoseSignal(np.vstack([first.position, second.position]), np.vstack(quaternions) if quaternions else None)
-    return steps(both)[1]
+    step: FloatArray = steps(both)[1]
+    return step

@@ -130,7 +130,7 @@ def samples_of_poses(
     moved = reference_twists(rigid, rotations_of(pairs.observed), pairs.twist)
     known = features.transform(reference.position, rotations_of(reference), moved)
     if states is not None:
-        known = np.hstack([known, states.transform(pairs.command, reference, np.cumsum(pairs.new))])
+        known = np.hstack([known, states.transform(pairs.command, reference, np.cumsum(pairs.new, dtype=np.int64))])
     size = 6 if features.has_orientation else 3
     X, target = np.full((n, known.shape[1]), np.nan), np.full((n, size), np.nan)
     begins, usable = np.zeros((2, n), dtype=bool)

@@ -77,12 +77,10 @@ def folds_of(trajectory: IntArray) -> IntArray:
     count = int(order.max(initial=0)) + 1
     if count < 2:
         return np.arange(len(trajectory)) * LIMITS.folds // max(len(trajectory), 1)
-    folds: IntArray = order * min(LIMITS.folds, count) // count
-    return folds
+    return order * min(LIMITS.folds, count) // count
 
 
 def in_order(labels: IntArray) -> IntArray:
     """Return labels `(n,)` as numbers 0, 1... in the order in which they first come."""
     _, first, index = np.unique(labels, return_index=True, return_inverse=True)
-    order: IntArray = np.argsort(np.argsort(first))[index]
-    return order
+    return np.argsort(np.argsort(first))[index]

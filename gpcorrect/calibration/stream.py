@@ -120,8 +120,7 @@ class _PathFollower:
         while len(self._past) > 1 and time - self._past[1][0] > self._window:
             self._past.popleft()
         then, before = self._past[0]
-        velocity: FloatArray = (q - before) / (time - then)
-        return velocity
+        return (q - before) / (time - then)
 
     def _remember(self, features: JointFeatures, path: FloatArray) -> FloatArray:
         """Advance the slacks to `path` (d,), in units of half the ranges, and return their features."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -261,7 +261,8 @@ def _means(part: SharedPredictor, statistics: Statistics, X: FloatArray) -> Floa
     L = cholesky(part.kernel(part.basis, part.basis))[0]
     K = part.kernel(X, part.basis)
     ratio = part.noise / part.signal
-    return np.array([K @ statistics.inflated(c).mean_weights(L, ratio) + part.offset for c in INFLATIONS])
+    tried = [replace(statistics, inflation=inflation) for inflation in INFLATIONS]
+    return np.array([K @ one.mean_weights(L, ratio) + part.offset for one in tried])
 
 
 def _left_out(

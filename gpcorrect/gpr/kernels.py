@@ -13,7 +13,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, Self
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -118,15 +118,6 @@ class Kernel(ABC):
 
         return R, pullback
 
-    def rescaled(self, factor: FloatArray) -> Self:
-        """Return the kernel of inputs that are `factor` (d,) times as large.
-
-        Parameters
-        ----------
-        factor : (d,) array, positive
-        """
-        return type(self)(self.weights, self.length_scales * factor)
-
     def table(self, basis: FloatArray) -> KernelTable:
         """Return what the hot path reads for basis points `(p, d)`.
 
@@ -214,18 +205,6 @@ class WithLinear:
 
 
 KERNELS: dict[str, type[Kernel]] = {kernel.name: kernel for kernel in (AdditiveRBF, AdditiveMatern52)}
-
-
-def kernel_named(name: str) -> type[Kernel]:
-    """Return the class of a kernel.
-
-    Parameters
-    ----------
-    name : str, one of `KERNELS`
-    """
-    if name not in KERNELS:
-        raise DataError(f"a kernel is one of {', '.join(KERNELS)}, got {name!r}.")
-    return KERNELS[name]
 
 
 def component_masks(n_features: int, groups: Sequence[Sequence[int]] | None) -> BoolArray:

@@ -9,7 +9,8 @@ from typing import Literal, Self
 import numpy as np
 from scipy.optimize import minimize
 
-from gpcorrect.gpr.kernels import KERNELS, Kernel, kernel_named
+from gpcorrect.errors import DataError
+from gpcorrect.gpr.kernels import KERNELS, Kernel
 from gpcorrect.gpr.likelihood import Layout, LearningData, negative_log_posterior, profiled_signal, sample_lags
 from gpcorrect.types import BoolArray, FloatArray, IntArray, Progress, frozen_array
 
@@ -101,7 +102,8 @@ class Learned:
     @property
     def kernel(self) -> Kernel:
         """Correlation over inputs in the inputs' own units."""
-        return self.hyperparameters.kernel.rescaled(self.scaling.x_spread)
+        kernel = self.hyperparameters.kernel
+        return type(kernel)(kernel.weights, kernel.length_scales * self.scaling.x_spread)
 
     @property
     def noise_ratio(self) -> FloatArray:
@@ -147,7 +149,9 @@ def learn(
     start : (p,) array, optional, where the first search starts, as it came out of a search of data of the same kind
     kernel : "rbf", "matern52" or "auto", Kernel, or "auto" for any
     """
-    kinds = list(KERNELS.values()) if kernel == "auto" else [kernel_named(kernel)]
+    if kernel not in ("auto", *KERNELS):
+        raise DataError(f"a kernel is one of {', '.join(KERNELS)}, got {kernel!r}.")
+    kinds = list(KERNELS.values()) if kernel == "auto" else [KERNELS[kernel]]
     data = LearningData(X, Y, sample_lags(groups, times))
     time_range = None if groups is None or times is None else _time_range(data.lags.seconds)
     layout = Layout(masks, Y.shape[1], groups is not None, time_range, kinds[0])

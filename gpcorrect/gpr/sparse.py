@@ -118,7 +118,7 @@ class SparseGPR(GaussianProcess):
         inflation : sequence of float, for each group of outputs, how many samples count as one
         """
         pairs = zip(self.statistics_, inflation, strict=True)
-        other = self.resting_on([statistics.inflated(factor) for statistics, factor in pairs])
+        other = self.resting_on([replace(statistics, inflation=factor) for statistics, factor in pairs])
         other.inflation = tuple(inflation)
         return other
 
@@ -155,7 +155,7 @@ class SparseGPR(GaussianProcess):
         basis = self._inducing_points(kernel, X, rng)
         L, jitter = cholesky(kernel(basis, basis))
         inflation = 1.0 if self.inflation is None else self.inflation[len(self.statistics_)]
-        statistics = self._collect(kernel, basis, L, offset, X, Y, progress).inflated(inflation)
+        statistics = replace(self._collect(kernel, basis, L, offset, X, Y, progress), inflation=inflation)
         self.statistics_ = (*self.statistics_, statistics)
         self.jitter_ = max(self.jitter_, jitter)
         self.unseen_ = max(self.unseen_, statistics.unseen(len(basis)))

@@ -62,15 +62,6 @@ class Statistics:
         """
         return replace(self, G=self.G - other.G, Vy=self.Vy - other.Vy, n=self.n - other.n)
 
-    def inflated(self, inflation: float) -> Statistics:
-        """Return the same sums, of which as many samples as `inflation` says count as one.
-
-        Parameters
-        ----------
-        inflation : float, at least one
-        """
-        return replace(self, inflation=inflation)
-
     def unseen(self, count: int) -> float:
         """Mean share of prior variance that the first `count` points leave at the samples.
 

@@ -234,5 +234,4 @@ def _stretches(trajectory: IntArray) -> IntArray:
     begins = np.diff(trajectory, prepend=trajectory[:1] - 1) != 0
     place = np.arange(len(trajectory))
     inside = (place - np.maximum.accumulate(np.where(begins, place, 0))) % longest == 0
-    labels: IntArray = np.cumsum(begins | inside)
-    return labels
+    return np.cumsum(begins | inside)

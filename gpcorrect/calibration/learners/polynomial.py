@@ -42,8 +42,7 @@ class Scaler:
         ----------
         values : (..., d) array, in the units of the training
         """
-        scaled: FloatArray = (values - self.centre) / self.spread
-        return scaled
+        return (values - self.centre) / self.spread
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +96,7 @@ class PolynomialMap:
         ----------
         X : (n, d) array, inputs
         """
-        values: FloatArray = _terms(self.scaler.apply(X), self.degree) @ self.weights
-        return values
+        return _terms(self.scaler.apply(X), self.degree) @ self.weights
 
     def weights_under(self, scaler: Scaler) -> FloatArray:
         """Return the weights `(1 + d, m)` of the same linear law in inputs scaled otherwise.

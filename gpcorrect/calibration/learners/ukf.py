@@ -222,5 +222,4 @@ class CableFilter:
         return np.clip(x, self._motor - self._drag, self._motor + self._drag)
 
     def _stretch(self, x: FloatArray) -> FloatArray:
-        stretch: FloatArray = self._motor - x
-        return stretch
+        return self._motor - x
