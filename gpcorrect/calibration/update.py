@@ -28,7 +28,7 @@ from gpcorrect.calibration.task import Corrector
 from gpcorrect.calibration.training_motion import TrainingMotion
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import IntervalCalibration, LeftOut, Predictor, Statistics
-from gpcorrect.gpr.statistics import statistics_of, updated
+from gpcorrect.gpr.statistics import Points, updated
 from gpcorrect.logs.copies import marks_of, remembered
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal, Progress
 
@@ -205,7 +205,7 @@ def _resting_on(predictor: Predictor, statistics: Sequence[Statistics]) -> Predi
 def _collected(predictor: Predictor, X: FloatArray, Y: FloatArray) -> tuple[Statistics, ...]:
     stops = np.cumsum([len(part.offset) for part in predictor.parts])[:-1]
     pairs = zip(predictor.parts, np.split(Y, stops, axis=1), strict=True)
-    return tuple(statistics_of(part, X, columns) for part, columns in pairs)
+    return tuple(Points.of(part).collect(X, columns, Progress()) for part, columns in pairs)
 
 
 def _left_out(

@@ -20,7 +20,7 @@ from gpcorrect.gpr.kernels import Kernel
 from gpcorrect.gpr.learning import KernelOption, Learned
 from gpcorrect.gpr.linalg import cholesky
 from gpcorrect.gpr.predictor import Predictor, SharedPredictor
-from gpcorrect.gpr.statistics import Statistics, collect, posterior, statistics_of, updated
+from gpcorrect.gpr.statistics import Points, Statistics, updated
 from gpcorrect.types import FloatArray, IntArray, Progress
 
 CANDIDATES_PER_POINT = 5  # chosen by hand, as is the next: more candidates cost time in proportion
@@ -135,14 +135,14 @@ class SparseGPR(GaussianProcess):
         return other
 
     def collected(self, X: FloatArray, Y: FloatArray, terms: FloatArray | None = None) -> tuple[Statistics, ...]:
-        """Return the statistics of samples under this model's points and hyperparameters, see :func:`statistics_of`.
+        """Return the statistics of samples under this model's points and hyperparameters, see :meth:`Points.collect`.
 
         Parameters
         ----------
         X, Y, terms : (n, d), (n, m) and (n, k) arrays
         """
         pairs = zip(self.predictor_.parts, self.learned_, strict=True)
-        return tuple(statistics_of(part, X, Y[:, learned.columns], terms) for part, learned in pairs)
+        return tuple(Points.of(part).collect(X, Y[:, own.columns], Progress(), terms) for part, own in pairs)
 
     def _predictor(self, X: FloatArray, Y: FloatArray, rng: np.random.Generator, progress: Progress) -> Predictor:
         self.jitter_, self.unseen_, self.statistics_, self.by_part_ = 0.0, 0.0, (), ()
@@ -151,37 +151,28 @@ class SparseGPR(GaussianProcess):
     def _posterior(
         self, learned: Learned, X: FloatArray, Y: FloatArray, rng: np.random.Generator, progress: Progress
     ) -> SharedPredictor:
-        kernel, offset = learned.kernel, learned.scaling.y_centre
+        kernel = learned.kernel
         basis = self._inducing_points(kernel, X, rng)
         L, jitter = cholesky(kernel(basis, basis))
+        points = Points(kernel, basis, L, learned.scaling.y_centre, learned.signal, learned.noise)
         inflation = 1.0 if self.inflation is None else self.inflation[len(self.statistics_)]
-        statistics = replace(self._collect(kernel, basis, L, offset, X, Y, progress), inflation=inflation)
+        statistics = replace(self._collect(points, X, Y, progress), inflation=inflation)
         self.statistics_ = (*self.statistics_, statistics)
         self.jitter_ = max(self.jitter_, jitter)
         self.unseen_ = max(self.unseen_, statistics.unseen(len(basis)))
-        return posterior(kernel, basis, L, offset, learned.signal, learned.noise, statistics, self.n_variance)
+        return points.posterior(statistics, self.n_variance)
 
-    def _collect(
-        self,
-        kernel: Kernel,
-        basis: FloatArray,
-        L: FloatArray,
-        offset: FloatArray,
-        X: FloatArray,
-        Y: FloatArray,
-        progress: Progress,
-    ) -> Statistics:
+    def _collect(self, points: Points, X: FloatArray, Y: FloatArray, progress: Progress) -> Statistics:
         """Return the statistics of all samples; with parts to be left out later, the sum of theirs."""
         if self._parts is None:
-            return collect(kernel, basis, L, offset, X, Y, progress)
-        (parts, terms), m = self._parts, Y.shape[1]
-        padded, columns = np.append(offset, np.zeros(terms.shape[1])), np.hstack([Y, terms])
-        found = [collect(kernel, basis, L, padded, X[rows], columns[rows], progress) for rows in parts]
+            return points.collect(X, Y, progress)
+        parts, terms = self._parts
+        found = [points.collect(X[rows], Y[rows], progress, terms[rows]) for rows in parts]
         self.by_part_ = tuple(
             (*before, own) for before, own in zip(self.by_part_ or [()] * len(found), found, strict=True)
         )
         whole = reduce(Statistics.plus, found)
-        return replace(whole, Vy=whole.Vy[:, :m])
+        return replace(whole, Vy=whole.Vy[:, : Y.shape[1]])
 
     def _inducing_points(self, kernel: Kernel, X: FloatArray, rng: np.random.Generator) -> FloatArray:
         return choose_inducing(kernel, X, self.n_inducing, rng)

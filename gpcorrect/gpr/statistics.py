@@ -108,84 +108,77 @@ class Statistics:
         return projection, explained[:, chosen]
 
 
-def collect(
-    kernel: Kernel,
-    basis: FloatArray,
-    L: FloatArray,
-    offset: FloatArray,
-    X: FloatArray,
-    Y: FloatArray,
-    progress: Progress,
-) -> Statistics:
-    """Sum over samples in blocks: memory does not grow with their number.
+@dataclass(frozen=True, eq=False)
+class Points:
+    """M inducing points of outputs that share a kernel.
 
     Parameters
     ----------
     kernel : Kernel, in the units of the inputs
-    basis : (M, d) array, inducing points
+    basis : (M, d) array
     L : (M, M) array, Cholesky factor of their correlations
     offset : (m,) array, mean far from all data
-    X, Y : (n, d) and (n, m) arrays, inputs and outputs
-    progress : Progress, updated after each block
-    """
-    G, Vy = np.zeros((len(basis), len(basis)), order="F"), np.zeros((len(basis), Y.shape[1]))
-    inverse, _ = lapack.dtrtri(L, lower=1)
-    for start in range(0, len(X), BLOCK):
-        rows = slice(start, start + BLOCK)
-        V = blas.dtrmm(1.0, inverse, kernel(X[rows], basis).T, lower=1, overwrite_b=1)
-        G = blas.dsyrk(1.0, V, beta=1.0, c=G, lower=1, overwrite_c=1)
-        Vy += V @ (Y[rows] - offset)
-        progress.step("posterior", min(1.0, (start + BLOCK) / len(X)))
-    return Statistics(np.tril(G) + np.tril(G, -1).T, Vy, float(len(X)))
-
-
-def posterior(
-    kernel: Kernel,
-    basis: FloatArray,
-    L: FloatArray,
-    offset: FloatArray,
-    signal: FloatArray,
-    noise: FloatArray,
-    statistics: Statistics,
-    n_variance: int,
-) -> SharedPredictor:
-    """Return the predictor of these statistics, whose variance rests on the first `n_variance` points.
-
-    Parameters
-    ----------
-    kernel, basis, L, offset
-        As for :func:`collect`.
     signal, noise : (m,) arrays, prior and noise variances
-    statistics : Statistics
-    n_variance : int
     """
-    ratio = noise / signal
-    projection, explained = statistics.variance_factors(L, ratio, min(n_variance, len(basis)))
-    return SharedPredictor(
-        kernel=kernel,
-        basis=basis,
-        alpha=statistics.mean_weights(L, ratio).T,
-        offset=offset,
-        projection=projection,
-        explained=explained,
-        signal=signal,
-        noise=noise,
-    )
 
+    kernel: Kernel
+    basis: FloatArray
+    L: FloatArray
+    offset: FloatArray
+    signal: FloatArray
+    noise: FloatArray
 
-def statistics_of(part: SharedPredictor, X: FloatArray, Y: FloatArray, terms: FloatArray | None = None) -> Statistics:
-    """Return the statistics of samples under a predictor's points and hyperparameters.
+    @classmethod
+    def of(cls, part: SharedPredictor) -> Self:
+        """Return the points and hyperparameters that a predictor rests on.
 
-    Parameters
-    ----------
-    part : SharedPredictor, points and hyperparameters
-    X, Y : (n, d) and (n, m) arrays, inputs and outputs
-    terms : (n, k) array, optional, further columns that stand behind the outputs, not centred
-    """
-    L = cholesky(part.kernel(part.basis, part.basis))[0]
-    terms = np.zeros((len(X), 0)) if terms is None else terms
-    offset = np.append(part.offset, np.zeros(terms.shape[1]))
-    return collect(part.kernel, part.basis, L, offset, X, np.hstack([Y, terms]), Progress())
+        Parameters
+        ----------
+        part : SharedPredictor
+        """
+        L = cholesky(part.kernel(part.basis, part.basis))[0]
+        return cls(part.kernel, part.basis, L, part.offset, part.signal, part.noise)
+
+    def collect(self, X: FloatArray, Y: FloatArray, progress: Progress, terms: FloatArray | None = None) -> Statistics:
+        """Sum over samples in blocks: memory does not grow with their number.
+
+        Parameters
+        ----------
+        X, Y : (n, d) and (n, m) arrays, inputs and outputs
+        progress : Progress, updated after each block
+        terms : (n, k) array, optional, further columns that stand behind the outputs, not centred
+        """
+        columns = Y - self.offset if terms is None else np.hstack([Y - self.offset, terms])
+        G, Vy = np.zeros(self.L.shape, order="F"), np.zeros((len(self.basis), columns.shape[1]))
+        inverse, _ = lapack.dtrtri(self.L, lower=1)
+        for start in range(0, len(X), BLOCK):
+            rows = slice(start, start + BLOCK)
+            V = blas.dtrmm(1.0, inverse, self.kernel(X[rows], self.basis).T, lower=1, overwrite_b=1)
+            G = blas.dsyrk(1.0, V, beta=1.0, c=G, lower=1, overwrite_c=1)
+            Vy += V @ columns[rows]
+            progress.step("posterior", min(1.0, (start + BLOCK) / len(X)))
+        return Statistics(np.tril(G) + np.tril(G, -1).T, Vy, float(len(X)))
+
+    def posterior(self, statistics: Statistics, n_variance: int) -> SharedPredictor:
+        """Return the predictor of these statistics, whose variance rests on the first `n_variance` points.
+
+        Parameters
+        ----------
+        statistics : Statistics
+        n_variance : int
+        """
+        ratio = self.noise / self.signal
+        projection, explained = statistics.variance_factors(self.L, ratio, min(n_variance, len(self.basis)))
+        return SharedPredictor(
+            kernel=self.kernel,
+            basis=self.basis,
+            alpha=statistics.mean_weights(self.L, ratio).T,
+            offset=self.offset,
+            projection=projection,
+            explained=explained,
+            signal=self.signal,
+            noise=self.noise,
+        )
 
 
 def updated(part: SharedPredictor, statistics: Statistics) -> SharedPredictor:
@@ -193,9 +186,7 @@ def updated(part: SharedPredictor, statistics: Statistics) -> SharedPredictor:
 
     Parameters
     ----------
-    part : SharedPredictor, points and hyperparameters
+    part : SharedPredictor
     statistics : Statistics
     """
-    L = cholesky(part.kernel(part.basis, part.basis))[0]
-    shared = part.kernel, part.basis, L, part.offset, part.signal, part.noise
-    return posterior(*shared, statistics, part.projection.shape[1])
+    return Points.of(part).posterior(statistics, part.projection.shape[1])
