@@ -10,7 +10,7 @@ import numpy as np
 from gpcorrect.calibration import queries
 from gpcorrect.calibration.arm_kinematics import ArmKinematics
 from gpcorrect.calibration.bridging import MotionLimits
-from gpcorrect.calibration.dataset import Samples, path_starts
+from gpcorrect.calibration.dataset import Samples, folds_of, path_starts
 from gpcorrect.calibration.joint_route import JointRoute
 from gpcorrect.calibration.memory import Memory, choose_memory
 from gpcorrect.calibration.metrics import error_table
@@ -27,7 +27,6 @@ from gpcorrect.calibration.pose_samples import (
 from gpcorrect.calibration.poses import observed_twists, pose_pair, reference_twists, rotations_of, stencil_step
 from gpcorrect.calibration.queries import POSE, POSITION
 from gpcorrect.calibration.settings import JOINTS, MEMORY, FitSettings
-from gpcorrect.calibration.split import folds_of
 from gpcorrect.calibration.task import LearnLaw, Measured, Outcome
 from gpcorrect.calibration.training_motion import TrainingMotion
 from gpcorrect.cleaning import POSES, FittedCleaner, Pair

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from gpcorrect.calibration.cartesian import CommandCorrector
+from gpcorrect.calibration.dataset import HoldOut, held_out
 from gpcorrect.calibration.fit import FitResult, fit_model
 from gpcorrect.calibration.history import HeldOut, PartErrors
 from gpcorrect.calibration.joints import JointCorrector
 from gpcorrect.calibration.metrics import spread
 from gpcorrect.calibration.settings import FitSettings
-from gpcorrect.calibration.split import HoldOut, held_out
 from gpcorrect.calibration.task import Corrector, Measured
 from gpcorrect.cleaning import CleaningReport, Pair, require_segments
 from gpcorrect.errors import LogError

@@ -15,9 +15,10 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.calibration.cartesian import CommandCorrector
 from gpcorrect.calibration.learners import GPMap
+from gpcorrect.calibration.poses import inverse_reference_twists
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import SharedPredictor
-from gpcorrect.types import FloatArray, IntArray
+from gpcorrect.types import FloatArray, IntArray, PoseSignal
 
 CANDIDATES = 1500  # bounds the covariance of candidates and so the time of a proposal; chosen by hand
 TASK_POINTS = 400  # likewise
@@ -153,16 +154,10 @@ def _candidates(corrector: CommandCorrector, known: FloatArray, rng: np.random.G
 def _proposal(corrector: CommandCorrector, X: FloatArray, remaining: FloatArray) -> Proposal:
     """From features back to poses and twists in the observer's frame."""
     position, rotations, twist = corrector.features.inverse(X)
-    rigid = corrector.rigid
-    if rotations is None:
-        back = (position - rigid.t) @ rigid.R_position
-        moved = None if twist is None else twist @ rigid.R_position
-        return Proposal(back, None, moved, remaining)
-    seen = rigid.R_left.T @ rotations @ (rigid.R_right.T)
-    arm = seen @ rigid.offset
-    back = (position - rigid.t) @ rigid.R_position - arm
-    moved = None
+    quaternion = None if rotations is None else se3.quaternion_from_matrix(rotations)
+    poses = corrector.rigid.inverse(PoseSignal(position, quaternion))
     if twist is not None:
-        angular = twist[:, 3:] @ rigid.R_left
-        moved = np.hstack([twist[:, :3] @ rigid.R_position - np.cross(angular, arm), angular])
-    return Proposal(back, se3.quaternion_from_matrix(seen), moved, remaining)
+        size = twist.shape[1]
+        padded = np.hstack([twist, np.zeros((len(X), 6 - size))])
+        twist = inverse_reference_twists(corrector.rigid, poses, padded)[:, :size]
+    return Proposal(poses.position, poses.quaternion, twist, remaining)

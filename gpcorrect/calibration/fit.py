@@ -11,13 +11,12 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gpcorrect.calibration.cartesian import CommandCorrector
-from gpcorrect.calibration.dataset import Layout, Samples
+from gpcorrect.calibration.dataset import Layout, Samples, folds_of
 from gpcorrect.calibration.domain import Bounds, Domain
 from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import learner_named
 from gpcorrect.calibration.settings import LIMITS, FitSettings
-from gpcorrect.calibration.split import folds_of
 from gpcorrect.calibration.task import Corrector, Outcome
 from gpcorrect.cleaning import CleaningReport, Reason, fit_cleaner
 from gpcorrect.gpr import IntervalCalibration, LeftOut, novelty_limit

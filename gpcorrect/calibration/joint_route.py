@@ -15,7 +15,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.calibration.aim import Aim
 from gpcorrect.calibration.arm_kinematics import ArmKinematics
-from gpcorrect.calibration.dataset import Layout, Samples
+from gpcorrect.calibration.dataset import Layout, Samples, folds_of
 from gpcorrect.calibration.domain import Bounds
 from gpcorrect.calibration.joints import JointCorrector
 from gpcorrect.calibration.law import Law
@@ -24,7 +24,6 @@ from gpcorrect.calibration.learners.learner import cross_predicted
 from gpcorrect.calibration.one_pose import command
 from gpcorrect.calibration.pose_samples import WORTH_IT, changes, changes_text
 from gpcorrect.calibration.settings import LIMITS, FitSettings
-from gpcorrect.calibration.split import folds_of
 from gpcorrect.calibration.task import LearnLaw, Outcome
 from gpcorrect.calibration.training_motion import TrainingMotion
 from gpcorrect.cleaning import FittedCleaner

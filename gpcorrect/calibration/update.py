@@ -15,7 +15,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gpcorrect.calibration.cartesian import CommandCorrector
-from gpcorrect.calibration.dataset import Samples
+from gpcorrect.calibration.dataset import Samples, folds_of, held_out
 from gpcorrect.calibration.domain import Bounds, Domain
 from gpcorrect.calibration.evaluate import Evaluation, evaluate_model
 from gpcorrect.calibration.history import step_now
@@ -23,7 +23,6 @@ from gpcorrect.calibration.joint_route import JointRoute, PoseJoints
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import GPMap
 from gpcorrect.calibration.pose_samples import PosePairs
-from gpcorrect.calibration.split import folds_of, held_out
 from gpcorrect.calibration.task import Corrector
 from gpcorrect.calibration.training_motion import TrainingMotion
 from gpcorrect.errors import DataError, LogError

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gpcorrect.calibration.dataset import Layout, Samples
+from gpcorrect.calibration.dataset import Layout, Samples, folds_of, in_order
 from gpcorrect.calibration.learners.learner import Fitted
 from gpcorrect.calibration.learners.polynomial import PolynomialMap
 from gpcorrect.calibration.settings import FitSettings
-from gpcorrect.calibration.split import folds_of, in_order
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import LeftOut, Predictor, Statistics, learn_inflation
 from gpcorrect.types import FloatArray, IntArray, Progress

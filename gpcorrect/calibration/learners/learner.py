@@ -8,9 +8,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from gpcorrect.calibration.dataset import Layout, Samples
+from gpcorrect.calibration.dataset import Layout, Samples, folds_of
 from gpcorrect.calibration.settings import FitSettings
-from gpcorrect.calibration.split import folds_of
 from gpcorrect.gpr import LeftOut
 from gpcorrect.types import FloatArray, Progress
 
