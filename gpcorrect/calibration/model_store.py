@@ -324,7 +324,7 @@ def refuse_other_use(name: str, new: Mapping[str, Any], old: Mapping[str, Any]) 
     Parameters
     ----------
     name : str, what to call the new model
-    new, old : mapping, Descriptions, as :meth:`gpcorrect.calibration.task.Corrector.info` gives them
+    new, old : mapping, descriptions, as :meth:`gpcorrect.calibration.task.Corrector.info` gives them
 
     Raises
     ------

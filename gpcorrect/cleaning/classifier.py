@@ -100,16 +100,17 @@ def label_motion(
     left = np.flatnonzero(labels.keep)
     if len(left) == 0:
         return labels
-    path, steps = Path.of(samples[left], residual.along[left], settings.response_time), thresholds.steps
-    pieces = split_pieces(path, steps)
+    steps = thresholds.steps
+    path = Path.of(samples[left], residual.along[left], steps, settings.response_time)
+    pieces = split_pieces(path)
     from_rigid = pieces.medians((path.samples.error_lengths / thresholds.scales).max(axis=1))
     from_smooth = pieces.medians(residual.distance[left])
     badness = np.maximum(from_rigid / settings.outlier_factor, from_smooth / settings.offset_factor)
     occlusion = _occlusion_samples(path, settings)
     scores = pieces.counts * (1 - badness**2)
     long_enough = (scores > 0) & (pieces.counts >= FEW)
-    away = excursions(pieces, long_enough, path, steps, residual.left[left], occlusion)
-    chained = largest_chain(pieces, np.where(away, 0.0, scores), path, steps, occlusion)
+    away = excursions(pieces, long_enough, path, residual.left[left], occlusion)
+    chained = largest_chain(pieces, np.where(away, 0.0, scores), path, occlusion)
     labels = _reject_pieces(labels, left, pieces, from_rigid, Reason.OUTLIER, settings.outlier_factor)
     labels = _reject_pieces(labels, left, pieces, from_smooth, Reason.OFFSET, settings.offset_factor)
     labels = _reject_unconnected(labels, left, pieces, ~chained, steps)

@@ -66,7 +66,7 @@ def fit_cleaner(
     marker : "none", "solve" or "auto"
         Where the tracked marker may be another point than the tool tip: the registration that comes first, since such
         a marker moves by decimetres against the tip. See :func:`gpcorrect.rigid.register`.
-    rigid : RigidModel, optional, A registration that comes first instead, such as that of the training recording
+    rigid : RigidModel, optional, a registration that comes first instead, such as that of the training recording
 
     Returns
     -------

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 from typing import Self
 
@@ -28,41 +27,6 @@ SLOWEST = {"P": 0.05, "R": float(np.radians(30.0))}  # m/s, rad/s: below these n
 SPEED_REASONS = {"P": Reason.SPEED, "R": Reason.ANGULAR_SPEED}
 REACH = 200  # pieces that a chain looks back: bounds the time, which grows with it
 RETURN_FRACTION = 0.3  # steps in and out that cancel to within this fraction are one excursion
-
-
-@dataclass(frozen=True, eq=False)
-class Path:
-    """Samples and how far they were commanded to travel.
-
-    Parameters
-    ----------
-    samples : Samples, n samples
-    error : (n, g, w) array, their error, or what a smooth model leaves of it, m and rad
-    travel : (n, g) array
-        Commanded travel since the first sample, m and rad, at the largest speed of each sample's neighbourhood: what
-        an arm that follows late can have moved.
-    """
-
-    samples: Samples
-    error: FloatArray
-    travel: FloatArray
-
-    @classmethod
-    def of(cls, samples: Samples, error: FloatArray, response_time: float) -> Self:
-        """Return the path of samples whose arm follows within `response_time` seconds.
-
-        Parameters
-        ----------
-        samples : Samples, n samples
-        error : (n, g, w) array, their error, or what a model leaves of it
-        response_time : float, seconds
-        """
-        speed, dt = _commanded_speeds(samples)
-        if not len(dt):
-            return cls(samples, error, np.zeros((len(samples), speed.shape[1])))
-        width = 2 * int(np.clip(np.ceil(response_time / max(np.median(dt), 1e-9)), 1, len(dt))) + 1
-        steps = maximum_filter1d(speed, width, axis=0, mode="nearest") * dt[:, None]
-        return cls(samples, error, np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,36 +84,71 @@ class StepThresholds:
 
     @property
     def limits(self) -> list[tuple[Reason, float]]:
-        """Reason and limit of each column of :meth:`ratios`: speeds first, then steps of the error."""
+        """Reason and limit of each column of :meth:`Path.ratios`: speeds first, then steps of the error."""
         speeds = [(SPEED_REASONS[unit], float(speed)) for unit, speed in zip(self.units, self.speeds, strict=True)]
         return [*speeds, *[(Reason.JUMP, 1.0)] * len(self.units)]
 
-    def ratios(self, path: Path, i: IntArray, j: IntArray) -> FloatArray:
-        """Return steps (m, 2 g) from samples i to later samples j, as multiples of the largest that are possible.
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Samples, how far they were commanded to travel, and what steps they can take.
+
+    Parameters
+    ----------
+    samples : Samples, n samples
+    error : (n, g, w) array, their error, or what a smooth model leaves of it, m and rad
+    thresholds : StepThresholds, limits on their steps
+    travel : (n, g) array
+        Commanded travel since the first sample, m and rad, at the largest speed of each sample's neighbourhood: what
+        an arm that follows late can have moved.
+    """
+
+    samples: Samples
+    error: FloatArray
+    thresholds: StepThresholds
+    travel: FloatArray
+
+    @classmethod
+    def of(cls, samples: Samples, error: FloatArray, thresholds: StepThresholds, response_time: float) -> Self:
+        """Return the path of samples whose arm follows within a time.
 
         Parameters
         ----------
-        path : Path, samples
+        samples, error, thresholds
+            See above.
+        response_time : float, s
+        """
+        speed, dt = _commanded_speeds(samples)
+        if not len(dt):
+            return cls(samples, error, thresholds, np.zeros((len(samples), speed.shape[1])))
+        width = 2 * int(np.clip(np.ceil(response_time / max(np.median(dt), 1e-9)), 1, len(dt))) + 1
+        steps = maximum_filter1d(speed, width, axis=0, mode="nearest") * dt[:, None]
+        travel = np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])
+        return cls(samples, error, thresholds, travel)
+
+    def ratios(self, i: IntArray, j: IntArray) -> FloatArray:
+        """Return steps (m, 2 g) between samples, as multiples of the largest that are possible.
+
+        Parameters
+        ----------
         i, j : (m,) array, sample numbers, j later than i
         """
-        samples = path.samples
-        moved = np.maximum(samples.steps(samples.observed, i, j) - self.noise, 0.0)
-        speed = moved / (samples.time[j] - samples.time[i])[:, None] / self.speeds
-        step = np.linalg.norm(path.error[j] - path.error[i], axis=2)
-        travel = np.abs(path.travel[j] - path.travel[i])
-        plausible = np.maximum(np.minimum(self.noise + self.follow * travel, self.cap), self.noise)
+        samples, limits = self.samples, self.thresholds
+        moved = np.maximum(samples.steps(samples.observed, i, j) - limits.noise, 0.0)
+        speed = moved / (samples.time[j] - samples.time[i])[:, None] / limits.speeds
+        step = np.linalg.norm(self.error[j] - self.error[i], axis=2)
+        travel = np.abs(self.travel[j] - self.travel[i])
+        plausible = np.maximum(np.minimum(limits.noise + limits.follow * travel, limits.cap), limits.noise)
         return np.hstack([speed, step / plausible])
 
-    def possible(self, path: Path, i: IntArray, j: IntArray) -> BoolArray:
+    def possible(self, i: IntArray, j: IntArray) -> BoolArray:
         """Return the mask (m,) of steps that break no limit.
 
         Parameters
         ----------
-        path : Path, samples
         i, j : (m,) array, sample numbers, j later than i
         """
-        possible: BoolArray = self.ratios(path, i, j).max(axis=1) <= 1.0
-        return possible
+        return np.asarray(self.ratios(i, j).max(axis=1) <= 1.0)
 
 
 def _commanded_speeds(samples: Samples) -> tuple[FloatArray, FloatArray]:
@@ -200,18 +199,17 @@ class Pieces:
         return np.array([np.median(values[a : b + 1]) for a, b in zip(self.first, self.last, strict=True)])
 
 
-def split_pieces(path: Path, thresholds: StepThresholds) -> Pieces:
+def split_pieces(path: Path) -> Pieces:
     """Cut the samples where a run ends or a step breaks a limit.
 
     Parameters
     ----------
     path : Path, n samples
-    thresholds : StepThresholds, limits on their steps
     """
     n, run = len(path.samples), path.samples.run
     i = np.flatnonzero(run[1:] == run[:-1])
-    ratios = np.zeros((n, len(thresholds.limits)))
-    ratios[i + 1] = thresholds.ratios(path, i, i + 1)
+    ratios = np.zeros((n, len(path.thresholds.limits)))
+    ratios[i + 1] = path.ratios(i, i + 1)
     worst = ratios.max(axis=1)
     starts = worst > 1.0
     starts[0] = True
@@ -222,9 +220,7 @@ def split_pieces(path: Path, thresholds: StepThresholds) -> Pieces:
     return Pieces(np.cumsum(starts) - 1, first, np.append(first[1:], n) - 1, run[first], ratios[first, cause], cause)
 
 
-def largest_chain(
-    pieces: Pieces, scores: FloatArray, path: Path, thresholds: StepThresholds, switch_cost: float
-) -> BoolArray:
+def largest_chain(pieces: Pieces, scores: FloatArray, path: Path, switch_cost: float) -> BoolArray:
     """Return the mask (m,) of the pieces in the chain of greatest total score, a chain for each run.
 
     Neighbours in a chain are joined by a possible step, or by an impossible one at `switch_cost`. Pieces with a score
@@ -234,7 +230,7 @@ def largest_chain(
     ----------
     pieces : Pieces, m pieces
     scores : (m,) array, what each is worth, samples
-    path, thresholds : Path, StepThresholds, samples and limits on their steps
+    path : Path
     switch_cost : float, samples
     """
     chained = np.zeros(len(pieces), dtype=bool)
@@ -242,7 +238,7 @@ def largest_chain(
         chosen = chosen[scores[chosen] > 0]
         if len(chosen):
             first, last = pieces.first[chosen], pieces.last[chosen]
-            chain = best_chain(scores[chosen], first, last, partial(thresholds.possible, path), switch_cost)
+            chain = best_chain(scores[chosen], first, last, path.possible, switch_cost)
             chained[chosen[chain]] = True
     return chained
 
@@ -284,7 +280,6 @@ def excursions(
     pieces: Pieces,
     candidates: BoolArray,
     path: Path,
-    thresholds: StepThresholds,
     residual: FloatArray,
     occlusion: float,
 ) -> BoolArray:
@@ -296,7 +291,7 @@ def excursions(
     Parameters
     ----------
     pieces, candidates : Pieces, (m,) bool array, all pieces, and those that may be motions
-    path, thresholds : Path, StepThresholds, samples and what they can do
+    path : Path
     residual : (n, g, w) array, what the smooth model leaves of the error
     occlusion : float, samples of the longest occlusion
     """
@@ -304,13 +299,13 @@ def excursions(
     stretches: list[_Stretch] = []
     for k in np.flatnonzero(candidates):
         first, last = int(pieces.first[k]), int(pieces.last[k])
-        _append(stretches, _Stretch(first, last, last - first + 1, [int(k)], int(pieces.run[k])), path, thresholds)
-    while (inside := _shortest_excursion(stretches, path, thresholds, residual, occlusion)) is not None:
+        _append(stretches, _Stretch(first, last, last - first + 1, [int(k)], int(pieces.run[k])), path)
+    while (inside := _shortest_excursion(stretches, path, residual, occlusion)) is not None:
         dropped[[piece for stretch in stretches[inside] for piece in stretch.pieces]] = True
         # What lies around is joined where the step is possible: no impossible step is left there.
         after = stretches[inside.stop :]
         stretches = stretches[: inside.start]
-        _append(stretches, after[0], path, thresholds)
+        _append(stretches, after[0], path)
         stretches += after[1:]
     return dropped
 
@@ -326,20 +321,18 @@ class _Stretch:
     run: int
 
 
-def _append(stretches: list[_Stretch], new: _Stretch, path: Path, thresholds: StepThresholds) -> None:
+def _append(stretches: list[_Stretch], new: _Stretch, path: Path) -> None:
     """Append a stretch, as a part of the last one where the step from that is possible."""
     last = stretches[-1] if stretches else None
-    if last and last.run == new.run and thresholds.possible(path, np.array([last.last]), np.array([new.first]))[0]:
+    if last and last.run == new.run and path.possible(np.array([last.last]), np.array([new.first]))[0]:
         stretches[-1] = _Stretch(last.first, new.last, last.count + new.count, last.pieces + new.pieces, last.run)
     else:
         stretches.append(new)
 
 
-def _shortest_excursion(
-    stretches: list[_Stretch], path: Path, thresholds: StepThresholds, residual: FloatArray, occlusion: float
-) -> slice | None:
+def _shortest_excursion(stretches: list[_Stretch], path: Path, residual: FloatArray, occlusion: float) -> slice | None:
     """Positions of the fewest samples that are left as they were entered, with pauses but no other steps between."""
-    scaled = (path.error / thresholds.noise[:, None]).reshape(len(path.error), -1)
+    scaled = (path.error / path.thresholds.noise[:, None]).reshape(len(path.error), -1)
     inner = [k for k, (a, b) in enumerate(pairwise(stretches)) if a.run == b.run]
     found = []
     for a, b in pairwise(inner):

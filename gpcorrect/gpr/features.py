@@ -103,7 +103,7 @@ class FeatureMap:
         Parameters
         ----------
         positions : (n, 3) array, metres
-        rotations : (n, 3, 3) array or None, none for data without rotations
+        rotations : (n, 3, 3) array or None, None for data without rotations
         twists : (n, 6) array or None
             m/s and rad/s; the angular part is not looked at without rotations; None when velocity is not a feature.
 

@@ -69,8 +69,7 @@ class Scaling:
 
         Parameters
         ----------
-        X : (n, d) array, inputs
-        Y : (n, m) array, outputs
+        X, Y : (n, d) and (n, m) arrays, inputs and outputs
         """
         return cls(_spread(X), Y.mean(axis=0), _spread(Y))
 

@@ -73,8 +73,7 @@ class PolynomialMap:
 
         Parameters
         ----------
-        X : (n, d) array, inputs
-        Y : (n, m) array, targets
+        X, Y : (n, d) and (n, m) arrays, inputs and targets
         degree : int, 0, 1 or 2
         penalties : (d, m) array, optional
             Penalties on squared weights of a linear law, in units of the samples and for unit spreads.
