@@ -30,7 +30,7 @@ class Domain:
     fading : (f,) int array, bounded inputs that an extrapolating law is not asked of outside: see :meth:`clip`
     kept : (f,) array
         How far from the middle of the region, in halves of it, each of them is left as it is: as far as training went,
-        where that is told.
+        in files that say so.
     """
 
     low: FloatArray
@@ -41,7 +41,7 @@ class Domain:
     kept: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        if not self.kept.size:  # files of before training's ends were kept
+        if not self.kept.size:  # older files
             object.__setattr__(self, "kept", np.full(len(self.fading), WITHOUT_MARGIN))
         for name in ("low", "high", "spread", "kept"):
             object.__setattr__(self, name, frozen_array(getattr(self, name)))
@@ -109,9 +109,9 @@ class Domain:
         inputs[..., : len(self.low)] = np.clip(X[..., : len(self.low)], self.low, self.high)
         if self.fading.size:
             middle, half = self._middle_and_half(self.fading)
-            place = (inputs[..., self.fading] - middle) / half
-            fraction = np.clip((1 - np.abs(place)) / (1 - self.kept), 0, 1)
-            inputs[..., self.fading] = middle + fraction * half * np.clip(place, -self.kept, self.kept)
+            place, start = (inputs[..., self.fading] - middle) / half, self.kept
+            fraction = np.clip((1 - np.abs(place)) / (1 - start), 0, 1)
+            inputs[..., self.fading] = middle + fraction * half * np.clip(place, -start, start)
         return inputs
 
     def holds(self, X: FloatArray, novelty: FloatArray) -> BoolArray:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 
 import numpy as np
 
 from gpcorrect.errors import DataError
-from gpcorrect.gpr.compiled import Tables, predict_one, tables
+from gpcorrect.gpr.compiled import Tables, predict_one
 from gpcorrect.gpr.kernels import Kernel
 from gpcorrect.types import FloatArray, frozen_array
 
@@ -77,6 +78,35 @@ class SharedPredictor:
         return mean, std, novelty
 
 
+def _tables(parts: Sequence[SharedPredictor]) -> Tables:
+    """Return what queries of these groups of outputs read; padding changes no answer."""
+    columns = [_group(part) for part in parts]
+    stacked = Tables(*(_stack([column[i] for column in columns]) for i in range(len(Tables._fields))))
+    return stacked._replace(projection=stacked.projection.astype(np.float32))
+
+
+def _group(part: SharedPredictor) -> Tables:
+    return Tables(
+        *part.kernel.table(part.basis),
+        alpha=part.alpha,
+        offset=part.offset,
+        projection=part.projection,
+        explained=part.explained,
+        signal=part.signal,
+        noise=part.noise,
+        sizes=np.array([len(part.offset)], dtype=np.float64),
+    )
+
+
+def _stack(arrays: Sequence[FloatArray]) -> FloatArray:
+    """Stack arrays, shorter ones filled up with zeros."""
+    shape = np.max([array.shape for array in arrays], axis=0).astype(np.int64)
+    stacked = np.zeros((len(arrays), *shape))
+    for row, array in zip(stacked, arrays, strict=True):
+        row[tuple(slice(n) for n in array.shape)] = array
+    return stacked
+
+
 @dataclass(frozen=True, eq=False)
 class Predictor:
     """Predictions of all outputs; it changes nothing, so threads may share it.
@@ -96,7 +126,7 @@ class Predictor:
     def __post_init__(self) -> None:
         if len({part.basis.shape[1] for part in self.parts}) != 1:
             raise DataError("the groups of outputs of a predictor look at different numbers of inputs.")
-        object.__setattr__(self, "tables", tables(self.parts))
+        object.__setattr__(self, "tables", _tables(self.parts))
         self.mean_std(self.parts[0].basis[0])  # compiled here (or read from numba's cache), never in the first query
 
     @property
