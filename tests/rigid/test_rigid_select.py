@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from gpcorrect.errors import DataError, DegenerateError
 from gpcorrect.rigid import fit_pose, register
-from gpcorrect.rigid.select import _hold_out_units
+from gpcorrect.rigid.select import hold_out_units
 from gpcorrect.types import IntArray, PoseSignal
 
 KINDS = ["identity", "pose", "marker", "separate"]
@@ -124,11 +124,11 @@ def test_same_data_same_choice_and_json(rng: np.random.Generator) -> None:
 
 def test_one_trajectory_is_held_out_in_contiguous_blocks() -> None:
     """Blocks of a single recording are contiguous and nearly equal; many trajectories are left whole."""
-    blocks = _hold_out_units(np.zeros(103, dtype=np.int64))
+    blocks = hold_out_units(np.zeros(103, dtype=np.int64))
     assert (np.diff(blocks) >= 0).all()
     assert np.ptp(np.bincount(blocks)) <= 1
     assert blocks.max() == 9
-    whole = _hold_out_units(np.repeat([7, 3, 9, 1, 5], 4))
+    whole = hold_out_units(np.repeat([7, 3, 9, 1, 5], 4))
     np.testing.assert_array_equal(whole, np.repeat(np.arange(5), 4))
 
 
