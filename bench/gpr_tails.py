@@ -20,8 +20,7 @@ from support import print_table, save_results
 
 from gpcorrect.calibration import folds_of
 from gpcorrect.gpr import Predictor, SharedPredictor, SparseGPR, Statistics
-from gpcorrect.gpr.linalg import cholesky
-from gpcorrect.gpr.statistics import collect, updated
+from gpcorrect.gpr.statistics import Points, updated
 from gpcorrect.types import FloatArray, Progress
 
 DEGREES = 4.0
@@ -100,13 +99,12 @@ def robust(predictor: Predictor, X: FloatArray, Y: FloatArray) -> Predictor:
 
 def weighted(part: SharedPredictor, X: FloatArray, Y: FloatArray, weight: FloatArray) -> SharedPredictor:
     """Return the posterior in which sample i has its noise divided by its weight."""
-    L = cholesky(part.kernel(part.basis, part.basis))[0]
-    weight = weight / np.median(weight)
+    points, weight = Points.of(part), weight / np.median(weight)
     total = Statistics(np.zeros((len(part.basis),) * 2), np.zeros((len(part.basis), 3)), 0.0)
     levels = np.clip(np.round(8 * np.log2(weight)) / 8, -6, 2)  # samples of like weight are summed together
     for level in np.unique(levels):
         rows = levels == level
-        sums = collect(part.kernel, part.basis, L, part.offset, X[rows], Y[rows], Progress())
+        sums = points.collect(X[rows], Y[rows], Progress())
         total = total.plus(Statistics(2**level * sums.G, 2**level * sums.Vy, 2**level * sums.n))
     return updated(part, total)
 

@@ -16,8 +16,8 @@ import numpy as np
 from support import print_table, real_data, save_results
 
 from gpcorrect.calibration import FitSettings, fit_corrector, reached
+from gpcorrect.calibration.dataset import held_out
 from gpcorrect.calibration.poses import rotations_of
-from gpcorrect.calibration.split import held_out
 from gpcorrect.logs import read_log
 from gpcorrect.rigid import pose_residual
 from gpcorrect.sim import random_reaches_log

@@ -12,6 +12,7 @@ from gpcorrect.lazy import imported_on_demand
 if TYPE_CHECKING:
     from gpcorrect.calibration.arm_kinematics import with_outside_joints, with_poses
     from gpcorrect.calibration.cartesian import CommandCorrector
+    from gpcorrect.calibration.dataset import HoldOut, folds_of
     from gpcorrect.calibration.drift import Ageing, Detection, detect, estimate_ageing
     from gpcorrect.calibration.evaluate import (
         COMPONENTS,
@@ -43,10 +44,10 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.metrics import ErrorTable, JointErrors, error_table, joint_units, spread
     from gpcorrect.calibration.model_file import load, load_any, load_with_hash, model_hash, require_model_place, save
     from gpcorrect.calibration.model_store import Entry, ModelStore, refuse_other_use
+    from gpcorrect.calibration.pose_answers import PoseStream
     from gpcorrect.calibration.settings import FitSettings
     from gpcorrect.calibration.side_by_side import Difference, SideBySide, compare, measure_both, refuse_unlike
-    from gpcorrect.calibration.split import HoldOut, folds_of
-    from gpcorrect.calibration.stream import JointStream, PoseStream, RobotState, ToolStream
+    from gpcorrect.calibration.stream import JointStream, RobotState, ToolStream
     from gpcorrect.calibration.task import Corrector, Measured
     from gpcorrect.calibration.tool_position import PositionEstimator
     from gpcorrect.calibration.update import Update, update_model
@@ -57,6 +58,7 @@ __getattr__ = imported_on_demand(
     {
         "arm_kinematics": "with_outside_joints with_poses",
         "cartesian": "CommandCorrector",
+        "dataset": "HoldOut folds_of",
         "drift": "Ageing Detection detect estimate_ageing",
         "evaluate": "COMPONENTS METHODS Evaluation Experiment evaluate_model part_errors position_reductions "
         "run_experiment",
@@ -71,10 +73,10 @@ __getattr__ = imported_on_demand(
         "metrics": "ErrorTable JointErrors error_table joint_units spread",
         "model_file": "load load_any load_with_hash model_hash require_model_place save",
         "model_store": "Entry ModelStore refuse_other_use",
+        "pose_answers": "PoseStream",
         "settings": "FitSettings",
         "side_by_side": "Difference SideBySide compare measure_both refuse_unlike",
-        "split": "HoldOut folds_of",
-        "stream": "JointStream PoseStream RobotState ToolStream",
+        "stream": "JointStream RobotState ToolStream",
         "task": "Corrector Measured",
         "tool_position": "PositionEstimator",
         "update": "Update update_model",

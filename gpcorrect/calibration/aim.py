@@ -34,10 +34,8 @@ class Aim:
 
     Parameters
     ----------
-    reached : JointCorrector
-        From commanded joints to those reached.
-    share : (d,) array
-        0 to 1; 0 for joints that are not moved.
+    reached : JointCorrector, from commanded joints to those reached
+    share : (d,) array, 0 to 1; 0 for joints that are not moved
     """
 
     reached: JointCorrector
@@ -61,12 +59,9 @@ class Aim:
 
         Parameters
         ----------
-        reached : JointCorrector
-            Learned from the log.
-        errors : (k, d) array
-            Of it at left-out samples, rad or m; NaN where unknown.
-        joints : CalibrationLog
-            n samples of commanded joints and those reached.
+        reached : JointCorrector, learned from the log
+        errors : (k, d) array, of it at left-out samples, rad or m; NaN where unknown
+        joints : CalibrationLog, n samples of commanded joints and those reached
         first : (n, d) array
             Commands found for these without the samples' own trajectories, rad or m; NaN where there are none.
         """
@@ -75,7 +70,7 @@ class Aim:
         assert wanted is not None
         aim, sessions = cls(reached, np.full(asked.shape[1], SHARE)), joints.session.tolist()
         moved, _ = aim.moved(wanted, first, joints.time, sessions)
-        missed, _ = aim.missed(wanted, first, joints.time, sessions)
+        missed, _ = aim._missed(wanted, first, joints.time, sessions)
         known = np.isfinite(moved).all(axis=1) & np.isfinite(asked).all(axis=1)
         before, after, beside = ((part[known] ** 2).mean(axis=0) for part in (first - asked, moved - asked, missed))
         return cls(reached, np.where((after <= before) | (beside > np.nanmean(errors**2, axis=0)), SHARE, 0.0))
@@ -89,52 +84,32 @@ class Aim:
 
         Parameters
         ----------
-        q : (n, d) array
-            Desired joints, rad or m.
-        first : (n, d) array
-            What to command for them without this model.
-        time : (n,) array
-            s.
-        sessions : n int
-            Homing or day.
+        q : (n, d) array, desired joints, rad or m
+        first : (n, d) array, what to command for them without this model
+        time : (n,) array, s
+        sessions : n int, homing or day
         """
         found, beyond = first, np.zeros(len(q), dtype=bool)
         for _ in range(STEPS):
-            missed, outside = self.missed(q, found, time, sessions)
+            missed, outside = self._missed(q, found, time, sessions)
             found, beyond = found + self.share * missed, beyond | outside
         return found, beyond
 
-    def missed(
+    def _missed(
         self, q: FloatArray, commands: FloatArray, time: FloatArray, sessions: Sequence[int]
     ) -> tuple[FloatArray, BoolArray]:
-        """Return by how much commands `(n, d)` miss the joints of a path, and where the model cannot know `(n,)`.
-
-        Parameters
-        ----------
-        q, commands : (n, d) arrays
-            Desired joints, and what is commanded for them, rad or m.
-        time : (n,) array
-            s.
-        sessions : n int
-            Homing or day.
-        """
+        """Return by how much commands `(n, d)` miss the joints of a path, and where the model cannot know `(n,)`."""
         reached = self.reached.correct_path(commands, time, sessions=sessions)
         assert reached.joints is not None
         return q - reached.joints, ~np.asarray(reached.in_domain)
 
-    def stream(self) -> AimStream:
+    def stream(self) -> _AimStream:
         """Return what moves commands one after the other."""
-        return AimStream(self)
+        return _AimStream(self)
 
 
-class AimStream:
-    """Moves commands sample after sample, as the whole path is moved.
-
-    Parameters
-    ----------
-    aim : Aim
-        What was learned.
-    """
+class _AimStream:
+    """Moves commands sample after sample, as the whole path is moved."""
 
     def __init__(self, aim: Aim) -> None:
         self._share, self._streams = aim.share, [aim.reached.stream() for _ in range(STEPS)]
@@ -151,12 +126,9 @@ class AimStream:
 
         Parameters
         ----------
-        time : float
-            s, later than that of the sample before.
-        q : (d,) array
-            Desired joints, rad or m.
-        first : (d,) array
-            What to command for them without this model.
+        time : float, s, later than that of the sample before
+        q : (d,) array, desired joints, rad or m
+        first : (d,) array, what to command for them without this model
         """
         found, beyond = first, False
         for stream in self._streams:

@@ -22,19 +22,14 @@ from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal, frozen_array
 
 SOURCES = (("setpoint_cp", "setpoint_jp"), ("measured_cp", "measured_jp"))
 """Pairs of which one kinematics made the first from the second."""
-STARTS = 300
-"""Postures of the training that an inverse begins at: chosen by hand."""
-GRIPPER = 2
-"""Joints at the end of a log that may belong to a gripper: no arm here logs more."""
-NO_EFFECT = 1e-6
-"""m/rad or rad/rad: a joint that moves the tip less is a gripper; chosen by hand."""
+STARTS = 300  # postures of the training that an inverse begins at: chosen by hand
+GRIPPER = 2  # joints at the end of a log that may belong to a gripper: no arm here logs more
+NO_EFFECT = 1e-6  # m/rad or rad/rad: a joint that moves the tip less is a gripper; chosen by hand
 LEAST_SHARE = 0.01
 """Of its largest, that the arm's smallest rate must reach in most of the training: else poses do not determine joints,
 and a correction in joints is as good as any other; chosen by hand."""
-HEADROOM = 2.0
-"""By how much further from the arm's reach than in training a pose may lie; chosen by hand."""
-NOISE_FLOOR = 1e-6
-"""rad: what the inverse leaves of a pose that it reaches, with plenty to spare."""
+HEADROOM = 2.0  # by how much further from the arm's reach than in training a pose may lie; chosen by hand
+NOISE_FLOOR = 1e-6  # rad: what the inverse leaves of a pose that it reaches, with plenty to spare
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,12 +38,9 @@ class ArmKinematics:
 
     Parameters
     ----------
-    chain : Chain
-        From the joints that move the tip to its poses, as the robot's controller has it.
-    starts : (k, d) array
-        Postures of the training, rad and m.
-    length : float
-        m that weigh as much as one radian.
+    chain : Chain, from the joints that move the tip to its poses, as the robot's controller has it
+    starts : (k, d) array, postures of the training, rad and m
+    length : float, m that weigh as much as one radian
     reach : float
         How far from any posture's pose a desired one may lie, rad (and m over `length`): an arm of fewer than six
         joints comes only near most poses.
@@ -75,8 +67,7 @@ class ArmKinematics:
 
         Parameters
         ----------
-        log : CalibrationLog
-            n samples.
+        log : CalibrationLog, n samples
 
         Raises
         ------
@@ -105,8 +96,7 @@ class ArmKinematics:
 
         Parameters
         ----------
-        poses : PoseSignal
-            n poses in the command's frame.
+        poses : PoseSignal, n poses in the command's frame
         """
         left = self._inverse(poses)[1]
         return replace(self, reach=HEADROOM * max(self.reach, float(np.nanmax(left, initial=0.0))) + NOISE_FLOOR)
@@ -116,8 +106,7 @@ class ArmKinematics:
 
         Parameters
         ----------
-        poses : PoseSignal
-            n poses in the command's frame, with orientation.
+        poses : PoseSignal, n poses in the command's frame, with orientation
         """
         q, left = self._inverse(poses)
         q[~(left <= self.reach)] = np.nan
@@ -128,10 +117,8 @@ class ArmKinematics:
 
         Parameters
         ----------
-        position, rotation : (3,) and (3, 3) arrays
-            The pose, command's frame.
-        near : (d,) array or None
-            Where to begin; at the training's nearest posture without it.
+        position, rotation : (3,) and (3, 3) arrays, the pose, command's frame
+        near : (d,) array or None, where to begin; at the training's nearest posture without it
         """
         T = np.eye(4)[None]
         T[0, :3, :3], T[0, :3, 3] = rotation, position
@@ -144,10 +131,8 @@ class ArmKinematics:
 
         Parameters
         ----------
-        poses : PoseSignal
-            n poses, complete.
-        q, corrected : (n, d) arrays
-            Joints of the poses, and those that the arm moves to, rad and m.
+        poses : PoseSignal, n poses, complete
+        q, corrected : (n, d) arrays, joints of the poses, and those that the arm moves to, rad and m
         """
         before, after, turned = self.chain.forward(q), self.chain.forward(corrected), rotations_of(poses)
         assert turned is not None
@@ -167,13 +152,7 @@ class ArmKinematics:
 
 
 def _chain_of(q: FloatArray, T: FloatArray, types: str) -> Chain:
-    """Return the chain of the joints that move the tip: all of them, or without a gripper's, which come last.
-
-    Raises
-    ------
-    DataError, DegenerateError
-        There is none.
-    """
+    """Return the chain of the joints that move the tip: all of them, or without a gripper's, which come last."""
     failed: DataError | None = None
     for count in range(len(types), max(len(types) - 1 - GRIPPER, 0), -1):
         try:
@@ -200,12 +179,9 @@ def _pose_matrices(poses: PoseSignal) -> FloatArray:
     return se3.pose(rotations, poses.position)
 
 
-SAMPLES = 1000
-"""Postures in the registration: two dozen unknowns need no more."""
-STEPS = 20
-"""Gauss-Newton steps of the registration; those of well-determined ones end after five."""
-AT_REST = 1e-8
-"""rad: a step that is smaller ends the registration."""
+SAMPLES = 1000  # postures in the registration: two dozen unknowns need no more
+STEPS = 20  # Gauss-Newton steps of the registration; those of well-determined ones end after five
+AT_REST = 1e-8  # rad: a step that is smaller ends the registration
 FAR = 4.0
 """Median errors beyond which a sample does not count: no noise of six numbers lies there, outliers do. By hand."""
 ZERO_WEIGHT = 1e-3
@@ -217,10 +193,8 @@ def with_poses(log: CalibrationLog, chain: Chain) -> CalibrationLog:
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples; joints behind the chain's, such as a gripper's, are not looked at.
-    chain : Chain
-        The arm's.
+    log : CalibrationLog, n samples; joints behind the chain's, such as a gripper's, are not looked at
+    chain : Chain, the arm's
 
     Raises
     ------
@@ -247,8 +221,7 @@ def with_outside_joints(log: CalibrationLog, chain: Chain) -> CalibrationLog:
     log : CalibrationLog
         n samples; one with outside joints, or without joints or a tracker, is returned as it is. Joints behind the
         chain's, such as a gripper's, are left out.
-    chain : Chain
-        The arm's.
+    chain : Chain, the arm's
 
     Raises
     ------

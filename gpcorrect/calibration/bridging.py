@@ -15,11 +15,10 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.cleaning import FittedCleaner
+from gpcorrect.cleaning.steps import best_chain
 from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal
 
-REACH = 200  # pieces that the chain looks back; chosen by hand
-POSSIBLE_FRACTION = 0.7
-"""Least part of a run that must be possible motion, or it is left as it is; chosen by hand."""
+POSSIBLE_FRACTION = 0.7  # least part of a run that must be possible motion, or it is left as it is; chosen by hand
 
 
 @dataclass(frozen=True)
@@ -28,12 +27,9 @@ class MotionLimits:
 
     Parameters
     ----------
-    speeds : tuple of float
-        Largest speed, m/s, and where orientations are observed rad/s.
-    noise : tuple of float
-        Step that noise alone can make, m and rad.
-    longest : float
-        Longest stretch that is bridged, s; what lasts longer may be meant.
+    speeds : tuple of float, largest speed, m/s, and where orientations are observed rad/s
+    noise : tuple of float, step that noise alone can make, m and rad
+    longest : float, longest stretch that is bridged, s; what lasts longer may be meant
     """
 
     speeds: tuple[float, ...]
@@ -46,8 +42,7 @@ class MotionLimits:
 
         Parameters
         ----------
-        cleaner : FittedCleaner
-            Cleaning of the training recording.
+        cleaner : FittedCleaner, cleaning of the training recording
         """
         steps = cleaner.thresholds.steps
         return cls(tuple(steps.speeds.tolist()), tuple(steps.noise.tolist()), cleaner.settings.occlusion_time)
@@ -59,14 +54,10 @@ class MotionLimits:
 
         Parameters
         ----------
-        signal : PoseSignal
-            n desired poses.
-        reference : PoseSignal
-            The same in the robot's frame, where the limits were learned.
-        time : (n,) array
-            s.
-        labels : (n,) int array
-            Unbroken run of each sample, -1 for none.
+        signal : PoseSignal, n desired poses
+        reference : PoseSignal, the same in the robot's frame, where the limits were learned
+        time : (n,) array, s
+        labels : (n,) int array, unbroken run of each sample, -1 for none
         """
         bridged = np.zeros(len(signal), dtype=bool)
         for label in np.unique(labels[labels >= 0]):
@@ -79,37 +70,18 @@ class MotionLimits:
     def _jumps(self, path: PoseSignal, time: FloatArray) -> BoolArray:
         """Find the samples (n,) of one run that lie off its longest possible motion, between samples that lie on it."""
         cuts = np.flatnonzero(self._too_far(path, time, np.arange(len(time) - 1), np.arange(1, len(time))))
-        none = np.zeros(len(time), dtype=bool)
+        off, on = np.zeros((2, len(time)), dtype=bool)
         if not len(cuts):
-            return none
+            return off
         first, last = np.concatenate([[0], cuts + 1]), np.concatenate([cuts, [len(time) - 1]])
-        on = none.copy()
-        chain = self._longest_chain(path, time, first, last)
+        chain = best_chain(last - first + 1, first, last, lambda i, j: ~self._too_far(path, time, i, j))
         for k in chain:
             on[first[k] : last[k] + 1] = True
         if on.mean() < POSSIBLE_FRACTION:
-            return none
-        off = none.copy()
+            return off
         for a, b in pairwise(chain):
-            short = time[first[b]] - time[last[a]] <= self.longest
-            off[last[a] + 1 : first[b]] = short
+            off[last[a] + 1 : first[b]] = time[first[b]] - time[last[a]] <= self.longest
         return off
-
-    def _longest_chain(self, path: PoseSignal, time: FloatArray, first: IntArray, last: IntArray) -> list[int]:
-        """Pieces joined by possible steps that hold most samples (dynamic programming over the last `REACH` pieces)."""
-        best, before = (last - first + 1).astype(np.float64), np.full(len(first), -1)
-        for k in range(1, len(first)):
-            low = max(0, k - REACH)
-            far = self._too_far(path, time, last[low:k], np.full(k - low, first[k]))
-            gain = np.where(far, 0.0, best[low:k])
-            choice = int(np.argmax(gain))
-            if gain[choice] > 0:
-                best[k] += gain[choice]
-                before[k] = low + choice
-        chain = [int(np.argmax(best))]
-        while before[chain[-1]] >= 0:
-            chain.append(int(before[chain[-1]]))
-        return chain[::-1]
 
     def _too_far(self, path: PoseSignal, time: FloatArray, i: IntArray, j: IntArray) -> BoolArray:
         """Mask (m,) of the steps from samples i to later samples j that are faster than any arm."""

@@ -39,10 +39,8 @@ class CoupledPlay:
 
     Parameters
     ----------
-    stiffness : (d, d) array
-        Symmetric, positive definite, unit diagonal or more.
-    gap : (d,) array
-        Half gaps F_i / K_ii.
+    stiffness : (d, d) array, symmetric, positive definite, unit diagonal or more
+    gap : (d,) array, half gaps F_i / K_ii
     """
 
     stiffness: FloatArray
@@ -59,13 +57,10 @@ class CoupledPlay:
 
         Parameters
         ----------
-        path : (n, d) array
-            Positions of the motors in units of half the ranges.
-        new : (n,) mask
-            Where a path starts.
+        path : (n, d) array, positions of the motors in units of half the ranges
+        new : (n,) mask, where a path starts
         """
-        lags: FloatArray = _lags(np.ascontiguousarray(path), np.array(self.stiffness), np.array(self.gap), new)
-        return lags
+        return _lags(np.ascontiguousarray(path), np.array(self.stiffness), np.array(self.gap), new)
 
     def lags_and_slopes(self, path: FloatArray, new: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Return the lags `(n, d)`, and how they change with the play's numbers `(n, d, e)`.
@@ -75,10 +70,8 @@ class CoupledPlay:
 
         Parameters
         ----------
-        path : (n, d) array
-            Positions of the motors in units of half the ranges.
-        new : (n,) mask
-            Where a path starts.
+        path, new
+            As for :meth:`lags`.
         """
         found: tuple[FloatArray, FloatArray] = _lags_and_slopes(
             np.ascontiguousarray(path), np.array(self.stiffness), np.array(self.gap), new
@@ -90,10 +83,8 @@ class CoupledPlay:
 
         Parameters
         ----------
-        joints : (d,) array
-            Where the joints stood, in units of half the ranges.
-        motors : (d,) array
-            Where the motors are now, likewise.
+        joints : (d,) array, where the joints stood, in units of half the ranges
+        motors : (d,) array, where the motors are now, likewise
         """
         moved = np.array(joints, dtype=np.float64)
         _drag(moved, np.array(motors, dtype=np.float64), np.array(self.stiffness), np.array(self.gap))
@@ -109,16 +100,11 @@ def learn_coupled_play(
 
     Parameters
     ----------
-    path : (n, d) array
-        Positions in units of half the ranges.
-    errors : (n, d) array
-        What the lags are to explain; NaN where unknown.
-    new : (n,) bool array
-        Where a path starts.
-    rows : (k,) int array
-        Rows whose errors may be looked at.
-    shown : (d,) bool array
-        Joints whose slack this path shows; the others neither pull nor are pulled.
+    path : (n, d) array, positions in units of half the ranges
+    errors : (n, d) array, what the lags are to explain; NaN where unknown
+    new : (n,) bool array, where a path starts
+    rows : (k,) int array, rows whose errors may be looked at
+    shown : (d,) bool array, joints whose slack this path shows; the others neither pull nor are pulled
     """
     stiffness, gap = np.eye(path.shape[1]), np.full(path.shape[1], FIRST_GAP)
     if shown.any():
@@ -165,8 +151,7 @@ def _coupled(p: FloatArray, dof: int) -> FloatArray:
     """Stiffness `(d, d)` of unit diagonal, which need not be positive definite yet."""
     upper = np.zeros((dof, dof))
     upper[np.triu_indices(dof, 1)] = STRONGEST * np.tanh(p[dof:])
-    stiffness: FloatArray = np.eye(dof) + upper + upper.T
-    return stiffness
+    return np.eye(dof) + upper + upper.T
 
 
 def _play_slopes(p: FloatArray, dof: int) -> FloatArray:

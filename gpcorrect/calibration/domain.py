@@ -11,8 +11,7 @@ from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
-WITHOUT_MARGIN = 1 / (1 + 2 * LIMITS.margin)
-"""Of half a region, the part that is not margin."""
+WITHOUT_MARGIN = 1 / (1 + 2 * LIMITS.margin)  # of half a region, the part that is not margin
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,17 +23,14 @@ class Domain:
 
     Parameters
     ----------
-    low, high : (d,) arrays
-        Range of each bounded input; inputs behind the first d are free.
+    low, high : (d,) arrays, range of each bounded input; inputs behind the first d are free
     novelty : float
         Fraction of prior variance left above which a query is outside; infinite for learners that know no novelty.
-    spread : (m,) array
-        Root mean square of the training targets: how wrong an answer may be where nothing is known.
-    fading : (f,) int array
-        Bounded inputs that an extrapolating law is not asked of outside: see :meth:`clip`.
+    spread : (m,) array, root mean square of the training targets: how wrong an answer may be where nothing is known
+    fading : (f,) int array, bounded inputs that an extrapolating law is not asked of outside: see :meth:`clip`
     kept : (f,) array
         How far from the middle of the region, in halves of it, each of them is left as it is: as far as training went,
-        where that is told.
+        in files that say so.
     """
 
     low: FloatArray
@@ -45,7 +41,7 @@ class Domain:
     kept: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        if not self.kept.size:  # files of before training's ends were kept
+        if not self.kept.size:  # older files
             object.__setattr__(self, "kept", np.full(len(self.fading), WITHOUT_MARGIN))
         for name in ("low", "high", "spread", "kept"):
             object.__setattr__(self, name, frozen_array(getattr(self, name)))
@@ -66,34 +62,23 @@ class Domain:
 
         Parameters
         ----------
-        X : (n, d) array
-            Training inputs; the margin around their range is half of it, but `slack` at least.
-        slack : (d,) array
-            How far outside its range an input may always be.
+        X : (n, d) array, training inputs; the margin around their range is half of it, but `slack` at least
+        slack : (d,) array, how far outside its range an input may always be
         novelty : float
-            See above.
-        targets : (n, m) array
-            What was to be predicted.
+        targets : (n, m) array, what was to be predicted
         fading : (f,) int array, optional
-            See above.
         """
         low, high = np.percentile(X, LIMITS.range_quantiles, axis=0)
         margin = np.maximum(LIMITS.margin * (high - low), slack)
         region = cls(low - margin, high + margin, novelty, np.sqrt((targets**2).mean(axis=0)))
         if fading is None:
             return region
-        middle, half = region.middle_and_half(fading)
+        middle, half = region._middle_and_half(fading)
         went = np.abs((X[:, fading] - middle) / half).max(axis=0)
         return replace(region, fading=fading, kept=np.clip(went, WITHOUT_MARGIN, LIMITS.fades_from))
 
-    def middle_and_half(self, inputs: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Return the middle `(k,)` and half `(k,)` of the region of some inputs.
-
-        Parameters
-        ----------
-        inputs : (k,) int array
-            Bounded inputs.
-        """
+    def _middle_and_half(self, inputs: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return the middle `(k,)` and half `(k,)` of the region of k inputs."""
         low, high = self.low[inputs], self.high[inputs]
         return (low + high) / 2, np.maximum((high - low) / 2, np.finfo(float).tiny)
 
@@ -102,8 +87,7 @@ class Domain:
 
         Parameters
         ----------
-        other : Domain
-            Of the same inputs.
+        other : Domain, of the same inputs
         """
         low, high = np.minimum(self.low, other.low), np.maximum(self.high, other.high)
         return replace(self, low=low, high=high)
@@ -120,15 +104,14 @@ class Domain:
         Parameters
         ----------
         X : (..., D) array
-            Inputs.
         """
         inputs = X.copy()
         inputs[..., : len(self.low)] = np.clip(X[..., : len(self.low)], self.low, self.high)
         if self.fading.size:
-            middle, half = self.middle_and_half(self.fading)
-            place = (inputs[..., self.fading] - middle) / half
-            fraction = np.clip((1 - np.abs(place)) / (1 - self.kept), 0, 1)
-            inputs[..., self.fading] = middle + fraction * half * np.clip(place, -self.kept, self.kept)
+            middle, half = self._middle_and_half(self.fading)
+            place, start = (inputs[..., self.fading] - middle) / half, self.kept
+            fraction = np.clip((1 - np.abs(place)) / (1 - start), 0, 1)
+            inputs[..., self.fading] = middle + fraction * half * np.clip(place, -start, start)
         return inputs
 
     def holds(self, X: FloatArray, novelty: FloatArray) -> BoolArray:
@@ -136,30 +119,24 @@ class Domain:
 
         Parameters
         ----------
-        X : (n, D) array
-            Inputs.
-        novelty : (n,) array
-            Fraction of the prior variance left at each.
+        X : (n, D) array, inputs
+        novelty : (n,) array, fraction of the prior variance left at each
         """
         bounded = X[:, : len(self.low)]
-        inside: BoolArray = ((bounded >= self.low) & (bounded <= self.high)).all(axis=1) & (novelty <= self.novelty)
-        return inside
+        return ((bounded >= self.low) & (bounded <= self.high)).all(axis=1) & (novelty <= self.novelty)
 
     def widen(self, std: FloatArray, inside: BoolArray | bool) -> FloatArray:
         """Return standard deviations `(..., m)`, outside the region no smaller than the spread of the targets.
 
         Parameters
         ----------
-        std : (..., m) array
-            Standard deviations, m or rad.
-        inside : (...) mask or bool
-            Which of them lie inside the region.
+        std : (..., m) array, standard deviations, m or rad
+        inside : (...) mask or bool, which of them lie inside the region
         """
         if inside is True:
             return std
         outside = ~np.asarray(inside)[..., None]
-        wide: FloatArray = np.where(outside, np.maximum(std, self.spread), std)
-        return wide
+        return np.where(outside, np.maximum(std, self.spread), std)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,8 +147,7 @@ class Bounds:
     ----------
     sizes : tuple of int
         How many components in turn are bounded together: (3, 3) for positions and rotations, 1 for each joint.
-    largest : (g,) array
-        Largest believed length of each group, m or rad.
+    largest : (g,) array, largest believed length of each group, m or rad
     """
 
     sizes: tuple[int, ...]
@@ -186,22 +162,17 @@ class Bounds:
 
         Parameters
         ----------
-        targets : (n, m) array
-            Training corrections, m or rad.
-        sizes : tuple of int
-            How many components in turn are bounded together.
+        targets : (n, m) array, training corrections, m or rad
+        sizes : tuple of int, how many components in turn are bounded together
         """
-        starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-        lengths = np.sqrt(np.add.reduceat(targets**2, starts, axis=1))
-        return cls(sizes, LIMITS.headroom * lengths.max(axis=0))
+        return cls(sizes, LIMITS.headroom * _lengths(targets, sizes).max(axis=0))
 
     def widened(self, other: Self) -> Self:
         """Return the bounds that hold both.
 
         Parameters
         ----------
-        other : Bounds
-            Of the same groups.
+        other : Bounds, of the same groups
         """
         return type(self)(self.sizes, np.maximum(self.largest, other.largest))
 
@@ -210,11 +181,14 @@ class Bounds:
 
         Parameters
         ----------
-        residual : (n, m) array
-            Corrections, m or rad.
+        residual : (n, m) array, corrections, m or rad
         """
-        starts = np.concatenate([[0], np.cumsum(self.sizes)[:-1]])
-        lengths = np.sqrt(np.add.reduceat(residual**2, starts, axis=1))
-        scale = np.minimum(1.0, self.largest / np.maximum(lengths, 1e-300))
+        scale = np.minimum(1.0, self.largest / np.maximum(_lengths(residual, self.sizes), 1e-300))
         cut: BoolArray = np.asarray((scale < 1.0).any(axis=1))
         return residual * np.repeat(scale, self.sizes, axis=1), cut
+
+
+def _lengths(values: FloatArray, sizes: tuple[int, ...]) -> FloatArray:
+    """Return the lengths `(n, g)` of groups of so many columns in turn."""
+    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
+    return np.sqrt(np.add.reduceat(values**2, starts, axis=1))

@@ -31,14 +31,10 @@ class Detection:
 
     Parameters
     ----------
-    scores : (n,) array
-        Of the trajectories, in order.
-    evidence : (n,) array
-        C above, after each trajectory.
-    threshold : float
-        A above: mean number of trajectories between false alarms, at least.
-    alarm : int or None
-        The first trajectory whose evidence reached the threshold.
+    scores : (n,) array, of the trajectories, in order
+    evidence : (n,) array, C above, after each trajectory
+    threshold : float, A above: mean number of trajectories between false alarms, at least
+    alarm : int or None, the first trajectory whose evidence reached the threshold
     """
 
     scores: FloatArray
@@ -52,14 +48,10 @@ def detect(baseline: FloatArray, scores: FloatArray, threshold: float, rng: np.r
 
     Parameters
     ----------
-    baseline : (b,) array
-        Scores of the training's left-out trajectories.
-    scores : (n,) array
-        Scores to test, in recorded order.
-    threshold : float
-        Mean number of trajectories between false alarms, at least.
-    rng : numpy.random.Generator
-        Breaks ties.
+    baseline : (b,) array, scores of the training's left-out trajectories
+    scores : (n,) array, scores to test, in recorded order
+    threshold : float, mean number of trajectories between false alarms, at least
+    rng : numpy.random.Generator, breaks ties
 
     Raises
     ------
@@ -74,25 +66,15 @@ def detect(baseline: FloatArray, scores: FloatArray, threshold: float, rng: np.r
     if not threshold > 1:
         raise DataError(f"trajectories between false alarms must be more than 1, got {threshold:g}.")
     evidence, level = np.empty(len(scores)), 1.0
-    for i, e in enumerate(e_values(conformal_p_values(baseline, scores, rng))):
+    for i, e in enumerate(_e_values(_conformal_p_values(baseline, scores, rng))):
         level = max(level, 1.0) * e
         evidence[i] = level
     reached = np.flatnonzero(evidence >= threshold)
     return Detection(scores, evidence, threshold, int(reached[0]) if reached.size else None)
 
 
-def conformal_p_values(baseline: FloatArray, scores: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Return p-values `(n,)`: ranks of scores among all before them, ties broken at random; small for large scores.
-
-    Parameters
-    ----------
-    baseline : (b,) array
-        Scores of the training's left-out trajectories.
-    scores : (n,) array
-        Scores in recorded order.
-    rng : numpy.random.Generator
-        Breaks ties.
-    """
+def _conformal_p_values(baseline: FloatArray, scores: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return p-values `(n,)`: ranks of scores among all before them, ties broken at random; small for large scores."""
     seen = np.concatenate([baseline, scores])
     p = np.empty(len(scores))
     for i, score in enumerate(scores):
@@ -102,14 +84,8 @@ def conformal_p_values(baseline: FloatArray, scores: FloatArray, rng: np.random.
     return p
 
 
-def e_values(p: FloatArray) -> FloatArray:
-    """Return e-values of p-values: the power bets `k p^(k - 1)` averaged over k in (0, 1) (Vovk and Wang 2021).
-
-    Parameters
-    ----------
-    p : (n,) array
-        p-values.
-    """
+def _e_values(p: FloatArray) -> FloatArray:
+    """Return e-values of p-values: the power bets `k p^(k - 1)` averaged over k in (0, 1) (Vovk and Wang 2021)."""
     q = np.clip(p, SMALLEST_P, 1.0 - 1e-6)
     log = np.log(q)
     bets: FloatArray = (1.0 - q + q * log) / (q * log**2)
@@ -122,18 +98,13 @@ class Ageing:
 
     Parameters
     ----------
-    ageing : bool
-        Whether the scores grow beyond chance: the 95 % interval of the slope lies above zero.
-    slope, slope95 : float and pair
-        Growth of the score in one unit of time, and its interval.
-    limit : float
-        Score at which the model is called worn out.
+    ageing : bool, whether the scores grow beyond chance: the 95 % interval of the slope lies above zero
+    slope, slope95 : float and pair, growth of the score in one unit of time, and its interval
+    limit : float, score at which the model is called worn out
     remaining : float or None
         Time from the newest log until the line reaches the limit; 0 when it has; None when the model does not age.
-    remaining95 : pair or None
-        Its interval; the upper end is infinite when the data do not exclude that ageing stops.
-    level : float
-        Of the line at the newest log.
+    remaining95 : pair or None, its interval; the upper end is infinite when the data do not exclude that ageing stops
+    level : float, of the line at the newest log
     """
 
     ageing: bool
@@ -152,16 +123,11 @@ def estimate_ageing(
 
     Parameters
     ----------
-    baseline, scores : (b,) and (n,) arrays
-        As for the sequential test.
-    ages : (n,) array
-        Time since the fit.
-    logs : (n,) array
-        Which log a score comes from.
-    limit : float
-        Worn out means this many times the baseline's mean.
-    rng : numpy.random.Generator
-        Draws the bootstrap's samples.
+    baseline, scores : (b,) and (n,) arrays, as for the sequential test
+    ages : (n,) array, time since the fit
+    logs : (n,) array, which log a score comes from
+    limit : float, worn out means this many times the baseline's mean
+    rng : numpy.random.Generator, draws the bootstrap's samples
 
     Raises
     ------

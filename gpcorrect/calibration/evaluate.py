@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from gpcorrect.calibration.cartesian import CommandCorrector
+from gpcorrect.calibration.dataset import HoldOut, held_out
 from gpcorrect.calibration.fit import FitResult, fit_model
 from gpcorrect.calibration.history import HeldOut, PartErrors
 from gpcorrect.calibration.joints import JointCorrector
 from gpcorrect.calibration.metrics import spread
 from gpcorrect.calibration.settings import FitSettings
-from gpcorrect.calibration.split import HoldOut, held_out
 from gpcorrect.calibration.task import Corrector, Measured
 from gpcorrect.cleaning import CleaningReport, Pair, require_segments
 from gpcorrect.errors import LogError
@@ -62,13 +62,13 @@ class Evaluation:
         """What a reader must know before using the model: parts where learning did not beat the simplest remedy."""
         clean = self.clean
         sentences = list(self.first)
-        for name, unit, columns, scale in self.corrector.parts(clean.raw.shape[1]):
-            before, after = (scale * _rmse(errors[:, columns]) for errors in (clean.registered, clean.corrected))
+        for part in self.corrector.parts(clean.raw.shape[1]):
+            before, after = (spread(part.sizes(errors))["rmse"] for errors in (clean.registered, clean.corrected))
             if after >= before > 0:
                 remedy = "registration" if self.corrector.METHODS[1] == "rigid" else "a fixed offset"
                 sentences.append(
-                    f"on held-out trajectories the learned part does not lessen the {name} error (RMSE "
-                    f"{before:.3g} {unit} after {remedy}, {after:.3g} {unit} corrected): record more motion"
+                    f"on held-out trajectories the learned part does not lessen the {part.name} error (RMSE "
+                    f"{before:.3g} {part.unit} after {remedy}, {after:.3g} {part.unit} corrected): record more motion"
                 )
         return tuple(sentences)
 
@@ -152,18 +152,12 @@ def run_experiment(
 
     Parameters
     ----------
-    log : CalibrationLog
-        Holds the task's signals.
-    settings : FitSettings, optional
-        What differs from the defaults.
-    task : type
-        A subclass of :class:`Corrector`.
-    holdout : float
-        Fraction of the units to measure on; 0 for none.
-    by : HoldOut
-        What is held out whole.
-    shuffle : bool
-        Hold out random units, not the last ones.
+    log : CalibrationLog, holds the task's signals
+    settings : FitSettings, optional, what differs from the defaults
+    task : type, A subclass of :class:`Corrector`
+    holdout : float, fraction of the units to measure on; 0 for none
+    by : HoldOut, what is held out whole
+    shuffle : bool, hold out random units, not the last ones
     progress : Progress, optional
 
     Raises
@@ -218,10 +212,8 @@ def evaluate_model(
 
     Parameters
     ----------
-    corrector : Corrector
-        Of any task.
-    log : CalibrationLog
-        n samples of the task's signals, on one clock.
+    corrector : Corrector, of any task
+    log : CalibrationLog, n samples of the task's signals, on one clock
     cleaning : CleaningReport, optional
         Which of the measured samples count as clean; classified by the training's thresholds without it.
     held : (n,) mask, optional
@@ -259,10 +251,8 @@ def part_errors(corrector: Corrector, measured: Measured) -> tuple[PartErrors, .
 
     Parameters
     ----------
-    corrector : Corrector
-        That was measured.
-    measured : Measured
-        Its errors.
+    corrector : Corrector, that was measured
+    measured : Measured, its errors
     """
     return tuple(
         PartErrors(method, part.name, part.unit, **spread(part.sizes(measured.of(method))))
@@ -277,8 +267,7 @@ def position_reductions(evaluation: Evaluation | None) -> dict[str, Any]:
 
     Parameters
     ----------
-    evaluation : Evaluation or None
-        Of a position estimator; nothing is returned without any.
+    evaluation : Evaluation or None, of a position estimator; nothing is returned without any
     """
     if evaluation is None:
         return {}
@@ -291,7 +280,3 @@ def position_reductions(evaluation: Evaluation | None) -> dict[str, Any]:
         "sd_reduction": 100.0 * (1.0 - estimated["sd_mm"] / raw["sd_mm"]),
         "rms_reduction_beyond_rigid": 100.0 * (1.0 - estimated["rms_mm"] / rigid["rms_mm"]),
     }
-
-
-def _rmse(errors: Any) -> float:
-    return float(np.sqrt(np.nanmean((errors**2).sum(axis=1)))) if np.isfinite(errors).any() else 0.0

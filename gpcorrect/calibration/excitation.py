@@ -29,8 +29,7 @@ def direction_named(name: str) -> Direction:
 
     Parameters
     ----------
-    name : str
-        Such as "J1", "J2-J3" or "J2-3".
+    name : str, such as "J1", "J2-J3" or "J2-3"
 
     Raises
     ------
@@ -49,10 +48,8 @@ def zigzag(direction: Direction, sparsity: int, limits: FloatArray, *, as_publis
 
     Parameters
     ----------
-    direction : str
-        Joints along which the stripes run.
-    sparsity : int
-        n of the sparsity 1/n: stripes lie 1/n of the block's side apart.
+    direction : str, joints along which the stripes run
+    sparsity : int, n of the sparsity 1/n: stripes lie 1/n of the block's side apart
     limits : (3, 2) array
         Lowest and highest position of each joint, rad or m. One joint moves within +-r / (2 sqrt 3) of the middle of
         its range r, two within +-sqrt 2 r / (2 sqrt 3), three within +-r / 2.
@@ -83,27 +80,20 @@ def zigzag(direction: Direction, sparsity: int, limits: FloatArray, *, as_publis
         low, high = PUBLISHED_REACH
         turned[:, 0] = (turned[:, 0] + 0.5 - low) / (high - low) - 0.5
     else:
-        turned = (2.0 * HALF_SIDE) * _stripes(sparsity) @ rotation_to(direction).T
+        turned = (2.0 * HALF_SIDE) * _stripes(sparsity) @ _rotation_to(direction).T
     corners: FloatArray = centre + reach * turned
     return corners
 
 
-def rotation_to(direction: Direction) -> FloatArray:
-    """Rotation `(3, 3)` that takes the first axis to the direction, and the stack of stripes along.
-
-    Parameters
-    ----------
-    direction : str
-        Joints along which the stripes run.
-    """
+def _rotation_to(direction: Direction) -> FloatArray:
+    """Rotation `(3, 3)` that takes the first axis to the direction, and the stack of stripes along."""
     along = np.array([f"J{i}" in direction.split("-") for i in (1, 2, 3)], dtype=np.float64)
     first = along / np.linalg.norm(along)
     # The next axis lies in the plane of two of the joints, so that a double direction turns within its own plane.
     still = int(np.argmin(along)) if along.sum() < 3 else 2
     third = np.eye(3)[still] - first[still] * first
     third /= np.linalg.norm(third)
-    rotation: FloatArray = np.column_stack([first, np.cross(third, first), third])
-    return rotation
+    return np.column_stack([first, np.cross(third, first), third])
 
 
 def _stripes(sparsity: int) -> FloatArray:
@@ -123,10 +113,8 @@ class TimedPath:
 
     Parameters
     ----------
-    time : (n,) array
-        s from 0.
-    q : (n, dof) array
-        rad or m.
+    time : (n,) array, s from 0
+    q : (n, dof) array, rad or m
     """
 
     time: FloatArray
@@ -143,14 +131,10 @@ def timed(corners: FloatArray, speed: FloatArray, rate_hz: float, ramp: float = 
 
     Parameters
     ----------
-    corners : (m, dof) array
-        rad or m.
-    speed : (dof,) array
-        Highest speed of each joint, rad/s or m/s.
-    rate_hz : float
-        Samples a second.
-    ramp : float
-        Seconds of constant acceleration at both ends of each stretch.
+    corners : (m, dof) array, rad or m
+    speed : (dof,) array, highest speed of each joint, rad/s or m/s
+    rate_hz : float, samples a second
+    ramp : float, seconds of constant acceleration at both ends of each stretch
 
     Raises
     ------
@@ -195,14 +179,10 @@ def random_sinusoids(
 
     Parameters
     ----------
-    limits : (dof, 2) array
-        rad or m.
-    speed : (dof,) array
-        Highest speeds.
-    seconds, rate_hz : float
-        Length and rate.
-    rng : numpy.random.Generator
-        Of periods, phases and amplitudes.
+    limits : (dof, 2) array, rad or m
+    speed : (dof,) array, highest speeds
+    seconds, rate_hz : float, length and rate
+    rng : numpy.random.Generator, of periods, phases and amplitudes
     """
     middle, half = limits.mean(axis=1), np.ptp(limits, axis=1) / 2
     if not (seconds * rate_hz >= 2 and (half > 0).all()):
@@ -226,14 +206,10 @@ def random_sweeps(
 
     Parameters
     ----------
-    limits : (dof, 2) array
-        rad or m.
-    slow, fast : (dof,) arrays
-        Lowest and highest speed of a sweep.
-    seconds, rate_hz : float
-        Length and rate.
-    rng : numpy.random.Generator
-        Of ends and speeds.
+    limits : (dof, 2) array, rad or m
+    slow, fast : (dof,) arrays, lowest and highest speed of a sweep
+    seconds, rate_hz : float, length and rate
+    rng : numpy.random.Generator, of ends and speeds
     """
     if not (
         seconds * rate_hz >= 2 and (np.ptp(limits, axis=1) > 0).all() and (slow > 0).all() and (slow <= fast).all()

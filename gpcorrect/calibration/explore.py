@@ -15,9 +15,10 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.calibration.cartesian import CommandCorrector
 from gpcorrect.calibration.learners import GPMap
+from gpcorrect.calibration.poses import inverse_reference_twists
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import SharedPredictor
-from gpcorrect.types import FloatArray, IntArray
+from gpcorrect.types import FloatArray, IntArray, PoseSignal
 
 CANDIDATES = 1500  # bounds the covariance of candidates and so the time of a proposal; chosen by hand
 TASK_POINTS = 400  # likewise
@@ -30,12 +31,9 @@ class Proposal:
 
     Parameters
     ----------
-    positions : (n, 3) array
-        Metres.
-    quaternions : (n, 4) array or None
-        wxyz; None for a position-only model.
-    twists : (n, 6) or (n, 3) array or None
-        m/s and rad/s; None for a model without velocity.
+    positions : (n, 3) array, metres
+    quaternions : (n, 4) array or None, wxyz; None for a position-only model
+    twists : (n, 6) or (n, 3) array or None, m/s and rad/s; None for a model without velocity
     remaining : (n,) array
         Fraction of today's uncertainty (variance that more data can take away) in the task region that is left after
         each of them and those before.
@@ -55,10 +53,8 @@ def propose(
     Parameters
     ----------
     corrector : CommandCorrector
-    count : int
-        At least 1.
-    rng : numpy.random.Generator
-        Draws the candidates.
+    count : int, at least 1
+    rng : numpy.random.Generator, draws the candidates
     task : (t, d) array, optional
         Features of the task region, as `log_samples` gives them; the training region by default.
 
@@ -105,12 +101,8 @@ class _Covariance:
 
         Parameters
         ----------
-        part : SharedPredictor
-            Of outputs with one kernel.
-        candidates : (k, d) array
-            Features of what may be measured.
-        task : (t, d) array
-            Features of the task region.
+        part : SharedPredictor, of outputs with one kernel
+        candidates, task : (k, d) and (t, d) arrays, features of what may be measured and of the task region
         """
         explained, basis = part.explained.mean(axis=0), part.basis[: part.projection.shape[1]]
         w_own, w_task = (part.kernel(X, basis) @ part.projection.T for X in (candidates, task))
@@ -130,8 +122,7 @@ class _Covariance:
 
         Parameters
         ----------
-        index : int
-            Which candidate was observed.
+        index : int, which candidate was observed
         """
         spread = max(float(self.own[index, index]), 0.0) + self.noise
         column, reach = self.own[:, index] / spread, self.task[:, index]
@@ -157,23 +148,16 @@ def _candidates(corrector: CommandCorrector, known: FloatArray, rng: np.random.G
         columns: IntArray = np.array(group)
         drawn[:, columns] = known[rng.integers(len(known), size=CANDIDATES)][:, columns]
     drawn += JITTER * rng.standard_normal(drawn.shape)
-    inside: FloatArray = np.clip(drawn, known.min(axis=0), known.max(axis=0))
-    return inside
+    return np.clip(drawn, known.min(axis=0), known.max(axis=0))
 
 
 def _proposal(corrector: CommandCorrector, X: FloatArray, remaining: FloatArray) -> Proposal:
     """From features back to poses and twists in the observer's frame."""
     position, rotations, twist = corrector.features.inverse(X)
-    rigid = corrector.rigid
-    if rotations is None:
-        back = (position - rigid.t) @ rigid.R_position
-        moved = None if twist is None else twist @ rigid.R_position
-        return Proposal(back, None, moved, remaining)
-    seen = rigid.R_left.T @ rotations @ (rigid.R_right.T)
-    arm = seen @ rigid.offset
-    back = (position - rigid.t) @ rigid.R_position - arm
-    moved = None
+    quaternion = None if rotations is None else se3.quaternion_from_matrix(rotations)
+    poses = corrector.rigid.inverse(PoseSignal(position, quaternion))
     if twist is not None:
-        angular = twist[:, 3:] @ rigid.R_left
-        moved = np.hstack([twist[:, :3] @ rigid.R_position - np.cross(angular, arm), angular])
-    return Proposal(back, se3.quaternion_from_matrix(seen), moved, remaining)
+        size = twist.shape[1]
+        padded = np.hstack([twist, np.zeros((len(X), 6 - size))])
+        twist = inverse_reference_twists(corrector.rigid, poses, padded)[:, :size]
+    return Proposal(poses.position, poses.quaternion, twist, remaining)

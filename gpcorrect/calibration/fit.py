@@ -11,13 +11,12 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gpcorrect.calibration.cartesian import CommandCorrector
-from gpcorrect.calibration.dataset import Layout, Samples
+from gpcorrect.calibration.dataset import Layout, Samples, folds_of
 from gpcorrect.calibration.domain import Bounds, Domain
 from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import learner_named
 from gpcorrect.calibration.settings import LIMITS, FitSettings
-from gpcorrect.calibration.split import folds_of
 from gpcorrect.calibration.task import Corrector, Outcome
 from gpcorrect.cleaning import CleaningReport, Reason, fit_cleaner
 from gpcorrect.gpr import IntervalCalibration, LeftOut, novelty_limit
@@ -34,20 +33,13 @@ class FitResult:
 
     Parameters
     ----------
-    corrector : Corrector
-        What was fitted.
-    log : CalibrationLog
-        What it was fitted to: the training log, on one clock.
-    clocks : Clocks
-        What was found of the outside sensor's clock, and what was done about it.
-    cleaning : CleaningReport
-        What was dropped from the training log, and why.
-    registration : Registration or None
-        Which rigid model was chosen, and why; None for a task without one.
-    n_train : int
-        Samples that were learned from.
-    remarks : tuple of str
-        What a person should know, in sentences.
+    corrector : Corrector, what was fitted
+    log : CalibrationLog, what it was fitted to: the training log, on one clock
+    clocks : Clocks, what was found of the outside sensor's clock, and what was done about it
+    cleaning : CleaningReport, what was dropped from the training log, and why
+    registration : Registration or None, which rigid model was chosen, and why; None for a task without one
+    n_train : int, samples that were learned from
+    remarks : tuple of str, what a person should know, in sentences
     """
 
     corrector: Any
@@ -66,10 +58,8 @@ def fit_corrector(
 
     Parameters
     ----------
-    log : CalibrationLog
-        Must hold `tracker_cp` (what was observed) and `setpoint_cp` (what was commanded).
-    settings : FitSettings, optional
-        What differs from the defaults.
+    log : CalibrationLog, must hold `tracker_cp` (what was observed) and `setpoint_cp` (what was commanded)
+    settings : FitSettings, optional, what differs from the defaults
     progress : Progress, optional
 
     Raises
@@ -94,12 +84,9 @@ def fit_model(
 
     Parameters
     ----------
-    log : CalibrationLog
-        Holds the task's signals.
-    settings : FitSettings, optional
-        What differs from the defaults.
-    task : type
-        A subclass of :class:`Corrector`.
+    log : CalibrationLog, holds the task's signals
+    settings : FitSettings, optional, what differs from the defaults
+    task : type, A subclass of :class:`Corrector`
     progress : Progress, optional
 
     Raises
@@ -141,7 +128,7 @@ def fit_model(
 
 def _learn_law(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> tuple[Law, LeftOut]:
     """Learn a law and calibrate its intervals on predictions of samples whose fold it was not fitted to."""
-    fitted = learner_named(settings.method).fit(samples, layout, settings, progress)
+    fitted = learner_named(settings.method)(samples, layout, settings, progress)
     X, target = samples.learnable()
     rows = samples.rows
     left_out = fitted.judged()

@@ -18,8 +18,7 @@ from gpcorrect.errors import DataError
 from gpcorrect.rigid import RigidModel, apply_residual, pose_residual
 from gpcorrect.types import FloatArray, PoseSignal
 
-SOLVED = 1e-7
-"""m and rad between a command and that of the pose found: far below any tracker."""
+SOLVED = 1e-7  # m and rad between a command and that of the pose found: far below any tracker
 STEPS = 30
 """An addition whose slope is below 0.6 is solved in them; where it is steeper, two poses may have one command: of a
 model of four reaches the poses that took 32 to 47 steps lay 49 to 113 mm off those that the commands were made for."""
@@ -32,10 +31,8 @@ def reached(corrector: CommandCorrector, commands: ArrayLike, twist: ArrayLike |
 
     Parameters
     ----------
-    corrector : CommandCorrector
-        Of the arm.
-    commands : (n, 7) or (n, 3) array
-        Commanded positions (m) and unit quaternions wxyz, base frame.
+    corrector : CommandCorrector, of the arm
+    commands : (n, 7) or (n, 3) array, commanded positions (m) and unit quaternions wxyz, base frame
     twist : (n, 6) array, optional
         Velocities of the commands, m/s and rad/s, base frame. Without them the arm is taken as at rest, and answers are
         marked.
@@ -59,7 +56,7 @@ def reached(corrector: CommandCorrector, commands: ArrayLike, twist: ArrayLike |
             f" and {np.count_nonzero(~np.isfinite(moving))} numbers that are not finite.",
             hint="vx vy vz in m/s and wx wy wz in rad/s of every command.",
         )
-    target = PoseSignal(rows[:, :3], rows[:, 3:] if rows.shape[1] > 3 else None)
+    target = queries.poses_of(rows)
     rigid, poses = corrector.rigid, corrector.rigid.inverse(target)
     corrector.trained.refuse_far(poses.position)
     for _ in range(STEPS):

@@ -41,14 +41,10 @@ class HeldOut:
 
     Parameters
     ----------
-    samples, trajectories : int
-        How many were measured on.
-    errors : tuple of PartErrors
-        A row for each method and part, the corrected method's last.
-    coverage95 : float
-        Fraction of the errors inside their 95 % intervals.
-    in_domain : float
-        Fraction of the samples inside the training region.
+    samples, trajectories : int, how many were measured on
+    errors : tuple of PartErrors, A row for each method and part, the corrected method's last
+    coverage95 : float, fraction of the errors inside their 95 % intervals
+    in_domain : float, fraction of the samples inside the training region
     """
 
     samples: int
@@ -69,18 +65,12 @@ class Step:
 
     Parameters
     ----------
-    what : str
-        "fit", "update" or "rezero".
-    date : str
-        UTC, ISO 8601, to the second.
-    command : str
-        Command line of the process, as a shell would take it.
-    versions : mapping
-        Of the packages that can change numbers, and of Python, by name.
-    source, sha256 : str
-        Name of the data, and the SHA-256 of their files (empty for data that came from no file).
-    held_out : HeldOut or None
-        Errors on what was held out; None where nothing was.
+    what : str, "fit", "update" or "rezero"
+    date : str, UTC, ISO 8601, to the second
+    command : str, command line of the process, as a shell would take it
+    versions : mapping, of the packages that can change numbers, and of Python, by name
+    source, sha256 : str, name of the data, and the SHA-256 of their files (empty for data that came from no file)
+    held_out : HeldOut or None, errors on what was held out; None where nothing was
     """
 
     what: str
@@ -97,10 +87,8 @@ def step_now(what: str, log: CalibrationLog) -> Step:
 
     Parameters
     ----------
-    what : str
-        "fit", "update" or "rezero".
-    log : CalibrationLog
-        What it learns from.
+    what : str, "fit", "update" or "rezero"
+    log : CalibrationLog, what it learns from
     """
     return Step(what, now(), command_line(), versions(), log.name, log.digest)
 
@@ -126,8 +114,7 @@ def last_measured(history: tuple[Step, ...]) -> HeldOut | None:
 
     Parameters
     ----------
-    history : tuple of Step
-        Oldest first.
+    history : tuple of Step, oldest first
     """
     return next((step.held_out for step in reversed(history) if step.held_out is not None), None)
 
@@ -167,8 +154,7 @@ def check_summary(summary: Mapping[str, Any]) -> None:
 
     Parameters
     ----------
-    summary : mapping
-        As :meth:`Corrector.info` gives it; an empty one says nothing.
+    summary : mapping, as :meth:`Corrector.info` gives it; an empty one says nothing
 
     Raises
     ------

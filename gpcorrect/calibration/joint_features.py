@@ -25,8 +25,7 @@ FeatureKind = Literal["position", "velocity", "acceleration", "effort", "memory"
 
 LADDER = (0.02, 0.1, 0.3)
 """Radii of single plays beside the coupled one, in units of half the joints' ranges; chosen by hand on dvrk_random."""
-LAGS = 4
-"""Time constants of creep and drag, evenly spaced in their logarithm; chosen by hand."""
+LAGS = 4  # time constants of creep and drag, evenly spaced in their logarithm; chosen by hand
 SHORTEST_LAG, LONGEST_LAG = 2.0, 60.0
 """Usual steps, and s, between which they lie: below, a lag is the velocity; above, an arm rests before it has settled;
 chosen by hand."""
@@ -37,12 +36,9 @@ CLEARLY = 0.9
 """Fraction of a joint's squared error without lags or accelerations that it must come under with them. On six machines
 of bench/joint_foreign.py and three real ones they come under .85 where they act. At .95 another one had lags, and 1.6
 times the error, and joints 4 and 6 of the real pick-and-place had 3 and 4 % less."""
-SLACK = 0.05
-"""Half ranges that a joint must turn back by to show its slack; chosen by hand."""
-FEWEST_TURNS = 8
-"""Of the slack from one side to the other, to distinguish it from position and effort; chosen by hand."""
-MOVING = 0.05
-"""Of a joint's highest speed: below it the joint rests; chosen by hand."""
+SLACK = 0.05  # half ranges that a joint must turn back by to show its slack; chosen by hand
+FEWEST_TURNS = 8  # of the slack from one side to the other, to distinguish it from position and effort; chosen by hand
+MOVING = 0.05  # of a joint's highest speed: below it the joint rests; chosen by hand
 LEAST_SPEEDS = 1.5
 """Ratio of faster to slower motion, to separate what grows with speed from what does not; chosen by hand."""
 PLAIN, REMEMBERED, SLOW, OTHERS = 1e-5, 1e-2, 0.1, 0.3
@@ -55,20 +51,14 @@ class JointFeatures:
 
     Parameters
     ----------
-    kinds : tuple of str
-        Which columns, in this order.
-    centre, half : (d,) arrays
-        Middle and half of the range of each joint in training, rad or m.
-    play : CoupledPlay or None
-        The coupled play of `memory`.
-    lags : (t,) array
-        Time constants of `lags`, s.
-    n_state : int
-        Columns of `state`.
+    kinds : tuple of str, which columns, in this order
+    centre, half : (d,) arrays, middle and half of the range of each joint in training, rad or m
+    play : CoupledPlay or None, the coupled play of `memory`
+    lags : (t,) array, time constants of `lags`, s
+    n_state : int, columns of `state`
     used : (k,) int array
         Which of all columns are used, because the training motion shows their effect apart from others'.
-    rates : (r,) array
-        Times over which the changes of velocities are taken for `acceleration`, s.
+    rates : (r,) array, times over which the changes of velocities are taken for `acceleration`, s
     """
 
     kinds: tuple[FeatureKind, ...]
@@ -93,14 +83,10 @@ class JointFeatures:
 
         Parameters
         ----------
-        kinds : sequence of str
-            Which features.
-        path : JointPath
-            n samples of d joints.
-        errors : (n, m) array
-            What the slack is to explain; NaN where unknown.
-        rows : (k,) int array
-            Samples that may be learned from.
+        kinds : sequence of str, which features
+        path : JointPath, n samples of d joints
+        errors : (n, m) array, what the slack is to explain; NaN where unknown
+        rows : (k,) int array, samples that may be learned from
 
         Raises
         ------
@@ -151,24 +137,16 @@ class JointFeatures:
 
         Parameters
         ----------
-        q : (..., d) array
-            Joints, rad or m.
+        q : (..., d) array, joints, rad or m
         """
-        path: FloatArray = (q - self.centre) / self.half
-        return path
+        return (q - self.centre) / self.half
 
     def transform(self, path: JointPath) -> FloatArray:
         """Return features `(n, k)` of a path; rows with a missing number are NaN.
 
         Parameters
         ----------
-        path : JointPath
-            n samples.
-
-        Raises
-        ------
-        DataError
-            The path has other joints or state than the training, or lacks efforts.
+        path : JointPath, n samples
         """
         self._check(path)
         return np.hstack([self._columns(kind, path) for kind in self.kinds])[:, self.used]
@@ -199,8 +177,7 @@ class JointFeatures:
 
         Parameters
         ----------
-        numbers : sequence of int
-            Of the d joints, counted from 1.
+        numbers : sequence of int, of the d joints, counted from 1
         """
         why = {"velocity": "always moves at one speed", "memory": "hardly turns back"}
         used, start, sentences = set(self.used.tolist()), 0, []
@@ -221,10 +198,8 @@ class JointFeatures:
 
         Parameters
         ----------
-        scaled : (..., d) array
-            Joints in units of half their ranges.
-        effort : (..., d) array or None
-            As logged.
+        scaled : (..., d) array, joints in units of half their ranges
+        effort : (..., d) array or None, as logged
         """
         if self.n_lagged == 1:
             return scaled
@@ -315,12 +290,9 @@ def law_penalties(features: JointFeatures, targets: int, owned: bool) -> FloatAr
 
     Parameters
     ----------
-    features : JointFeatures
-        With k columns.
-    targets : int
-        m.
-    owned : bool
-        Whether each target is the error of the joint of its number.
+    features : JointFeatures, with k columns
+    targets : int, m
+    owned : bool, whether each target is the error of the joint of its number
     """
     kinds, owners = features.origins
     penalties = np.full((len(kinds), targets), PLAIN)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,18 +23,12 @@ class JointPath:
 
     Parameters
     ----------
-    time : (n,) array
-        s.
-    new : (n,) mask
-        Where an unbroken path begins.
-    q : (n, d) array
-        Joints, rad or m; NaN where missing.
-    velocity : (n, d) array
-        Of `q`, from the sample before: what a stream knows too.
-    effort : (n, d) array or None
-        Reported efforts, N m or N.
-    state : (n, k) array or None
-        All that the log holds of the robot at each moment.
+    time : (n,) array, s
+    new : (n,) mask, where an unbroken path begins
+    q : (n, d) array, joints, rad or m; NaN where missing
+    velocity : (n, d) array, of `q`, from the sample before: what a stream knows too
+    effort : (n, d) array or None, reported efforts, N m or N
+    state : (n, k) array or None, all that the log holds of the robot at each moment
     """
 
     time: FloatArray
@@ -52,14 +46,10 @@ def joint_path(
 
     Parameters
     ----------
-    time : (n,) array
-        s.
-    session : (n,) int array
-        Homing or day.
-    q : (n, d) array
-        rad or m.
-    effort, state : (n, d) and (n, k) arrays or None
-        As logged.
+    time : (n,) array, s
+    session : (n,) int array, homing or day
+    q : (n, d) array, rad or m
+    effort, state : (n, d) and (n, k) arrays or None, as logged
     """
     new = path_starts(time, session, np.asarray(np.isfinite(q).all(axis=1)))
     step = np.diff(time, prepend=time[:1])
@@ -68,13 +58,26 @@ def joint_path(
     return JointPath(time, new, q, velocity, effort, state)
 
 
+def logged_path(log: CalibrationLog, q: FloatArray, effort: FloatArray | None, state: FloatArray | None) -> JointPath:
+    """Return the path of joints of a log; in static poses every row is a path of its own, at rest.
+
+    Parameters
+    ----------
+    log : CalibrationLog, n samples
+    q, effort, state : (n, d), (n, d) and (n, k) arrays, see :func:`joint_path`
+    """
+    path = joint_path(log.time, log.session, q, effort, state)
+    if not log.static:
+        return path
+    return replace(path, new=np.ones(len(log), dtype=bool), velocity=np.zeros(path.q.shape))
+
+
 def usual_steps(path: JointPath) -> tuple[float, float]:
     """Return the usual and the shortest step between samples of a path, s; 1 where there are none.
 
     Parameters
     ----------
-    path : JointPath
-        n samples.
+    path : JointPath, n samples
     """
     step = np.diff(path.time)[~path.new[1:]]
     return (float(np.median(step)), float(np.percentile(step, 1))) if step.size else (1.0, 1.0)
@@ -85,15 +88,8 @@ def joint_signal(log: CalibrationLog, name: str) -> FloatArray:
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
-    name : str
-        Of the signal.
-
-    Raises
-    ------
-    LogError
-        It is missing, or its numbers are too large for rad and m.
+    log : CalibrationLog, n samples
+    name : str, of the signal
     """
     values: FloatArray | None = getattr(log, name)
     if values is None:
@@ -126,15 +122,8 @@ def state_columns(log: CalibrationLog, extra: Sequence[str] | None = None) -> tu
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
-    extra : sequence of str, optional
-        Extra columns that belong to the state; all complete ones when None.
-
-    Raises
-    ------
-    LogError
-        An extra column is not in the log.
+    log : CalibrationLog, n samples
+    extra : sequence of str, optional, extra columns that belong to the state; all complete ones when None
     """
     parts: list[tuple[str, FloatArray | None]] = [(name, getattr(log, name)) for name in JOINT_SIGNALS]
     if log.setpoint_jp is not None and log.measured_jp is not None:

@@ -8,13 +8,14 @@ is wrong there and back, and the error that this leaves was in the training too.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.calibration.aim import Aim
 from gpcorrect.calibration.arm_kinematics import ArmKinematics
-from gpcorrect.calibration.dataset import Layout, Samples
+from gpcorrect.calibration.dataset import Layout, Samples, folds_of
 from gpcorrect.calibration.domain import Bounds
 from gpcorrect.calibration.joints import JointCorrector
 from gpcorrect.calibration.law import Law
@@ -23,7 +24,6 @@ from gpcorrect.calibration.learners.learner import cross_predicted
 from gpcorrect.calibration.one_pose import command
 from gpcorrect.calibration.pose_samples import WORTH_IT, changes, changes_text
 from gpcorrect.calibration.settings import LIMITS, FitSettings
-from gpcorrect.calibration.split import folds_of
 from gpcorrect.calibration.task import LearnLaw, Outcome
 from gpcorrect.calibration.training_motion import TrainingMotion
 from gpcorrect.cleaning import FittedCleaner
@@ -31,7 +31,7 @@ from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError, DegenerateError
 from gpcorrect.gpr import IntervalCalibration, LeftOut
 from gpcorrect.rigid import apply_residual, pose_residual
-from gpcorrect.types import CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
 
 SAME_BRANCH = 1.0
 """rad or m that a command and its pose may be apart in joints: more is another branch of the inverse. By hand."""
@@ -50,15 +50,59 @@ model of where it arrives is not believed. On a planted play, where four fifths 
 
 
 @dataclass(frozen=True, eq=False)
+class PoseJoints:
+    """Samples of a log of poses, in the joints of its arm; NaN where there are none.
+
+    Parameters
+    ----------
+    log : CalibrationLog, n samples of joints: the next two, as set points and as what was seen from outside
+    asked, wanted : (n, d) arrays, joints of commands and of references, rad or m
+    reference, command : PoseSignal, the poses
+    """
+
+    log: CalibrationLog
+    asked: FloatArray
+    wanted: FloatArray
+    reference: PoseSignal
+    command: PoseSignal
+
+    @classmethod
+    def of(cls, log: CalibrationLog, pair: tuple[PoseSignal, PoseSignal], kinematics: ArmKinematics) -> Self:
+        """Return the samples of a log.
+
+        Parameters
+        ----------
+        log : CalibrationLog, n samples
+        pair : two PoseSignal, their references and commands
+        kinematics : ArmKinematics, of the arm
+        """
+        wanted, asked = (kinematics.inverse(poses) for poses in pair)
+        wanted[~(np.abs(wanted - asked) <= SAME_BRANCH).all(axis=1)] = np.nan
+        joints = CalibrationLog(
+            time=log.time,
+            trajectory=log.trajectory,
+            session=log.session,
+            setpoint_jp=asked,
+            external_jp=wanted,
+            meta=LogMeta(joint_types=kinematics.chain.joint_types),
+            name=log.name,
+        )
+        return cls(joints, asked, wanted, *pair)
+
+    @property
+    def known(self) -> BoolArray:
+        """Which samples `(n,)` have joints of a reference."""
+        return np.asarray(np.isfinite(self.wanted).all(axis=1))
+
+
+@dataclass(frozen=True, eq=False)
 class JointRoute:
     """What was learned of an arm's kinematics and of its joints: how paths and streams of poses are answered.
 
     Parameters
     ----------
-    kinematics : ArmKinematics
-        From poses to joints and back.
-    joints : JointCorrector
-        From desired joints to commanded ones.
+    kinematics : ArmKinematics, from poses to joints and back
+    joints : JointCorrector, from desired joints to commanded ones
     intervals : IntervalCalibration
         Of poses: errors of joints go together, so that intervals of joints say too little of those of poses.
     aim : Aim or None
@@ -95,17 +139,12 @@ class JointRoute:
 
         Parameters
         ----------
-        kinematics : ArmKinematics
-            Of the log.
-        log : CalibrationLog
-            n complete samples.
-        pair : two PoseSignal
-            Their references and commands, with orientation.
-        cleaner : FittedCleaner
-            What rejected the others.
+        kinematics : ArmKinematics, of the log
+        log : CalibrationLog, n complete samples
+        pair : two PoseSignal, their references and commands, with orientation
+        cleaner : FittedCleaner, what rejected the others
         settings : FitSettings
-        learn_law : callable
-            See :meth:`Corrector.learn`.
+        learn_law : callable, see :meth:`Corrector.learn`
         alone : LeftOut, optional
             Of a law of the poses alone. A linear law of the joints that comes nowhere near it ends the learning: the
             joints are not where this arm misses, and a Gaussian process after it takes most of the fit to say so.
@@ -116,25 +155,22 @@ class JointRoute:
             The log's joints cannot be learned from, or promise nothing.
         """
         kinematics = kinematics.reaching(pair[0])
-        joints = joints_of(log, pair, kinematics)
-        asked, wanted = joints.setpoint_jp, joints.external_jp
-        assert asked is not None
-        assert wanted is not None
+        joints = PoseJoints.of(log, pair, kinematics)
 
         def promising(samples: Samples, layout: Layout) -> tuple[Law, LeftOut]:
-            if alone is not None and samples.target.shape[1] == asked.shape[1]:
+            if alone is not None and samples.target.shape[1] == joints.asked.shape[1]:
                 first = cross_predicted(
                     lambda s: PolynomialMap.fit(*s.learnable(), 1, layout.penalties), samples, LIMITS.folds
                 )
                 rows = samples.rows
-                moved = kinematics.carried(pair[0][rows], wanted[rows], asked[rows] - first.errors)
-                change = changes(replace(first, errors=pose_residual(moved, pair[1][rows])), alone)
+                commanded = joints.asked[rows] - first.errors
+                moved = kinematics.carried(joints.reference[rows], joints.wanted[rows], commanded)
+                change = changes(replace(first, errors=pose_residual(moved, joints.command[rows])), alone)
                 if change.mean() > HOPELESS:
                     raise DegenerateError(f"a linear law of them promises too little, {changes_text(change)}.")
             return learn_law(samples, layout)
 
         own = replace(settings, direction="command", features=(), input_signal="setpoint_jp", end_to_end=False)
-        known = np.asarray(np.isfinite(wanted).all(axis=1))
         anywhere = np.full(kinematics.chain.dof, np.inf)  # poses are looked at where they come in
         motion = TrainingMotion(-anywhere, anywhere, np.ones(kinematics.chain.dof), np.nan)
 
@@ -142,33 +178,21 @@ class JointRoute:
             assert isinstance(outcome.corrector, JointCorrector)
             return replace(outcome.corrector, trained=motion)
 
-        outcome = JointCorrector.learn(joints, known, cleaner, own, promising)
+        outcome = JointCorrector.learn(joints.log, joints.known, cleaner, own, promising)
         route = cls(kinematics, corrector_of(outcome), IntervalCalibration(np.ones(6)))
         first = route.commands(joints, outcome.samples, outcome.left_out)
-        route, left_out = route.calibrated(joints, pair, outcome.samples, outcome.left_out, first)
+        route, left_out = route.calibrated(joints, outcome.samples, outcome.left_out, first)
         if alone is None or changes(left_out, alone).mean() <= -WORTH_IT:
-            back = JointCorrector.learn(
-                joints, known, cleaner, replace(own, direction="estimate", features=REACHED), learn_law
-            )
+            own = replace(own, direction="estimate", features=REACHED)
+            back = JointCorrector.learn(joints.log, joints.known, cleaner, own, learn_law)
             reached = corrector_of(back)
-            aim = Aim.learn(reached, reached.view.wide(back.left_out.errors), joints, first)
-            aimed = replace(route, aim=aim).calibrated(joints, pair, outcome.samples, outcome.left_out, first)
+            aim = Aim.learn(reached, reached.view.wide(back.left_out.errors), joints.log, first)
+            aimed = replace(route, aim=aim).calibrated(joints, outcome.samples, outcome.left_out, first)
             if changes(aimed[1], left_out).mean() <= AWAY:
                 route, left_out = aimed
         return route, replace(outcome, left_out=left_out, interval95=route.intervals.interval95(left_out.std))
 
-    def samples(self, joints: CalibrationLog) -> Samples:
-        """Return samples as the law of joints sees them.
-
-        Parameters
-        ----------
-        joints : CalibrationLog
-            From :func:`joints_of`.
-        """
-        assert joints.external_jp is not None
-        return self.joints.samples(joints, np.asarray(np.isfinite(joints.external_jp).all(axis=1)))
-
-    def commands(self, joints: CalibrationLog, samples: Samples, left_out: LeftOut) -> FloatArray:
+    def commands(self, joints: PoseJoints, samples: Samples, left_out: LeftOut) -> FloatArray:
         """Return commands `(n, d)` found for the reached joints of a log: left-out ones where there are any.
 
         Parameters
@@ -176,45 +200,29 @@ class JointRoute:
         joints, samples, left_out
             As for :meth:`calibrated`.
         """
-        wanted, asked = joints.external_jp, joints.setpoint_jp
-        assert asked is not None
-        assert wanted is not None
-        found = self.joints.correct_path(wanted, joints.time, sessions=joints.session.tolist()).joints
-        assert found is not None
-        known = np.isfinite(left_out.errors).all(axis=1)
+        answer = self.joints.correct_path(joints.wanted, joints.log.time, sessions=joints.log.session.tolist())
+        assert answer.joints is not None
+        known, found = np.isfinite(left_out.errors).all(axis=1), answer.joints
         cells = np.ix_(samples.rows[known], self.joints.view.moving)
-        found[cells] = asked[cells] - left_out.errors[known]
+        found[cells] = joints.asked[cells] - left_out.errors[known]
         return found
 
     def calibrated(
-        self,
-        joints: CalibrationLog,
-        pair: tuple[PoseSignal, PoseSignal],
-        samples: Samples,
-        left_out: LeftOut,
-        first: FloatArray,
+        self, joints: PoseJoints, samples: Samples, left_out: LeftOut, first: FloatArray
     ) -> tuple[JointRoute, LeftOut]:
         """Return the route with intervals that hold for left-out samples as poses, and what it leaves of these.
 
         Parameters
         ----------
-        joints : CalibrationLog
-            n samples, from :func:`joints_of`.
-        pair : two PoseSignal
-            Their references and commands.
-        samples : Samples
-            The same as the law of joints sees them.
-        left_out : LeftOut
-            Of the law of joints, at those of them that it learns from.
-        first : (n, d) array
-            From :meth:`commands`.
+        joints : PoseJoints, n samples
+        samples : Samples, the same as the law of joints sees them
+        left_out : LeftOut, of the law of joints, at those of them that it learns from
+        first : (n, d) array, from :meth:`commands`
         """
-        assert joints.setpoint_jp is not None
-        assert joints.external_jp is not None
         rows, view = samples.rows, self.joints.view
         found = np.array(first)
         if self.aim is not None:
-            found, _ = self.aim.moved(joints.external_jp, first, joints.time, joints.session.tolist())
+            found, _ = self.aim.moved(joints.wanted, first, joints.log.time, joints.log.session.tolist())
         found[rows[~np.isfinite(left_out.errors).all(axis=1)]] = np.nan
         in_joints = Correction(
             position=None,
@@ -224,9 +232,9 @@ class JointRoute:
             interval95=np.full((len(rows), len(view.types)), np.nan),
             reasons=np.zeros(len(rows), dtype=np.int64),
         )
-        answer = self._as_poses(pair[0][rows], joints.external_jp[rows], in_joints)
+        answer = self._as_poses(joints.reference[rows], joints.wanted[rows], in_joints)
         assert answer.position is not None
-        errors = pose_residual(PoseSignal(answer.position, answer.quaternion), pair[1][rows])
+        errors = pose_residual(PoseSignal(answer.position, answer.quaternion), joints.command[rows])
         known = np.isfinite(errors).all(axis=1)
         trajectory = samples.trajectory[rows][known]
         intervals = IntervalCalibration.fit(errors[known], answer.std[known], trajectory, folds_of(trajectory))
@@ -238,32 +246,25 @@ class JointRoute:
 
         Parameters
         ----------
-        reference : PoseSignal
-            n poses in the command's frame.
-        bounds : Bounds
-            Largest believed correction of a pose.
+        reference : PoseSignal, n poses in the command's frame
+        bounds : Bounds, largest believed correction of a pose
         """
         time: FloatArray = np.arange(len(reference), dtype=np.float64) * self.joints.usual_step
         found = []
         for session in (np.arange(len(reference)), np.zeros(len(reference), dtype=np.int64)):
             answer = self.correct(reference, time, session, bounds)
             found.append(answer.numbers(answer.interval95))
-        answers: FloatArray = np.nan_to_num(np.vstack(found))
-        return answers
+        return np.nan_to_num(np.vstack(found))
 
     def correct(self, reference: PoseSignal, time: FloatArray, session: IntArray, bounds: Bounds) -> Correction:
         """Return what to command along a path of reference poses; NaN where the arm comes not near.
 
         Parameters
         ----------
-        reference : PoseSignal
-            n poses in the command's frame.
-        time : (n,) array
-            s.
-        session : (n,) int array
-            Homing or day.
-        bounds : Bounds
-            Largest believed correction of a pose.
+        reference : PoseSignal, n poses in the command's frame
+        time : (n,) array, s
+        session : (n,) int array, homing or day
+        bounds : Bounds, largest believed correction of a pose
         """
         q, sessions = self.kinematics.inverse(reference), session.tolist()
         in_joints = self.joints.correct_path(q, time, sessions=sessions)
@@ -273,9 +274,9 @@ class JointRoute:
             in_joints = replace(in_joints, joints=moved).because(Reason.OUTSIDE, beyond)
         return self._as_poses(reference, q, in_joints, bounds)
 
-    def stream(self) -> RouteStream:
+    def stream(self) -> _RouteStream:
         """Return a stream of the joints of poses."""
-        return RouteStream(self)
+        return _RouteStream(self)
 
     def as_pose(
         self, position: FloatArray, rotation: FloatArray, q: FloatArray, in_joints: Correction, largest: FloatArray
@@ -284,14 +285,10 @@ class JointRoute:
 
         Parameters
         ----------
-        position, rotation : (3,) and (3, 3) arrays
-            Reference pose.
-        q : (d,) array
-            Its joints.
-        in_joints : Correction
-            The answer in joints.
-        largest : (2,) array
-            Largest believed correction of a pose, m and rad.
+        position, rotation : (3,) and (3, 3) arrays, reference pose
+        q : (d,) array, its joints
+        in_joints : Correction, the answer in joints
+        largest : (2,) array, largest believed correction of a pose, m and rad
         """
         assert in_joints.joints is not None
         chain = self.kinematics.chain
@@ -324,14 +321,8 @@ class JointRoute:
         return Correction(position, quaternion, None, std, intervals, in_joints.reasons).because(Reason.LIMITED, cut)
 
 
-class RouteStream:
-    """Answers desired joints one after the other, as :meth:`JointRoute.correct` does along a path.
-
-    Parameters
-    ----------
-    route : JointRoute
-        What answers.
-    """
+class _RouteStream:
+    """Answers desired joints one after the other, as :meth:`JointRoute.correct` does along a path."""
 
     def __init__(self, route: JointRoute) -> None:
         self._first, self._aim = route.joints.stream(), None if route.aim is None else route.aim.stream()
@@ -347,15 +338,8 @@ class RouteStream:
 
         Parameters
         ----------
-        time : float
-            s, later than that of the sample before.
-        q : (d,) array
-            Desired joints, rad or m.
-
-        Raises
-        ------
-        DataError
-            Time does not advance; the past stays.
+        time : float, s, later than that of the sample before
+        q : (d,) array, desired joints, rad or m
         """
         answer = self._first.correct(time, q)
         if self._aim is None:
@@ -363,30 +347,3 @@ class RouteStream:
         assert answer.joints is not None
         moved, beyond = self._aim.moved(time, q, answer.joints)
         return replace(answer, joints=moved).because(Reason.OUTSIDE, beyond)
-
-
-def joints_of(log: CalibrationLog, pair: tuple[PoseSignal, PoseSignal], kinematics: ArmKinematics) -> CalibrationLog:
-    """Return samples as a log of joints: those commanded, and those of the references; NaN where there are none.
-
-    Parameters
-    ----------
-    log : CalibrationLog
-        n samples.
-    pair : two PoseSignal
-        Their references and commands.
-    kinematics : ArmKinematics
-        Of the arm.
-    """
-    reference, command = pair
-    asked = kinematics.inverse(command)
-    wanted = kinematics.inverse(reference)
-    wanted[~(np.abs(wanted - asked) <= SAME_BRANCH).all(axis=1)] = np.nan
-    return CalibrationLog(
-        time=log.time,
-        trajectory=log.trajectory,
-        session=log.session,
-        setpoint_jp=asked,
-        external_jp=wanted,
-        meta=LogMeta(joint_types=kinematics.chain.joint_types),
-        name=log.name,
-    )

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.joint_features import JointFeatures, law_penalties
-from gpcorrect.calibration.joint_path import JointPath, joint_path, joint_signal, state_columns
+from gpcorrect.calibration.joint_path import JointPath, joint_path, joint_signal, logged_path, state_columns
 from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.stops import Stops
 from gpcorrect.calibration.task import Corrector
@@ -30,22 +30,14 @@ class JointView:
 
     Parameters
     ----------
-    direction : str
-        "estimate" or "command".
-    input_signal : str
-        Signal of the robot's side.
-    types : str
-        "R" or "P" for each of the d joints.
-    moving : (k,) int array
-        Joints that moved in training; only these are corrected.
-    rest : (d,) array
-        Where each joint stood in the middle of training, rad or m.
-    features : JointFeatures
-        What the law looks at, of the k joints.
-    end_to_end : bool
-        Whether the law predicts the positions themselves, not their error.
-    stops : Stops or None
-        Where joints end, whatever is wrong with them besides; None where training showed no stop.
+    direction : str, "estimate" or "command"
+    input_signal : str, signal of the robot's side
+    types : str, "R" or "P" for each of the d joints
+    moving : (k,) int array, joints that moved in training; only these are corrected
+    rest : (d,) array, where each joint stood in the middle of training, rad or m
+    features : JointFeatures, what the law looks at, of the k joints
+    end_to_end : bool, whether the law predicts the positions themselves, not their error
+    stops : Stops or None, where joints end, whatever is wrong with them besides; None where training showed no stop
     """
 
     direction: Literal["estimate", "command"]
@@ -72,8 +64,7 @@ class JointView:
 
         Parameters
         ----------
-        q : (..., d) array
-            rad or m.
+        q : (..., d) array, rad or m
         """
         return q if self.stops is None else self.stops.reached(q)
 
@@ -82,24 +73,14 @@ class JointView:
 
         Parameters
         ----------
-        log : CalibrationLog
-            n samples.
-        keep : (n,) mask
-            Samples that are not rejected.
-        needs_truth : bool
-            Whether what is to come out must be logged.
-
-        Raises
-        ------
-        LogError, DataError
-            A signal is missing or cannot be right, or the log has other joints.
+        log : CalibrationLog, n samples
+        keep : (n,) mask, samples that are not rejected
+        needs_truth : bool, whether what is to come out must be logged
         """
         source, truth = directed(log, self.input_signal, self.direction, needs_truth=needs_truth)
         if source.shape[1] != len(self.types):
             raise DataError(f"the model knows {len(self.types)} joints, the log has {source.shape[1]}.")
-        inside = self.reached(source)
-        path = logged_path(log, inside, self.moving, self.direction, self.features.kinds)
-        error = None if truth is None else error_of(inside, truth, self.stops, self.direction)[:, self.moving]
+        path, error = path_and_error(log, source, truth, self.stops, self.moving, self.direction, self.features.kinds)
         return source, self.samples(path, log.trajectory, log.session, error, keep)
 
     def samples(
@@ -109,14 +90,10 @@ class JointView:
 
         Parameters
         ----------
-        path : JointPath
-            n samples of k joints.
-        trajectory, session : (n,) int arrays
-            As in the log.
-        error : (n, k) array or None
-            What is to be added; None where unknown.
-        keep : (n,) mask
-            Samples that may be learned from where they are complete.
+        path : JointPath, n samples of k joints
+        trajectory, session : (n,) int arrays, as in the log
+        error : (n, k) array or None, what is to be added; None where unknown
+        keep : (n,) mask, samples that may be learned from where they are complete
         """
         X = self.features.transform(path)
         origin = path.q if self.end_to_end else np.zeros(path.q.shape)
@@ -129,10 +106,8 @@ class JointView:
 
         Parameters
         ----------
-        q : (n, d) array
-            Joints that went in, rad or m.
-        prediction : Prediction
-            Of the k moving joints.
+        q : (n, d) array, joints that went in, rad or m
+        prediction : Prediction, of the k moving joints
         """
         joints = np.array(self.reached(q))
         joints[:, self.moving] += prediction.residual
@@ -154,8 +129,7 @@ class JointView:
 
         Parameters
         ----------
-        values : (n, k) array
-            Of the moving joints.
+        values : (n, k) array, of the moving joints
         """
         if len(self.moving) == len(self.types):
             return values
@@ -167,8 +141,7 @@ class JointView:
         """Return in which rows a joint that was still in training stands elsewhere."""
         still = np.setdiff1d(np.arange(len(self.types)), self.moving)
         limit = np.array([STILL[self.types[j]] for j in still])
-        strayed: BoolArray = np.asarray((np.abs(q[:, still] - self.rest[still]) > limit).any(axis=1))
-        return strayed
+        return np.asarray((np.abs(q[:, still] - self.rest[still]) > limit).any(axis=1))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -177,8 +150,7 @@ class ViewCorrector(Corrector):
 
     Parameters
     ----------
-    view : JointView or ToolView
-        What of a log goes in, and what is to come out.
+    view : JointView or ToolView, what of a log goes in, and what is to come out
     usual_step, shortest_step : float
         Time between samples in training, s: what a pause is, and over what a velocity is taken.
     """
@@ -192,8 +164,7 @@ class ViewCorrector(Corrector):
 
         Parameters
         ----------
-        log : CalibrationLog
-            n samples; needs no truth.
+        log : CalibrationLog, n samples; needs no truth
 
         Raises
         ------
@@ -215,8 +186,7 @@ class ViewCorrector(Corrector):
 
         Parameters
         ----------
-        n : int
-            Samples.
+        n : int, samples
         """
         features: JointFeatures = self.view.features
         q = features.centre + np.sin(np.linspace(0.0, 2.0 * np.pi, n))[:, None] * features.half
@@ -229,14 +199,10 @@ def joint_layout(features: JointFeatures, targets: int, *, owned: bool, inducing
 
     Parameters
     ----------
-    features : JointFeatures
-        With their columns.
-    targets : int
-        m.
-    owned : bool
-        Whether each target is the error of the joint of its number; each is then bounded by itself.
-    inducing : int
-        Points of the Gaussian process.
+    features : JointFeatures, with their columns
+    targets : int, m
+    owned : bool, whether each target is the error of the joint of its number; each is then bounded by itself
+    inducing : int, points of the Gaussian process
     """
     return Layout(
         targets=(1,) * targets if owned else (targets,),
@@ -256,68 +222,47 @@ def directed(
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
-    signal : str
-        Signal of the robot's side.
-    direction : str
-        "estimate" or "command".
-    needs_truth : bool
-        Whether what is to come out must be logged.
-
-    Raises
-    ------
-    LogError
-        A signal is missing, or the two have not the same joints.
+    log : CalibrationLog, n samples
+    signal : str, signal of the robot's side
+    direction : str, "estimate" or "command"
+    needs_truth : bool, whether what is to come out must be logged
     """
-    needed = needs_truth or direction == "command"
-    reported = joint_signal(log, signal) if needs_truth or direction == "estimate" else getattr(log, signal)
-    true = joint_signal(log, "external_jp") if needed or log.external_jp is not None else None
-    if true is not None and reported is not None and true.shape != reported.shape:
+    given, wanted = (signal, "external_jp") if direction == "estimate" else ("external_jp", signal)
+    source = joint_signal(log, given)
+    truth = joint_signal(log, wanted) if needs_truth or getattr(log, wanted) is not None else None
+    if truth is not None and truth.shape != source.shape:
         raise LogError(
-            f"{signal} has {reported.shape[1]} joints, external_jp {true.shape[1]}.",
+            f"{given} has {source.shape[1]} joints, {wanted} {truth.shape[1]}.",
             hint="Name the same joints in both: a mapping file given with --columns says which columns are which.",
             path=log.name,
         )
-    return (reported, true) if direction == "estimate" else (joint_signal(log, "external_jp"), reported)
+    return source, truth
 
 
-def error_of(source: FloatArray, truth: FloatArray, stops: Stops | None, direction: str) -> FloatArray:
-    """Return what is to be added to joints `(n, d)` that are back at their stops; commands are taken back there too.
-
-    Parameters
-    ----------
-    source, truth : (n, d) arrays
-        Joints that go in, and what is to come out, rad or m.
-    stops : Stops or None
-        Where joints end.
-    direction : str
-        "estimate" or "command".
-    """
-    return (truth if stops is None or direction == "estimate" else stops.reached(truth)) - source
-
-
-def logged_path(
-    log: CalibrationLog, source: FloatArray, moving: IntArray, direction: str, kinds: Sequence[str]
-) -> JointPath:
-    """Return the path of the moving joints; in static poses every row is a path of its own, at rest.
+def path_and_error(
+    log: CalibrationLog,
+    source: FloatArray,
+    truth: FloatArray | None,
+    stops: Stops | None,
+    moving: IntArray,
+    direction: str,
+    kinds: Sequence[str],
+) -> tuple[JointPath, FloatArray | None]:
+    """Return the path of k moving joints, back at their stops, and what is to be added to them `(n, k)`.
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
-    source : (n, d) array
-        Joints that go in, rad or m.
-    moving : (k,) int array
-        Joints that moved in training.
-    direction : str
-        "estimate" or "command".
-    kinds : sequence of str
-        Kinds of features; the whole state is read for "state" only.
+    log : CalibrationLog, n samples
+    source, truth : (n, d) arrays, joints that go in, and what is to come out, rad or m
+    stops : Stops or None, where joints end
+    moving : (k,) int array, joints that moved in training
+    direction : str, "estimate" or "command"; commands are taken back to their stops too
+    kinds : sequence of str, kinds of features; the whole state is read for "state" only
     """
+    if stops is not None:
+        source = stops.reached(source)
+        truth = truth if truth is None or direction == "estimate" else stops.reached(truth)
     effort = None if log.measured_jf is None or direction == "command" else log.measured_jf[:, moving]
     state = state_columns(log)[1] if "state" in kinds else None
-    path = joint_path(log.time, log.session, source[:, moving], effort, state)
-    if not log.static:
-        return path
-    return replace(path, new=np.ones(len(log), dtype=bool), velocity=np.zeros(path.q.shape))
+    path = logged_path(log, source[:, moving], effort, state)
+    return path, None if truth is None else (truth - source)[:, moving]

@@ -17,9 +17,8 @@ from gpcorrect.calibration.joint_view import (
     JointView,
     ViewCorrector,
     directed,
-    error_of,
     joint_layout,
-    logged_path,
+    path_and_error,
 )
 from gpcorrect.calibration.metrics import joint_errors, joint_units
 from gpcorrect.calibration.queries import checked_times, numbers
@@ -36,14 +35,10 @@ from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
 LEAST_MOTION = {"R": 1e-5, "P": 1e-6}
 """rad and m: a joint that moves less shows its encoder's noise; chosen by hand."""
-LEAST_RUN_SECONDS = 5.0
-"""s of motion from which zeros are set anew; chosen by hand."""
-MOVED_STDS = 1.0
-"""A mean error of this many standard deviations of the model is beyond chance; chosen by hand."""
-INDUCING = 500
-"""Points of the Gaussian process; chosen by hand."""
-CHECK_SAMPLES = 12
-"""Along the swing that a model file is checked with; chosen by hand."""
+LEAST_RUN_SECONDS = 5.0  # s of motion from which zeros are set anew; chosen by hand
+MOVED_STDS = 1.0  # a mean error of this many standard deviations of the model is beyond chance; chosen by hand
+INDUCING = 500  # points of the Gaussian process; chosen by hand
+CHECK_SAMPLES = 12  # along the swing that a model file is checked with; chosen by hand
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -52,10 +47,8 @@ class JointCorrector(ViewCorrector):
 
     Parameters
     ----------
-    view : JointView
-        Which joints go in, and what comes out.
-    offset : (k,) array
-        Mean error in training: what a fixed offset would have corrected.
+    view : JointView, which joints go in, and what comes out
+    offset : (k,) array, mean error in training: what a fixed offset would have corrected
     """
 
     KIND: ClassVar[str] = "gpcorrect.joint_corrector"
@@ -103,14 +96,10 @@ class JointCorrector(ViewCorrector):
 
         Parameters
         ----------
-        q : (n, d) array
-            rad or m; NaN where missing.
-        times : (n,) array
-            Seconds, increasing.
-        efforts : (n, d) array, optional
-            As logged, for models that look at them.
-        sessions : n int, optional
-            Where the number changes, the arm was homed or moved by hand.
+        q : (n, d) array, rad or m; NaN where missing
+        times : (n,) array, seconds, increasing
+        efforts : (n, d) array, optional, as logged, for models that look at them
+        sessions : n int, optional, where the number changes, the arm was homed or moved by hand
 
         Returns
         -------
@@ -188,8 +177,7 @@ class JointCorrector(ViewCorrector):
 
         Parameters
         ----------
-        log : CalibrationLog
-            Of one session.
+        log : CalibrationLog, of one session
 
         Raises
         ------
@@ -221,10 +209,8 @@ class JointCorrector(ViewCorrector):
 
         Parameters
         ----------
-        log : CalibrationLog
-            That was measured.
-        measured : Measured
-            Errors on it.
+        log : CalibrationLog, that was measured
+        measured : Measured, errors on it
 
         Returns
         -------
@@ -258,11 +244,11 @@ class JointCorrector(ViewCorrector):
             remarks.append(f"joint {', '.join(still)} never moves in training: left uncorrected")
         kinds = settings.features or _default_features(log, settings)
         stops = Stops.of(*((source, truth) if settings.direction == "estimate" else (truth, source)))
+        path, error = path_and_error(log, source, truth, stops, moving, settings.direction, kinds)
+        assert error is not None
         if stops is not None:
             remarks += stops.remarks(truth if settings.direction == "command" else source, types)
             source = stops.reached(source)
-        path = logged_path(log, source, moving, settings.direction, kinds)
-        error = error_of(source, truth, stops, settings.direction)[:, moving]
         features = JointFeatures.learn(kinds, path, error, rows)
         remarks += features.remarks((moving + 1).tolist())
         view = JointView(
@@ -302,13 +288,7 @@ def require_joints(log: CalibrationLog) -> None:
 
     Parameters
     ----------
-    log : CalibrationLog
-        To be learned from.
-
-    Raises
-    ------
-    LogError, DataError
-        Signals are missing or their units cannot be right, too few samples are complete, or no joint ever moves.
+    log : CalibrationLog, to be learned from
     """
     source, _, rows = _complete(log, _input_signal(log, FitSettings()), "estimate", np.ones(len(log), dtype=bool))
     _moving(source[rows], log.joint_types(source.shape[1]))
@@ -331,13 +311,7 @@ def _default_features(log: CalibrationLog, settings: FitSettings) -> tuple[str, 
 def _complete(
     log: CalibrationLog, signal: InputSignal, direction: str, keep: BoolArray
 ) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Return joints that go in and come out, and the rows of `keep` (n,) that are complete.
-
-    Raises
-    ------
-    LogError, DataError
-        Signals are missing, or too few samples are complete.
-    """
+    """Return joints that go in and come out, and the rows of `keep` (n,) that are complete."""
     source, truth = directed(log, signal, direction)
     assert truth is not None
     rows = np.flatnonzero(keep & np.isfinite(source).all(axis=1) & np.isfinite(truth).all(axis=1))
@@ -350,13 +324,7 @@ def _complete(
 
 
 def _moving(q: FloatArray, types: str) -> IntArray:
-    """Return the joints `(k,)` that move.
-
-    Raises
-    ------
-    DegenerateError
-        None does.
-    """
+    """Return the joints `(k,)` that move."""
     span = np.ptp(q, axis=0)
     moving: IntArray = np.flatnonzero([span[j] >= LEAST_MOTION[kind] for j, kind in enumerate(types)])
     if moving.size == 0:
@@ -368,14 +336,7 @@ def _moving(q: FloatArray, types: str) -> IntArray:
 
 
 def _remarks(log: CalibrationLog) -> tuple[str, ...]:
-    """Return what is odd but bearable about a log's joints, a sentence each.
-
-    Raises
-    ------
-    LogError
-        Most samples lie beyond the limits of the arm that the log names, or a trajectory runs from one session, a
-        homing, into the next.
-    """
+    """Return what is odd but bearable about a log's joints, a sentence each."""
     for number, rows in log.trajectories():
         sessions = np.unique(log.session[rows])
         if len(sessions) > 1:

@@ -24,8 +24,7 @@ class Prediction:
     ----------
     residual, std, interval95 : (n, m) arrays
         Correction, its standard deviation and the half width of its 95 % interval; NaN where an input is missing.
-    reasons : (n,) int array
-        :class:`gpcorrect.correction.Reason` codes.
+    reasons : (n,) int array, :class:`gpcorrect.correction.Reason` codes
     """
 
     residual: FloatArray
@@ -40,16 +39,12 @@ class Law:
 
     Parameters
     ----------
-    learned : a map of gpcorrect.calibration.learners
-        Mean, standard deviation and novelty of the residual.
+    learned : a map of gpcorrect.calibration.learners, Mean, standard deviation and novelty of the residual
     intervals : IntervalCalibration
         What turns standard deviations into 95 % intervals that hold on unseen trajectories.
-    domain : Domain
-        Region in which answers can be trusted.
-    bounds : Bounds
-        Largest believed residual.
-    zero : (m,) array
-        Added to every residual: where the zeros stand now.
+    domain : Domain, region in which answers can be trusted
+    bounds : Bounds, largest believed residual
+    zero : (m,) array, added to every residual: where the zeros stand now
     """
 
     learned: GPMap | PolynomialMap | NetworkMap | TreesMap | MixedMap | CableModel
@@ -71,8 +66,7 @@ class Law:
 
         Parameters
         ----------
-        samples : Samples
-            n samples.
+        samples : Samples, n samples
         """
         if not isinstance(self.learned, CableModel):
             return self.predict_rows(samples.X, samples.origin)
@@ -84,10 +78,8 @@ class Law:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs; a row with a NaN is missing.
-        origin : (n, m) array, optional
-            See :class:`Samples`.
+        X : (n, d) array, inputs; a row with a NaN is missing
+        origin : (n, m) array, optional, see :class:`Samples`
         """
         assert not isinstance(self.learned, CableModel)
         mean, std = np.full((2, len(X), len(self.zero)), np.nan)
@@ -101,10 +93,8 @@ class Law:
 
         Parameters
         ----------
-        x : (d,) array
-            Inputs.
-        origin : (m,) array
-            See :class:`Samples`.
+        x : (d,) array, inputs
+        origin : (m,) array, see :class:`Samples`
         """
         if not (isinstance(self.learned, GPMap) and np.isfinite(x).all()):
             return self.predict_rows(x[None], origin[None])
@@ -118,8 +108,7 @@ class Law:
 
         Parameters
         ----------
-        x : (d,) array
-            Inputs.
+        x : (d,) array, inputs
         """
         if isinstance(self.learned, GPMap):
             return self.learned.predictor.mean_std(x)
@@ -137,8 +126,7 @@ class Law:
 
         Parameters
         ----------
-        X : (..., d) array
-            Inputs.
+        X : (..., d) array, inputs
         """
         return self.domain.clip(X) if not isinstance(self.learned, CableModel) and self.learned.extrapolates else X
 
@@ -149,14 +137,10 @@ class Law:
 
         Parameters
         ----------
-        mean, std : (n, m) arrays
-            Of the learner.
-        novelty : (n,) array
-            Likewise.
-        X : (n, d) array
-            Inputs.
-        rows : (n,) mask
-            Rows that lack no number.
+        mean, std : (n, m) arrays, of the learner
+        novelty : (n,) array, likewise
+        X : (n, d) array, inputs
+        rows : (n,) mask, rows that lack no number
         """
         residual, cut = self.bounds.limit(mean)
         inside = self.domain.holds(X, novelty)
@@ -170,7 +154,6 @@ class Law:
 
         Parameters
         ----------
-        shift : (m,) array
-            m or rad.
+        shift : (m,) array, m or rad
         """
         return replace(self, zero=self.zero + shift)

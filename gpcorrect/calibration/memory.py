@@ -13,12 +13,12 @@ asked for. (States of the path that a tracker saw drown in its noise where that 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from numba import njit
 
 from gpcorrect import se3
+from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.poses import rotations_of
 from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal, frozen_array
 
@@ -32,44 +32,12 @@ RIDGE = 1e-3  # of the samples, so that features that do not vary leave the syst
 
 
 @dataclass(frozen=True, eq=False)
-class History:
-    """Paths as the memory sees them, a row a sample: poses commanded, references asked for, and path `labels` (n,).
-
-    Both without orientation where the corrector has none.
-    """
-
-    command: PoseSignal
-    reference: PoseSignal
-    labels: IntArray
-
-    @classmethod
-    def of(cls, command: PoseSignal, reference: PoseSignal, labels: IntArray, *, orientation: bool) -> Self:
-        """Return the history, with orientations or without.
-
-        Parameters
-        ----------
-        command : PoseSignal
-            n commanded poses.
-        reference : PoseSignal
-            n reference poses.
-        labels : (n,) int array
-            Path of each sample.
-        orientation : bool
-            Whether orientations are part of the history.
-        """
-        if not orientation:
-            command, reference = PoseSignal(command.position), PoseSignal(reference.position)
-        return cls(command, reference, labels)
-
-
-@dataclass(frozen=True, eq=False)
 class MemoryMap:
     """From a path to its memory features, all within [-1, 1].
 
     Parameters
     ----------
-    radii : (h, k) array
-        Half widths of the slacks in the tool's position, m, and its turns about its own axes, rad.
+    radii : (h, k) array, half widths of the slacks in the tool's position, m, and its turns about its own axes, rad
     """
 
     radii: FloatArray
@@ -77,23 +45,20 @@ class MemoryMap:
     def __post_init__(self) -> None:
         object.__setattr__(self, "radii", frozen_array(self.radii))
 
-    @property
-    def size(self) -> int:
-        """Number of features."""
-        return int(self.radii.size)
-
-    def transform(self, history: History) -> FloatArray:
+    def transform(self, command: PoseSignal, reference: PoseSignal, labels: IntArray) -> FloatArray:
         """Return features `(n, h k)` of paths; every label is a path of its own, which starts amid the slack.
 
         Parameters
         ----------
-        history : History
-            n samples.
+        command, reference : PoseSignal
+            n poses that were commanded, and the references asked for; orientations count where k is 6.
+        labels : (n,) int array, path of each sample
         """
-        left = play_states(steps(history.command), self.radii, history.labels)
+        commanded, asked = (steps(poses)[:, : self.radii.shape[1]] for poses in (command, reference))
+        left = play_states(commanded, self.radii, labels)
         states = np.zeros(left.shape)
-        states[1:] = advance(left[:-1], steps(history.reference)[1:, None], self.radii)
-        states[1:][history.labels[1:] != history.labels[:-1]] = 0.0
+        states[1:] = advance(left[:-1], asked[1:, None], self.radii)
+        states[1:][labels[1:] != labels[:-1]] = 0.0
         return self.features(states)
 
     def features(self, states: FloatArray) -> FloatArray:
@@ -101,11 +66,23 @@ class MemoryMap:
 
         Parameters
         ----------
-        states : (..., h, k) array
-            Lags inside the slacks, m or rad.
+        states : (..., h, k) array, lags inside the slacks, m or rad
         """
-        scaled: FloatArray = (states / self.radii).reshape(*states.shape[:-2], -1)
-        return scaled
+        return (states / self.radii).reshape(*states.shape[:-2], -1)
+
+
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """What was learned a second time, with memory features, for paths and streams.
+
+    Parameters
+    ----------
+    states : MemoryMap, from a path of reference poses to its memory features
+    law : Law, its inputs end in those features
+    """
+
+    states: MemoryMap
+    law: Law
 
 
 def advance(state: FloatArray, step: FloatArray, radii: FloatArray) -> FloatArray:
@@ -117,15 +94,11 @@ def advance(state: FloatArray, step: FloatArray, radii: FloatArray) -> FloatArra
 
     Parameters
     ----------
-    state : (..., h, k) array
-        Lags before the step.
-    step : (..., 1, k) or (k,) array
-        Step of each coordinate, m or rad.
-    radii : (h, k) array
-        Half widths of the slacks, m or rad.
+    state : (..., h, k) array, lags before the step
+    step : (..., 1, k) or (k,) array, step of each coordinate, m or rad
+    radii : (h, k) array, half widths of the slacks, m or rad
     """
-    moved: FloatArray = np.clip(state + step, -radii, radii)
-    return moved
+    return np.clip(state + step, -radii, radii)
 
 
 def play_states(steps: FloatArray, radii: FloatArray, labels: IntArray) -> FloatArray:
@@ -136,15 +109,11 @@ def play_states(steps: FloatArray, radii: FloatArray, labels: IntArray) -> Float
 
     Parameters
     ----------
-    steps : (n, k) array
-        Steps from the row before, m or rad.
-    radii : (h, k) array
-        Half widths of the slacks, m or rad.
-    labels : (n,) int array
-        Path of each row.
+    steps : (n, k) array, steps from the row before, m or rad
+    radii : (h, k) array, half widths of the slacks, m or rad
+    labels : (n,) int array, path of each row
     """
-    states: FloatArray = _followed(np.ascontiguousarray(steps), np.ascontiguousarray(radii), np.asarray(labels))
-    return states
+    return _followed(np.ascontiguousarray(steps), np.ascontiguousarray(radii), np.asarray(labels))
 
 
 @njit(cache=True)
@@ -159,24 +128,25 @@ def _followed(steps: FloatArray, radii: FloatArray, labels: IntArray) -> FloatAr
     return states
 
 
-def choose_memory(history: History, errors: FloatArray, folds: IntArray, known: BoolArray) -> MemoryMap:
+def choose_memory(
+    command: PoseSignal, reference: PoseSignal, labels: IntArray, errors: FloatArray, folds: IntArray
+) -> MemoryMap:
     """Choose radii by what they explain, at trajectories left out, of another model's errors.
 
     Parameters
     ----------
-    history : History
-        Training paths.
+    command, reference, labels
+        Training paths, see :meth:`MemoryMap.transform`.
     errors : (n, m) array
-        Errors of a model without memory at samples that it was not fitted to.
-    folds : (n,) array
-        Which samples are left out together.
-    known : (n,) mask
-        Where the errors are known.
+        Of a model without memory at samples that it was not fitted to, m of 6 with orientations; NaN where unknown.
+    folds : (n,) array, which samples are left out together
     """
+    known = np.isfinite(errors).all(axis=1)
     scaled = errors[known] / np.maximum(errors[known].std(axis=0), 1e-300)
-    half = _half_range(steps(history.command), history.labels)
+    half = _half_range(steps(command)[:, : errors.shape[1]], labels)
     maps = [MemoryMap(smallest * np.outer(LADDER, half)) for smallest in SMALLEST]
-    squares = [left_out_squares(m.transform(history)[known], scaled, folds[known]).mean() for m in maps]
+    features = [states.transform(command, reference, labels)[known] for states in maps]
+    squares = [left_out_squares(F, scaled, folds[known]).mean() for F in features]
     return maps[int(np.argmin(squares))]
 
 
@@ -197,8 +167,7 @@ def steps(poses: PoseSignal) -> FloatArray:
 
     Parameters
     ----------
-    poses : PoseSignal
-        n poses, in order; without orientation there are no turns.
+    poses : PoseSignal, n poses, in order; without orientation there are no turns
     """
     position, rotations = poses.position, rotations_of(poses)
     linear = np.diff(position, axis=0, prepend=position[:1])
@@ -213,12 +182,9 @@ def left_out_squares(F: FloatArray, Y: FloatArray, folds: IntArray, penalties: F
 
     Parameters
     ----------
-    F, Y : (n, d) and (n, m) arrays
-        Features and targets.
-    folds : (n,) int array
-        What is left out together.
-    penalties : (d,) array, optional
-        On squared weights, in units of the samples; the offset is free then.
+    F, Y : (n, d) and (n, m) arrays, features and targets
+    folds : (n,) int array, what is left out together
+    penalties : (d,) array, optional, on squared weights, in units of the samples; the offset is free then
     """
     A, total = np.hstack([F, np.ones((len(F), 1))]), np.zeros(Y.shape[1])
     ridge = np.full(A.shape[1], RIDGE) if penalties is None else np.append(penalties, 0.0)
@@ -238,14 +204,10 @@ def lag_step(behind: FloatArray, moved: FloatArray, step: float, constants: Floa
 
     Parameters
     ----------
-    behind : (t, d) array
-        By how much they were.
-    moved : (d,) array
-        What the signal moved by; where that is not known it is taken to have stood.
-    step : float
-        s.
-    constants : (t,) array
-        Time constants tau, s.
+    behind : (t, d) array, by how much they were
+    moved : (d,) array, what the signal moved by; where that is not known it is taken to have stood
+    step : float, s
+    constants : (t,) array, time constants tau, s
     """
     after = np.empty((len(constants), len(moved)))
     for t in range(len(constants)):
@@ -262,14 +224,10 @@ def lagged(signal: FloatArray, time: FloatArray, new: BoolArray, constants: Floa
 
     Parameters
     ----------
-    signal : (n, d) array
-        Positions or efforts; where one is not known, it is taken to have stood.
-    time : (n,) array
-        s.
-    new : (n,) mask
-        Where a path starts.
-    constants : (t,) array
-        Time constants tau, s.
+    signal : (n, d) array, positions or efforts; where one is not known, it is taken to have stood
+    time : (n,) array, s
+    new : (n,) mask, where a path starts
+    constants : (t,) array, time constants tau, s
     """
     n, d = signal.shape
     behind = np.zeros((n, len(constants), d))

@@ -7,8 +7,7 @@ import numpy as np
 from gpcorrect.types import FloatArray
 
 AXES = ("x", "y", "z")
-Z95 = 1.959964
-"""Half width of the central 95 % of a standard normal."""
+Z95 = 1.959964  # half width of the central 95 % of a standard normal
 
 JointErrors = list[dict[str, object]]
 Leaf = dict[str, float]
@@ -20,8 +19,7 @@ def spread(errors: FloatArray) -> Leaf:
 
     Parameters
     ----------
-    errors : (n,) array
-        In any unit.
+    errors : (n,) array, in any unit
     """
     size = np.abs(errors[np.isfinite(errors)])
     if size.size == 0:
@@ -46,8 +44,7 @@ def error_table(residual: FloatArray) -> ErrorTable:
 
     Parameters
     ----------
-    residual : (n, 6) array
-        m, then rad; NaN where not measured.
+    residual : (n, 6) array, m, then rad; NaN where not measured
     """
     table = {"position_mm": _by_axis(1e3 * residual[:, :3])}
     if np.isfinite(residual[:, 3:]).any():
@@ -60,16 +57,13 @@ def coverage(residual: FloatArray, half_width: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    residual : (n, k) array
-        Errors.
-    half_width : (n, k) array
-        Half widths of their intervals, same unit.
+    residual : (n, k) array, errors
+    half_width : (n, k) array, half widths of their intervals, same unit
     """
     known = np.isfinite(residual) & np.isfinite(half_width)
     inside = (np.abs(residual) <= half_width) & known
     count = known.sum(axis=0)
-    fraction: FloatArray = np.where(count > 0, inside.sum(axis=0) / np.maximum(count, 1), np.nan)
-    return fraction
+    return np.where(count > 0, inside.sum(axis=0) / np.maximum(count, 1), np.nan)
 
 
 def joint_units(types: str) -> tuple[list[str], FloatArray]:
@@ -77,15 +71,8 @@ def joint_units(types: str) -> tuple[list[str], FloatArray]:
 
     Parameters
     ----------
-    types : str
-        "R" or "P" for each joint.
+    types : str, "R" or "P" for each joint
 
-    Returns
-    -------
-    names : list of str
-        "deg" or "mm".
-    scale : (d,) array
-        Of one rad or m.
     """
     names = ["mm" if kind == "P" else "deg" for kind in types]
     return names, np.array([1e3 if kind == "P" else np.rad2deg(1.0) for kind in types])
@@ -96,10 +83,8 @@ def joint_errors(errors: FloatArray, types: str) -> JointErrors:
 
     Parameters
     ----------
-    errors : (n, d) array
-        rad or m.
-    types : str
-        "R" or "P" for each joint.
+    errors : (n, d) array, rad or m
+    types : str, "R" or "P" for each joint
     """
     names, scale = joint_units(types)
     return [{"joint": j + 1, "unit": names[j], **spread(errors[:, j] * scale[j])} for j in range(errors.shape[1])]

@@ -27,10 +27,8 @@ from gpcorrect.codec import pack, unpack
 from gpcorrect.errors import ArtifactError
 from gpcorrect.types import FloatArray
 
-SCHEMA = 6
-"""5: with the model's history. 6: with stops; memory and joints of poses are asked check queries too."""
-OLDEST = 4
-"""That is read: with where and how fast the training moved; files of before are fitted anew."""
+SCHEMA = 6  # 5: with the model's history. 6: with stops; memory and joints of poses are asked check queries too
+OLDEST = 4  # that is read: with where and how fast the training moved; files of before are fitted anew
 TASKS: dict[str, type[Corrector]] = {t.TASK: t for t in (CommandCorrector, JointCorrector, PositionEstimator)}
 SERVED = {
     "pose": "gpcorrect serve MODEL",
@@ -38,8 +36,7 @@ SERVED = {
     "tool_position": "gpcorrect vision evaluate MODEL LOG",
 }
 MADE = {"pose": "gpcorrect fit", "joints": "gpcorrect joint fit", "tool_position": "gpcorrect vision fit"}
-CHECK_TOLERANCE = 1e-7
-"""m and rad: far below any sensor, far above rounding between processors and precisions."""
+CHECK_TOLERANCE = 1e-7  # m and rad: far below any sensor, far above rounding between processors and precisions
 SLACK_BYTES = 1 << 20
 """By which an archive may unpack to more than it is long: models are stored, not compressed; chosen by hand."""
 
@@ -52,35 +49,22 @@ Header = dict[str, Any]
 
 
 def require_model_place(path: str | Path) -> None:
-    """Check, before the work, that a model file can be written, and replaces nothing but a model file.
+    """Refuse, before the work, a place that cannot be written, or where another file is than a model file.
 
     Parameters
     ----------
-    path : str or Path
-        The file to come.
-
-    Raises
-    ------
-    GpCorrectError
-        The folder cannot be written, or another file is there.
+    path : str or Path, the file to come
     """
     require_own(path, BEGINS, "model file")
 
 
 def save(corrector: Corrector, path: str | Path) -> None:
-    """Write the model file atomically.
+    """Write the model file atomically; raises as :func:`require_model_place`.
 
     Parameters
     ----------
-    corrector : Corrector
-        Of any task.
-    path : str or Path
-        File to write.
-
-    Raises
-    ------
-    GpCorrectError
-        The folder cannot be written, or what is there is no model file.
+    corrector : Corrector, of any task
+    path : str or Path, file to write
     """
     require_model_place(path)
     model, arrays = pack(corrector, "model")
@@ -107,10 +91,8 @@ def load(path: str | Path, kind: type[Any] = CommandCorrector) -> Any:
 
     Parameters
     ----------
-    path : str or Path
-        Model file.
-    kind : type
-        Task that it must be of; poses by default.
+    path : str or Path, model file
+    kind : type, task that it must be of; poses by default
 
     Raises
     ------
@@ -122,17 +104,11 @@ def load(path: str | Path, kind: type[Any] = CommandCorrector) -> Any:
 
 
 def load_any(path: str | Path) -> Any:
-    """Read a model file of whatever task; parameters and errors as for :func:`load`.
+    """Read a model file of whatever task; raises as :func:`load`.
 
     Parameters
     ----------
-    path : str or Path
-        Model file.
-
-    Raises
-    ------
-    ArtifactError
-        As for :func:`load`.
+    path : str or Path, model file
     """
     return load_with_hash(path)[0]
 
@@ -140,22 +116,12 @@ def load_any(path: str | Path) -> Any:
 def load_with_hash(path: str | Path, kind: type[Corrector] | None = None) -> tuple[Any, str]:
     """Return a model and the hash of the very bytes that it was built from, though the file be replaced meanwhile.
 
+    The hash is that of :func:`model_hash`; raises as :func:`load`.
+
     Parameters
     ----------
-    path : str or Path
-        Model file.
-    kind : type, optional
-        Task that it must be of; any by default.
-
-    Returns
-    -------
-    tuple
-        The model, and the SHA-256 as :func:`model_hash` returns it.
-
-    Raises
-    ------
-    ArtifactError
-        As for :func:`load`.
+    path : str or Path, model file
+    kind : type, optional, task that it must be of; any by default
     """
     content = _read(path)
     header, arrays = _parts(path, content)
@@ -190,13 +156,7 @@ def read_parts(path: str | Path) -> tuple[Header, Arrays]:
 
     Parameters
     ----------
-    path : str or Path
-        Model file.
-
-    Raises
-    ------
-    ArtifactError
-        As for :func:`load`.
+    path : str or Path, model file
     """
     return _parts(path, _read(path))
 
@@ -214,17 +174,11 @@ def _parts(path: str | Path, content: bytes) -> tuple[Header, Arrays]:
 
 
 def read_history(path: str | Path) -> tuple[Step, ...]:
-    """Return how a model was made, oldest step first, from its header alone; nothing of before it was kept.
+    """Return how a model was made, oldest step first, from its header alone; nothing in older files.
 
     Parameters
     ----------
-    path : str or Path
-        Model file.
-
-    Raises
-    ------
-    ArtifactError
-        As for :func:`load`.
+    path : str or Path, model file
     """
     header = _header_in(path, _unpacked(path, _read(path), only="header"))
     try:
@@ -239,8 +193,7 @@ def model_hash(path: str | Path) -> str:
 
     Parameters
     ----------
-    path : str or Path
-        Model file.
+    path : str or Path, model file
     """
     with Path(path).open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
@@ -251,8 +204,7 @@ def seal_of(header: Header) -> str:
 
     Parameters
     ----------
-    header : dict
-        JSON-able.
+    header : dict, JSON-able
     """
     text = json.dumps({name: value for name, value in header.items() if name != "seal"}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
@@ -264,9 +216,7 @@ def refused(path: str | Path, why: str) -> ArtifactError:
     Parameters
     ----------
     path : str or Path
-        Model file.
-    why : str
-        Reason, as a clause.
+    why : str, reason, as a clause
     """
     return ArtifactError(
         f"model file {path} is refused: {why}.", hint="Copy it again from its source, or fit the model again."

@@ -25,10 +25,8 @@ from gpcorrect.calibration.history import Step
 from gpcorrect.calibration.model_file import TASKS, load_with_hash, model_hash, read_history, refused
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
 
-SCHEMA = 1
-"""Of `store.json`."""
-LONGEST_HISTORY = 50
-"""Activations that can be rolled back; chosen by hand."""
+SCHEMA = 1  # of `store.json`
+LONGEST_HISTORY = 50  # activations that can be rolled back; chosen by hand
 HASH = re.compile("[0-9a-f]{64}")
 SHORTEST_PREFIX = 4
 """Hexadecimal digits of a hash that may stand for a model: 65,536 beginnings separate the models of one arm."""
@@ -54,23 +52,20 @@ class _State:
 class ModelStore:
     """The models of one arm.
 
+    What reads a store raises DataError where the folder holds another thing, or something of a newer version; what
+    changes it GpCorrectError where it cannot be written (the active model stays); what reads a model file ArtifactError
+    where that is refused.
+
     Parameters
     ----------
-    folder : path
-        Made at the first change.
+    folder : path, made at the first change
     """
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
 
     def models(self) -> tuple[Entry, ...]:
-        """Return the models, oldest first.
-
-        Raises
-        ------
-        DataError
-            The folder holds another thing, or something of a newer version.
-        """
+        """Return the models, oldest first."""
         return self._read().models
 
     def active(self, kind: str = "pose") -> Entry | None:
@@ -78,8 +73,7 @@ class ModelStore:
 
         Parameters
         ----------
-        kind : str
-            Task of the model.
+        kind : str, task of the model
         """
         history = self.history(kind)
         return history[-1] if history else None
@@ -89,8 +83,7 @@ class ModelStore:
 
         Parameters
         ----------
-        kind : str
-            Task of the models.
+        kind : str, task of the models
         """
         state = self._read()
         by_hash = {entry.hash: entry for entry in state.models}
@@ -107,11 +100,6 @@ class ModelStore:
         Parameters
         ----------
         paused : bool
-
-        Raises
-        ------
-        GpCorrectError
-            The store cannot be written.
         """
         with self._locked() as state:
             if state.paused != paused:
@@ -123,7 +111,6 @@ class ModelStore:
         Parameters
         ----------
         entry : Entry
-            Model of this store.
         """
         return self.folder / "models" / f"{entry.hash}.gpc"
 
@@ -133,7 +120,6 @@ class ModelStore:
         Parameters
         ----------
         entry : Entry
-            Model of this store.
         """
         try:
             return read_history(self.path(entry))
@@ -141,17 +127,11 @@ class ModelStore:
             return ()
 
     def find(self, name: str) -> Entry:
-        """Return the model of this name (the newest of several), or whose hash begins so.
+        """Return the model of this name (the newest of several), or whose hash begins so; a DataError without one.
 
         Parameters
         ----------
-        name : str
-            Name, or the beginning of a hash.
-
-        Raises
-        ------
-        DataError
-            There is none, or the beginning fits several.
+        name : str, or the beginning of a hash that fits no other
         """
         models = self.models()
         named = [entry for entry in models if entry.id == name]
@@ -169,19 +149,9 @@ class ModelStore:
 
         Parameters
         ----------
-        path : str or Path
-            Model file.
-        now : float
-            Time of arrival, s since 1970.
-        name : str
-            Name in the store; that of the file by default.
-
-        Raises
-        ------
-        ArtifactError
-            The file is refused.
-        GpCorrectError
-            The store cannot be written.
+        path : str or Path, model file
+        now : float, time of arrival, s since 1970
+        name : str, in the store; that of the file by default
         """
         model, digest = load_with_hash(path)
         entry = Entry(name or Path(path).stem, digest, model.TASK, now)
@@ -199,20 +169,14 @@ class ModelStore:
     def activate(self, entry: Entry, *, verified: bool = False, back: bool = False) -> None:
         """Make a model the active one of its kind; its file is verified and asked its check queries first.
 
+        Raises ArtifactError too where the model means another thing than the active one, which stays.
+
         Parameters
         ----------
         entry : Entry
         verified : bool
             Whether the caller has just read it, and compared it with the one it follows: then it is not read again.
-        back : bool
-            Whether the active model is given up for the one before it: the next one back is then an older one.
-
-        Raises
-        ------
-        ArtifactError
-            The file is refused, or the model means another thing than the active one, which stays.
-        GpCorrectError
-            The store cannot be written; the active model stays.
+        back : bool, whether the active model is given up for the one before it: the next one back is then an older one
         """
         if not verified:
             self._compared(entry)
@@ -235,17 +199,11 @@ class ModelStore:
             refuse_other_use(entry.id, new.info(), old.info())
 
     def rollback(self, kind: str = "pose") -> Entry:
-        """Make the model active again that was before the present one, and return it.
+        """Make the model active again that was before the present one, and return it; raises DataError without one.
 
         Parameters
         ----------
-        kind : str
-            Task of the model.
-
-        Raises
-        ------
-        DataError
-            There was none before.
+        kind : str, task of the model
         """
         before = self.previous(kind)
         self.verified(before)
@@ -257,8 +215,7 @@ class ModelStore:
 
         Parameters
         ----------
-        kind : str
-            Task of the model.
+        kind : str, task of the model
         """
         history = self.history(kind)
         if len(history) < 2:
@@ -273,12 +230,6 @@ class ModelStore:
         Parameters
         ----------
         entry : Entry
-            Model of this store.
-
-        Raises
-        ------
-        ArtifactError
-            The file is refused, or is not the one that was added.
         """
         path = self.path(entry)
         model, digest = load_with_hash(path, TASKS[entry.kind])
@@ -339,13 +290,7 @@ class ModelStore:
 
 
 def _check_state(state: _State) -> None:
-    """Refuse a state that :meth:`ModelStore._write` never wrote: names of files are made of what it says.
-
-    Raises
-    ------
-    ValueError
-        A model has no hash, name, task or time, or the history names another model or task.
-    """
+    """Refuse, with a ValueError, a state that was never written here: names of files are made of what it says."""
     tasks = {}
     for entry in state.models:
         texts = isinstance(entry.id, str) and isinstance(entry.hash, str) and HASH.fullmatch(entry.hash)
@@ -378,10 +323,8 @@ def refuse_other_use(name: str, new: Mapping[str, Any], old: Mapping[str, Any]) 
 
     Parameters
     ----------
-    name : str
-        What to call the new model.
-    new, old : mapping
-        Descriptions, as :meth:`gpcorrect.calibration.task.Corrector.info` gives them.
+    name : str, what to call the new model
+    new, old : mapping, descriptions, as :meth:`gpcorrect.calibration.task.Corrector.info` gives them
 
     Raises
     ------

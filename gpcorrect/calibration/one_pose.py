@@ -44,12 +44,9 @@ def frame(rigid: RigidModel, features: FeatureMap, memory: int = 0) -> Frame:
 
     Parameters
     ----------
-    rigid : RigidModel
-        From the observer's frame to the command's.
-    features : FeatureMap
-        Of poses and twists.
-    memory : int
-        Number of memory features.
+    rigid : RigidModel, from the observer's frame to the command's
+    features : FeatureMap, of poses and twists
+    memory : int, number of memory features
     """
     twist = (6 if features.has_orientation else 3) if features.uses_velocity else 0
     kind = np.array([ROTATIONS[features.rotation], twist], dtype=np.float64)
@@ -66,25 +63,19 @@ def inputs(
 
     Parameters
     ----------
-    pose : (7,) or (3,) array
-        Desired pose, observer's frame.
-    twist : (6,) array
-        m/s and rad/s, observer's frame.
-    memory : (h,) array
-        Memory features; none for a query without history.
+    pose : (7,) or (3,) array, desired pose, observer's frame
+    twist : (6,) array, m/s and rad/s, observer's frame
+    memory : (h,) array, memory features; none for a query without history
     f : Frame
-    region : (2, d) array
-        Lower and upper bounds of the inputs before the memory features.
+    region : (2, d) array, lower and upper bounds of the inputs before the memory features
 
     Returns
     -------
     good : bool
         Whether every number is below `LARGEST` and the quaternion a unit one; the rest means nothing otherwise.
-    position, rotation : (3,) and (3, 3) arrays
-        Of the reference; no rotation without a quaternion.
+    position, rotation : (3,) and (3, 3) arrays, of the reference; no rotation without a quaternion
     x : (d,) array
-    near : bool
-        Whether the inputs lie inside their bounds.
+    near : bool, whether the inputs lie inside their bounds
     """
     kind, moving = int(f.kind[0]), int(f.kind[1])
     turned = 0 if kind == NO_ROTATION else 6 if kind == COLUMNS else 3
@@ -132,12 +123,9 @@ def command(
 
     Parameters
     ----------
-    position, rotation : (3,) and (3, 3) arrays
-        Of the reference.
-    mean : (6,) or (3,) array
-        Residual, m and rad.
-    bounds : (2,) array
-        Longest believed residual: m and rad.
+    position, rotation : (3,) and (3, 3) arrays, of the reference
+    mean : (6,) or (3,) array, residual, m and rad
+    bounds : (2,) array, longest believed residual: m and rad
     """
     shift, cut = _shortened(mean[:3], bounds[0])
     if len(mean) > 3:
@@ -154,8 +142,7 @@ def matrix_from_quaternion(q: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    q : (4,) array
-        Unit quaternion wxyz.
+    q : (4,) array, unit quaternion wxyz
     """
     w, x, y, z = q[0], q[1], q[2], q[3]
     R = np.empty((3, 3))
@@ -171,8 +158,7 @@ def quaternion_from_matrix(R: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    R : (3, 3) array
-        Rotation matrix.
+    R : (3, 3) array, rotation matrix
     """
     q = np.empty(4)
     q[0], q[1] = 1 + R[0, 0] + R[1, 1] + R[2, 2], 1 + R[0, 0] - R[1, 1] - R[2, 2]
@@ -204,8 +190,7 @@ def matrix_from_rotvec(rotvec: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    rotvec : (3,) array
-        rad.
+    rotvec : (3,) array, rad
     """
     angle = _length(rotvec)
     q = np.empty(4)
@@ -222,8 +207,7 @@ def rotvec_from_matrix(R: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    R : (3, 3) array
-        Rotation matrix.
+    R : (3, 3) array, rotation matrix
     """
     q = quaternion_from_matrix(R)
     sine = _length(q[1:])

@@ -8,11 +8,9 @@ from typing import Self
 import numpy as np
 
 from gpcorrect.calibration.dataset import Layout, Samples, path_starts
-from gpcorrect.calibration.law import Law
-from gpcorrect.calibration.memory import History, MemoryMap, choose_memory
+from gpcorrect.calibration.memory import MemoryMap
 from gpcorrect.calibration.poses import observed_twists, pose_pair, reference_twists, rotations_of
 from gpcorrect.calibration.settings import JOINTS, LIMITS, MEMORY, FitSettings
-from gpcorrect.calibration.split import folds_of
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import FeatureMap, LeftOut
 from gpcorrect.rigid import Registration, RigidModel, pose_residual, register
@@ -20,36 +18,19 @@ from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, Pos
 
 INDUCING = 700
 """Points of the Gaussian process: within a tenth of 1500 points' error on simulated reaches (bench/gpr_choices.py)."""
-CHECK_QUERIES = 8
-"""Training queries that a model file asks again at load; chosen by hand."""
-WORTH_IT = 0.02
-"""Least fraction of the error that memory must take away not to be called useless; chosen by hand."""
-
-
-@dataclass(frozen=True, eq=False)
-class Memory:
-    """What was learned a second time, with memory features, for paths and streams.
-
-    Parameters
-    ----------
-    states : MemoryMap
-        From a path of reference poses to its memory features.
-    law : Law
-        Its inputs end in those features.
-    """
-
-    states: MemoryMap
-    law: Law
+CHECK_QUERIES = 8  # training queries that a model file asks again at load; chosen by hand
+WORTH_IT = 0.02  # least fraction of the error that memory must take away not to be called useless; chosen by hand
 
 
 @dataclass(frozen=True, eq=False)
 class PosePairs:
-    """The k samples of a log with both poses and a velocity: observed, commanded, twist, and their rows."""
+    """The k samples of a log with both poses and a velocity: their rows, and where among them a path begins."""
 
     observed: PoseSignal
     command: PoseSignal
     twist: FloatArray
     rows: IntArray
+    new: BoolArray
 
     @classmethod
     def of(cls, log: CalibrationLog, keep: BoolArray, velocity_step: float | None) -> Self:
@@ -57,17 +38,9 @@ class PosePairs:
 
         Parameters
         ----------
-        log : CalibrationLog
-            n samples.
-        keep : (n,) mask
-            Samples that are not rejected.
-        velocity_step : float or None
-            Step of the stencil, s; None takes five neighbouring samples.
-
-        Raises
-        ------
-        LogError
-            There are too few of them, or the log lacks a signal.
+        log : CalibrationLog, n samples
+        keep : (n,) mask, samples that are not rejected
+        velocity_step : float or None, step of the stencil, s; None takes five neighbouring samples
         """
         observed, commanded = pose_pair(log)
         twist = observed_twists(log, observed, keep, velocity_step)
@@ -79,7 +52,8 @@ class PosePairs:
                 hint="Look at what is wrong with the recording: gpcorrect validate LOG; or keep everything: --no-clean",
                 path=log.name,
             )
-        return cls(observed[rows], commanded[rows], twist[rows], rows)
+        new = path_starts(log.time[rows], log.session[rows], np.ones(len(rows), dtype=bool))
+        return cls(observed[rows], commanded[rows], twist[rows], rows, new)
 
     @property
     def check_queries(self) -> FloatArray:
@@ -95,15 +69,8 @@ class PosePairs:
 
         Parameters
         ----------
-        log : CalibrationLog
-            That the samples are of.
-        settings : FitSettings
-            Whether frames are registered, and whether the marker may be away from the tool tip.
-
-        Raises
-        ------
-        DegenerateError
-            The motion does not determine it.
+        log : CalibrationLog, that the samples are of
+        settings : FitSettings, whether frames are registered, and whether the marker may be away from the tool tip
         """
         if not settings.rigid:
             return Registration(RigidModel(), "the registration was switched off", (), None)
@@ -115,15 +82,8 @@ def features_of(log: CalibrationLog, settings: FitSettings) -> tuple[tuple[str, 
 
     Parameters
     ----------
-    log : CalibrationLog
-        To learn from.
-    settings : FitSettings
-        Kinds, where the user names them.
-
-    Raises
-    ------
-    DataError
-        There is no such kind, or two exclude each other.
+    log : CalibrationLog, to learn from
+    settings : FitSettings, Kinds, where the user names them
     """
     kinds = settings.features or (("pose",) if log.static else ("pose", "velocity"))
     if MEMORY in kinds and JOINTS in kinds:
@@ -136,14 +96,12 @@ def pose_layout(features: FeatureMap, states: MemoryMap | None) -> Layout:
 
     Parameters
     ----------
-    features : FeatureMap
-        Of poses and twists.
-    states : MemoryMap or None
-        Of the memory features behind them, if any.
+    features : FeatureMap, of poses and twists
+    states : MemoryMap or None, of the memory features behind them, if any
     """
     groups, width = features.groups, features.n_features
     if states is not None:
-        groups = (*groups, tuple(range(width, width + states.size)))
+        groups = (*groups, tuple(range(width, width + states.radii.size)))
     return Layout(
         targets=(3, 3) if features.has_orientation else (3,),
         inputs=groups,
@@ -162,74 +120,24 @@ def samples_of_poses(
 
     Parameters
     ----------
-    pairs : PosePairs
-        Complete samples.
-    log : CalibrationLog
-        n samples.
-    rigid : RigidModel
-        From the observer's frame to the command's.
-    features : FeatureMap
-        Of poses and twists.
-    states : MemoryMap or None
-        Of the memory features behind them, if any.
+    pairs : PosePairs, complete samples
+    log : CalibrationLog, n samples
+    rigid : RigidModel, from the observer's frame to the command's
+    features : FeatureMap, of poses and twists
+    states : MemoryMap or None, of the memory features behind them, if any
     """
     reference, rows, n = rigid.apply(pairs.observed), pairs.rows, len(log)
     moved = reference_twists(rigid, rotations_of(pairs.observed), pairs.twist)
     known = features.transform(reference.position, rotations_of(reference), moved)
-    new = path_starts(log.time[rows], log.session[rows], np.ones(len(rows), dtype=bool))
     if states is not None:
-        history = History.of(
-            pairs.command, reference, np.cumsum(new, dtype=np.int64), orientation=features.has_orientation
-        )
-        known = np.hstack([known, states.transform(history)])
+        known = np.hstack([known, states.transform(pairs.command, reference, np.cumsum(pairs.new, dtype=np.int64))])
     size = 6 if features.has_orientation else 3
-    X, target, begins, usable = (
-        np.full((n, known.shape[1]), np.nan),
-        np.full((n, size), np.nan),
-        *np.zeros((2, n), bool),
-    )
-    X[rows], begins[rows], usable[rows] = known, new, True
+    X, target = np.full((n, known.shape[1]), np.nan), np.full((n, size), np.nan)
+    begins, usable = np.zeros((2, n), dtype=bool)
+    X[rows], begins[rows], usable[rows] = known, pairs.new, True
     target[rows] = pose_residual(reference, pairs.command)[:, :size]
     nothing = np.zeros((n, size))
     return Samples(log.time, log.trajectory, log.session, begins, X, target, nothing, usable, np.zeros((n, 0)))
-
-
-def best_memory(
-    pairs: PosePairs, log: CalibrationLog, rigid: RigidModel, features: FeatureMap, left_out: LeftOut
-) -> MemoryMap:
-    """Return the memory that explains most of the errors that a law without memory leaves.
-
-    Parameters
-    ----------
-    pairs : PosePairs
-        k complete samples.
-    log : CalibrationLog
-        That they are of.
-    rigid : RigidModel
-        From the observer's frame to the command's.
-    features : FeatureMap
-        Of poses and twists.
-    left_out : LeftOut
-        Errors of the law without memory at the samples, each predicted without its own fold.
-    """
-    rows = pairs.rows
-    labels = np.cumsum(path_starts(log.time[rows], log.session[rows], np.ones(len(rows), dtype=bool)), dtype=np.int64)
-    history = History.of(pairs.command, rigid.apply(pairs.observed), labels, orientation=features.has_orientation)
-    known = np.asarray(np.isfinite(left_out.errors).all(axis=1))
-    return choose_memory(history, left_out.errors, folds_of(log.trajectory[rows]), known)
-
-
-def memory_remark(without: LeftOut, recalled: LeftOut) -> str:
-    """Return a sentence on how memory changed the errors at left-out training trajectories.
-
-    Parameters
-    ----------
-    without, recalled : LeftOut
-        Left-out errors of the laws without and with it.
-    """
-    change = changes(recalled, without)
-    verdict = "" if change.mean() <= -WORTH_IT else ": not worth its time here, features pose,velocity do as well"
-    return f"memory acts on the pose; {changes_text(change)}{verdict}"
 
 
 def changes(with_it: LeftOut, without: LeftOut) -> FloatArray:
@@ -237,8 +145,7 @@ def changes(with_it: LeftOut, without: LeftOut) -> FloatArray:
 
     Parameters
     ----------
-    with_it, without : LeftOut
-        Of two ways to answer the same log.
+    with_it, without : LeftOut, of two ways to answer the same log
     """
     sizes = [np.sqrt(np.nanmean(left_out.errors**2, axis=0)) for left_out in (with_it, without)]
     relative: FloatArray = (sizes[0] / sizes[1] - 1.0).reshape(-1, 3).mean(axis=1)
@@ -250,8 +157,7 @@ def changes_text(change: FloatArray) -> str:
 
     Parameters
     ----------
-    change : (1,) or (2,) array
-        Of position and rotation.
+    change : (1,) or (2,) array, of position and rotation
     """
     parts = zip(("position", "rotation"), change, strict=False)
     return "error at left-out trajectories " + ", ".join(f"{100 * value:+.0f} % in {name}" for name, value in parts)
@@ -262,15 +168,7 @@ def require_poses(log: CalibrationLog) -> None:
 
     Parameters
     ----------
-    log : CalibrationLog
-        To be learned from.
-
-    Raises
-    ------
-    LogError
-        A signal is missing, or too few samples have both poses and a velocity.
-    DegenerateError
-        The motion does not determine a registration.
+    log : CalibrationLog, to be learned from
     """
     pairs = PosePairs.of(log, np.ones(len(log), dtype=np.bool_), None)
     pairs.register(log, FitSettings(marker="none"))

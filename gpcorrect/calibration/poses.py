@@ -23,8 +23,7 @@ def rotations_of(signal: PoseSignal) -> FloatArray | None:
 
     Parameters
     ----------
-    signal : PoseSignal
-        n poses.
+    signal : PoseSignal, n poses
     """
     if signal.quaternion is None:
         return None
@@ -39,14 +38,10 @@ def observed_twists(log: CalibrationLog, signal: PoseSignal, keep: BoolArray, st
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
-    signal : PoseSignal
-        Its observed poses.
-    keep : (n,) mask
-        Samples that are not rejected.
-    step : float or None
-        Of the stencil, s.
+    log : CalibrationLog, n samples
+    signal : PoseSignal, its observed poses
+    keep : (n,) mask, samples that are not rejected
+    step : float or None, of the stencil, s
 
     Returns
     -------
@@ -66,12 +61,9 @@ def reference_twists(rigid: RigidModel, rotations: FloatArray | None, twist: Flo
 
     Parameters
     ----------
-    rigid : RigidModel
-        From the observer's frame to the command's.
-    rotations : (n, 3, 3) array or None
-        Of the observed poses.
-    twist : (n, 6) array
-        Of the observed poses, m/s and rad/s.
+    rigid : RigidModel, from the observer's frame to the command's
+    rotations : (n, 3, 3) array or None, of the observed poses
+    twist : (n, 6) array, of the observed poses, m/s and rad/s
     """
     linear, angular = twist[..., :3], twist[..., 3:]
     if rotations is not None and rigid.needs_orientation:
@@ -84,12 +76,9 @@ def inverse_reference_twists(rigid: RigidModel, poses: PoseSignal, twist: FloatA
 
     Parameters
     ----------
-    rigid : RigidModel
-        From the observer's frame to the command's.
-    poses : PoseSignal
-        n observed poses.
-    twist : (n, 6) array
-        Of the references, m/s and rad/s.
+    rigid : RigidModel, from the observer's frame to the command's
+    poses : PoseSignal, n observed poses
+    twist : (n, 6) array, of the references, m/s and rad/s
     """
     linear, angular = twist[:, :3] @ rigid.R_position, twist[:, 3:] @ rigid.R_left
     if poses.quaternion is not None and rigid.needs_orientation:
@@ -109,8 +98,7 @@ def pose_pair(log: CalibrationLog) -> tuple[PoseSignal, PoseSignal]:
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
+    log : CalibrationLog, n samples
 
     Raises
     ------
@@ -143,8 +131,7 @@ def stencil_step(log: CalibrationLog) -> float | None:
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
+    log : CalibrationLog, n samples
     """
     if log.tracker_cp is None or len(log) <= STRIDE:
         return None

@@ -17,15 +17,8 @@ def numbers(values: ArrayLike, what: str) -> FloatArray:
 
     Parameters
     ----------
-    values : array
-        None and NaN both mean that a number is missing.
-    what : str
-        What it is, for the message.
-
-    Raises
-    ------
-    DataError
-        They are no numbers, or rows of several lengths.
+    values : array, none and NaN both mean that a number is missing
+    what : str, what it is, for the message
     """
     try:
         return np.array(values, dtype=np.float64)
@@ -40,15 +33,8 @@ def pose_numbers(pose: ArrayLike, *, orientation: bool) -> FloatArray:
 
     Parameters
     ----------
-    pose : (7,) or (3,) array
-        m and unit quaternion wxyz.
-    orientation : bool
-        Whether the model corrects orientations.
-
-    Raises
-    ------
-    DataError
-        Wrong length.
+    pose : (7,) or (3,) array, m and unit quaternion wxyz
+    orientation : bool, whether the model corrects orientations
     """
     values = numbers(pose, "a pose")
     if values.shape != (POSE,) and (orientation or values.shape != (POSITION,)):
@@ -56,15 +42,14 @@ def pose_numbers(pose: ArrayLike, *, orientation: bool) -> FloatArray:
     return values
 
 
-def pose_rows(poses: PoseSignal) -> FloatArray:
-    """Return poses as `(n, 7)`, or `(n, 3)` without orientation.
+def poses_of(rows: FloatArray) -> PoseSignal:
+    """Return rows `(n, 7)`, or `(n, 3)` without orientation, as poses.
 
     Parameters
     ----------
-    poses : PoseSignal
-        n poses.
+    rows : (n, 7) or (n, 3) array, m and unit quaternions wxyz
     """
-    return poses.position if poses.quaternion is None else np.hstack([poses.position, poses.quaternion])
+    return PoseSignal(rows[:, :POSITION], rows[:, POSITION:] if rows.shape[1] > POSITION else None)
 
 
 def twist_numbers(twist: ArrayLike | None) -> FloatArray:
@@ -72,13 +57,7 @@ def twist_numbers(twist: ArrayLike | None) -> FloatArray:
 
     Parameters
     ----------
-    twist : (6,) or (3,) array, or None
-        m/s and rad/s.
-
-    Raises
-    ------
-    DataError
-        Wrong length.
+    twist : (6,) or (3,) array, or None, m/s and rad/s
     """
     if twist is None:
         return np.zeros(TWIST)
@@ -95,10 +74,8 @@ def bad_query(pose: FloatArray, twist: FloatArray) -> DataError:
 
     Parameters
     ----------
-    pose : (7,) or (3,) array
-        m and quaternion wxyz.
-    twist : (6,) array
-        m/s and rad/s.
+    pose : (7,) or (3,) array, m and quaternion wxyz
+    twist : (6,) array, m/s and rad/s
     """
     if not np.isfinite(twist).all():
         return DataError(
@@ -120,15 +97,8 @@ def checked_poses(poses: ArrayLike, *, orientation: bool) -> FloatArray:
 
     Parameters
     ----------
-    poses : (n, 7) or (n, 3) array
-        m and unit quaternions wxyz.
-    orientation : bool
-        Whether the model corrects orientations.
-
-    Raises
-    ------
-    DataError
-        Wrong length, not finite, absurdly far away, or a quaternion that is not a unit quaternion.
+    poses : (n, 7) or (n, 3) array, m and unit quaternions wxyz
+    orientation : bool, whether the model corrects orientations
     """
     values = numbers(poses, "poses")
     if values.ndim != 2 or values.shape[1] not in (POSITION, POSE):
@@ -163,15 +133,8 @@ def checked_times(times: ArrayLike, count: int) -> FloatArray:
 
     Parameters
     ----------
-    times : (count,) array
-        s.
-    count : int
-        Number of poses, or of joints' samples.
-
-    Raises
-    ------
-    DataError
-        No sample at all, wrong length, not finite, or not strictly increasing.
+    times : (count,) array, s
+    count : int, number of poses, or of joints' samples
     """
     values = numbers(times, "times")
     if not count:

@@ -23,45 +23,31 @@ class FitSettings:
 
     Parameters
     ----------
-    method : str
-        A learner of :data:`gpcorrect.calibration.LEARNERS`.
+    method : str, A learner of :data:`gpcorrect.calibration.LEARNERS`
     features : tuple of str
         What the learner sees; empty for the task's own choice. Poses: "pose" (or "euler": the angles of Mahler et al.
         2014), "velocity", "memory" or "joints" (which have a memory of their own; their own choice takes them where
         that helps). Joints and tool position: "position", "velocity", "acceleration", "effort",
         "memory", "lags", "state".
-    clean : bool
-        Reject faulty samples first.
-    cleaning : CleaningSettings
-        Limits of the cleaning.
-    time_offset : str
-        Clock of the outside sensor: "auto", "none", or seconds by which its stamps run ahead.
-    inducing : int or None
-        Points that the Gaussian process rests on; the task's own number when None.
+    clean : bool, reject faulty samples first
+    cleaning : CleaningSettings, limits of the cleaning
+    time_offset : str, clock of the outside sensor: "auto", "none", or seconds by which its stamps run ahead
+    inducing : int or None, points that the Gaussian process rests on; the task's own number when None
     search_samples : int or None
         Samples from which the Gaussian process learns its hyperparameters, which takes most of a fit; its own number
         when None.
-    layers : tuple of int
-        Widths of the network.
-    epochs : int
-        Passes of the network over the data.
-    seed : int
-        Seed of everything random.
-    rigid : bool
-        Poses: register frames first; without it the regression learns from the observed pose as it is.
-    marker : str
-        Poses: "none", "solve" or "auto": whether the marker may be away from the tool tip.
+    layers : tuple of int, widths of the network
+    epochs : int, passes of the network over the data
+    seed : int, seed of everything random
+    rigid : bool, poses: register frames first; without it the regression learns from the observed pose as it is
+    marker : str, poses: "none", "solve" or "auto": whether the marker may be away from the tool tip
     velocity_step : float, None or "auto"
         Poses: step of the stencil on recorded paths, s, through all samples within two steps on either side; None takes
         five neighbouring samples, "auto" a step that keeps the tracker's noise out of the velocities.
-    input_signal : str or None
-        Joints: "measured_jp" or "setpoint_jp"; the first that is logged when None.
-    direction : str
-        Joints: "estimate" (from reported to true) or "command" (from desired true to commanded).
-    end_to_end : bool
-        Joints: learn the true positions themselves, not the error.
-    extra : tuple of str
-        Tool position: extra columns of the log that belong to the state.
+    input_signal : str or None, joints: "measured_jp" or "setpoint_jp"; the first that is logged when None
+    direction : str, joints: "estimate" (from reported to true) or "command" (from desired true to commanded)
+    end_to_end : bool, joints: learn the true positions themselves, not the error
+    extra : tuple of str, tool position: extra columns of the log that belong to the state
     """
 
     method: str = "gp"
@@ -98,16 +84,14 @@ class Limits:
     range_quantiles : pair of float
         Per cent of each input in training between which its range lies: a few wild velocities do not widen it. Chosen
         by hand.
-    margin : float
-        Fraction of an input's range that a query may lie beyond it. Chosen by hand.
+    margin : float, fraction of an input's range that a query may lie beyond it; Chosen by hand
     fades_from : float
         Part of the way from the middle of the region to its edge by which rates begin to fade, however far training
         went: halfway through the margin. Chosen by hand.
     enough_motions : int
         Motions (or pieces of `piece_seconds` of a longer one) below which a fit says that they are few: intervals are
         then widened by more than a quarter.
-    folds : int
-        Parts of neighbouring trajectories that are left out in turn. Chosen by hand.
+    folds : int, parts of neighbouring trajectories that are left out in turn; Chosen by hand
     piece_seconds : float
         Length of the pieces, s, whose errors are ranked against each other in the test for ageing. Chosen by hand.
     pause_steps, pause_seconds : float
@@ -119,7 +103,7 @@ class Limits:
     slow_step, slow_ratio, slow_travel : float
         A path of samples at least so many s apart, so many times slower than the training, that travels so much of the
         training's size, is refused: milliseconds taken for seconds are 1000 times slower. Paths at half and at twice
-        the training's speed, and at a tenth, are told from them (tested).
+        the training's speed, and at a tenth, are not refused (tested).
     """
 
     fewest_samples: int = 20

@@ -12,14 +12,13 @@ from gpcorrect.calibration.cartesian import CommandCorrector
 from gpcorrect.calibration.evaluate import Evaluation, evaluate_model, part_errors
 from gpcorrect.calibration.history import last_measured
 from gpcorrect.calibration.joints import JointCorrector
+from gpcorrect.calibration.metrics import spread
 from gpcorrect.calibration.task import Corrector, Measured, Part
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 
-DRAWS = 2000
-"""Of whole trajectories, for the interval of a difference: its ends are known to a hundredth of it or so."""
-FEWEST = 4
-"""Trajectories from which an interval is drawn; fewer say nothing of others. Chosen by hand."""
+DRAWS = 2000  # of whole trajectories, for the interval of a difference: its ends are known to a hundredth of it or so
+FEWEST = 4  # trajectories from which an interval is drawn; fewer say nothing of others. Chosen by hand
 
 
 @dataclass(frozen=True)
@@ -36,8 +35,7 @@ class Difference:
 
         Parameters
         ----------
-        names : (str, str)
-            Of the models.
+        names : (str, str), of the models
         """
         less, apart = (
             f"{names[int(self.mean < 0)]} errs less",
@@ -57,10 +55,8 @@ class SideBySide:
     Parameters
     ----------
     log : CalibrationLog
-    evaluations : (Evaluation, Evaluation)
-        Each model by itself.
-    measured : (Measured, Measured)
-        The same n samples of each.
+    evaluations : (Evaluation, Evaluation), each model by itself
+    measured : (Measured, Measured), the same n samples of each
     """
 
     log: CalibrationLog
@@ -94,8 +90,7 @@ class SideBySide:
 
         Parameters
         ----------
-        names : (str, str)
-            Of the models.
+        names : (str, str), of the models
         """
         groups = self.trajectories()
         models = [
@@ -113,7 +108,9 @@ class SideBySide:
             {
                 "trajectory": number,
                 "samples": len(index),
-                "mean": {p.name: [_mean(p.sizes(m.corrected[index])) for m in self.measured] for p in self.parts},
+                "mean": {
+                    p.name: [spread(p.sizes(m.corrected[index]))["mean"] for m in self.measured] for p in self.parts
+                },
                 "in_domain": [float(m.in_domain[index].mean()) for m in self.measured],
             }
             for number, index in groups.items()
@@ -127,18 +124,12 @@ class SideBySide:
 
 
 def refuse_unlike(one: Corrector, other: Corrector, names: tuple[str, str]) -> None:
-    """Refuse two models whose errors cannot stand beside each other.
+    """Refuse, with a DataError, two models of different tasks, directions, joints or arms.
 
     Parameters
     ----------
     one, other : Corrector
-    names : (str, str)
-        Of the models, for the message.
-
-    Raises
-    ------
-    DataError
-        They are of different tasks, directions, joints or arms.
+    names : (str, str), of the models, for the message
     """
     pairs: list[tuple[str, Any, Any]] = [("corrects", one.TASK.replace("_", " "), other.TASK.replace("_", " "))]
     if isinstance(one, JointCorrector) and isinstance(other, JointCorrector):
@@ -161,10 +152,8 @@ def measure_both(one: Corrector, other: Corrector, log: CalibrationLog) -> SideB
 
     Parameters
     ----------
-    one, other : Corrector
-        Of one task, as :func:`refuse_unlike` asks.
-    log : CalibrationLog
-        On one clock.
+    one, other : Corrector, of one task, as :func:`refuse_unlike` asks
+    log : CalibrationLog, on one clock
 
     Raises
     ------
@@ -197,30 +186,16 @@ def _interval(sums: FloatArray) -> tuple[float, float] | None:
     return float(low), float(high)
 
 
-def _mean(sizes: FloatArray) -> float:
-    known = sizes[np.isfinite(sizes)]
-    return float(known.mean()) if known.size else float("nan")
-
-
 def compare(one: Any, other: Any) -> dict[str, Any]:
-    """Return in what two models differ: what they say of themselves, their errors, how far apart their commands are.
+    """Return in what two models of one task differ: what they say of themselves, their errors, their commands.
+
+    `made` and `held_out` are the last step of each and the last measured errors (JSON-able, None where not known);
+    `differs` holds by name what the one and the other say, `commands` distances (mm, deg) on the recorded check queries
+    of both, for models of poses.
 
     Parameters
     ----------
     one, other : Corrector
-        Models of one task.
-
-    Returns
-    -------
-    dict
-        `made` and `held_out`: the last step of each and the last measured errors (JSON-able, None where not known);
-        `differs`: by name, what the one and the other say; `commands`: distances (mm, deg) on the recorded check
-        queries of both, for models of poses.
-
-    Raises
-    ------
-    DataError
-        They are not of one task.
     """
     if one.TASK != other.TASK:
         raise DataError(f"one model corrects {one.TASK}, the other {other.TASK}: they cannot be compared.")

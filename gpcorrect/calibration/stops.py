@@ -19,13 +19,11 @@ from gpcorrect.types import BoolArray, FloatArray, frozen_array
 TOP = 0.4
 """Of a joint's range, next to its end: a stop is looked for in its upper half, and judged by as much below. Half and
 double find the stop of the tests too."""
-CANDIDATES = 200
-"""Places that are tried; chosen by hand."""
+CANDIDATES = 200  # places that are tried; chosen by hand
 FEWEST_BEYOND, FEWEST_VISITS, FEWEST_BELOW = 4, 3, 8
 """Samples beyond a stop, arrivals of a joint that had left it (one that sticks in its slack, or a tracker that hung, is
 at the same place for long, but once), and samples next to it, which say what error is usual; chosen by hand."""
-LEFT = 0.25
-"""Of what those samples miss without a stop, that a stop may leave; chosen by hand."""
+LEFT = 0.25  # of what those samples miss without a stop, that a stop may leave; chosen by hand
 CLEARLY = 2.0
 """Robust deviations of the error below a stop that joints must have been sent beyond it on average; by hand."""
 
@@ -36,8 +34,7 @@ class Stops:
 
     Parameters
     ----------
-    low, high : (d,) arrays
-        As the robot's side has them, rad or m; infinite where no stop shows.
+    low, high : (d,) arrays, as the robot's side has them, rad or m; infinite where no stop shows
     """
 
     low: FloatArray
@@ -69,8 +66,7 @@ class Stops:
 
         Parameters
         ----------
-        q : (..., d) array
-            rad or m.
+        q : (..., d) array, rad or m
         """
         return np.clip(q, self.low, self.high)
 
@@ -79,10 +75,8 @@ class Stops:
 
         Parameters
         ----------
-        sent : (n, d) array
-            Where joints were sent, rad or m.
-        types : str
-            R or P for each joint.
+        sent : (n, d) array, where joints were sent, rad or m
+        types : str, R or P for each joint
         """
         sentences = []
         for j, kind in enumerate(types):

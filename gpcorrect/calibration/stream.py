@@ -1,147 +1,160 @@
-"""Answers to a live stream, one sample after the other: velocity, memory and filters follow from those before."""
+"""Answers to a live stream of joints, one sample after the other: velocity, memory and filters follow from before."""
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from gpcorrect import se3
+from gpcorrect.calibration.joint_features import JointFeatures
+from gpcorrect.calibration.joint_view import ViewCorrector
+from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.learners import CableModel
-from gpcorrect.calibration.memory import MemoryMap, advance, steps
-from gpcorrect.calibration.one_pose import inputs
-from gpcorrect.calibration.path_follower import PathFollower
-from gpcorrect.calibration.queries import bad_query, pose_numbers, twist_numbers
+from gpcorrect.calibration.memory import advance, lag_step
+from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.calibration.training_motion import UNITS, SlowStream
-from gpcorrect.correction import Correction, Reason
+from gpcorrect.correction import Correction
 from gpcorrect.errors import DataError
-from gpcorrect.types import FloatArray, PoseSignal
-from gpcorrect.velocity import CausalTwist
+from gpcorrect.types import FloatArray
 
-if TYPE_CHECKING:
-    from gpcorrect.calibration.cartesian import CommandCorrector
-    from gpcorrect.calibration.joints import JointCorrector
-    from gpcorrect.calibration.tool_position import PositionEstimator
-
-NO_MEMORY = np.zeros(0)
+ALMOST = 0.9
+"""Of the training's shortest step, over which a faster stream takes its velocities: clocks jitter; chosen by hand."""
+MOST_PAST = 4096  # samples stored to take a velocity over: bounds the memory of a stream; chosen by hand
 
 
-class PoseStream:
-    """Answers desired poses one after the other; one stream a planner and thread.
+class _PathFollower:
+    """Features of a joint path, sample by sample: as :meth:`JointFeatures.transform` gives them for the whole path.
 
-    Memory is of its own answers: they are taken as commanded. Call :meth:`reset` where they were not.
+    A stream that is faster than the training takes velocities over the training's step, not over its own: there
+    an encoder's last digit would show as motion.
 
     Parameters
     ----------
-    corrector : CommandCorrector
-        What answers.
+    features : JointFeatures, what to follow
+    usual_step, shortest_step : float, time between samples in training, s
     """
 
-    def __init__(self, corrector: CommandCorrector) -> None:
-        self._corrector = corrector
-        self._twist = CausalTwist()
-        self._slow = SlowStream(corrector.trained)
+    def __init__(self, features: JointFeatures, usual_step: float, shortest_step: float) -> None:
+        self._features = features
+        self._pause = max(LIMITS.pause_steps * usual_step, LIMITS.pause_seconds)
+        self._window = ALMOST * shortest_step
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past, as after the arm was moved by hand."""
-        self._twist.reset()
-        self._slow.reset()
-        self._last: _Last | None = None
-        route, memory = self._corrector.route, self._corrector.memory
-        self._joints = None if route is None else route.stream()
-        self._q: FloatArray | None = None
-        self._state = NO_MEMORY if memory is None else np.zeros(memory.states.radii.shape)
+        """Forget the path."""
+        self._past: deque[tuple[float, FloatArray]] = deque(maxlen=MOST_PAST)
+        self._memory: tuple[FloatArray, FloatArray, FloatArray] | None = None  # path, joints and plays so far
+        self._followed: dict[str, tuple[FloatArray, FloatArray]] = {}  # signals where last known, and lags behind them
 
-    def correct(self, time: float, pose: ArrayLike, twist: ArrayLike | None = None) -> Correction:
-        """Return what to command so that the robot reaches `pose` at `time`.
+    @property
+    def new(self) -> bool:
+        """Whether the next sample begins a path."""
+        return not self._past
+
+    def arrive(self, time: float) -> None:
+        """Refuse a sample whose time does not advance; forget the path after a pause.
 
         Parameters
         ----------
-        time : float
-            Seconds, later than that of the pose before.
-        pose : (7,) or (3,) array
-            As for `CommandCorrector.correct`.
-        twist : (6,) array, optional
-            Desired velocity; estimated from the poses so far when not given.
-
-        Raises
-        ------
-        DataError
-            As for `CommandCorrector.correct`, or time does not advance; the past stays.
+        time : float, time of the sample, s
         """
-        corrector = self._corrector
-        query = pose_numbers(pose, orientation=corrector.has_orientation)
-        given = twist_numbers(twist)
-        good, position, rotation, *_ = inputs(query, given, NO_MEMORY, corrector.frame, corrector.region)
-        if not good:
-            raise bad_query(query, given)
-        self._slow.look(time, query[:3])
-        turned = se3.matrix_from_quaternion(query[None, 3:])[0] if len(query) > 3 else None
-        estimated = self._twist.update(time, query[:3], turned)
-        velocity = np.nan_to_num(estimated) if twist is None else given
-        reasons = int(Reason.JUST_BEGUN) if twist is None and not np.isfinite(estimated[:3]).all() else 0
-        if self._joints is not None and corrector.route is not None:
-            route = corrector.route
-            q = route.kinematics.inverse_one(position, rotation, self._q)
-            in_joints, self._q = self._joints.correct(time, q), q if np.isfinite(q).all() else None
-            if self._q is None:
-                return corrector.without_joints(corrector.one(query, velocity, reasons))
-            return route.as_pose(position, rotation, q, in_joints, corrector.law.bounds.largest).because(
-                Reason(reasons)
+        if not np.isfinite(time) or (self._past and time <= self._past[-1][0]):
+            raise DataError(
+                f"time must advance from sample to sample, got {time!r}.", hint="reset() begins a new path."
             )
-        if corrector.memory is None:
-            return corrector.one(query, velocity, reasons)
-        quaternion = se3.quaternion_from_matrix(rotation[None]) if corrector.has_orientation else None
-        reference, states = PoseSignal(position[None], quaternion), corrector.memory.states
-        answer = corrector.one(query, velocity, reasons, self._remembered(states, reference))
-        self._remember(states, reference, answer)
-        return answer
+        if self._past and time - self._past[-1][0] > self._pause:
+            self.reset()
 
-    def _remembered(self, states: MemoryMap, reference: PoseSignal) -> FloatArray:
-        """Return features of the slacks where the last command left them, moved on by the reference's step."""
-        if self._last is None:
-            return states.features(self._state)
-        step = steps(_joined(self._last.reference, reference))[1]
-        return states.features(advance(self._state, step, states.radii))
+    def columns(self, time: float, q: FloatArray, effort: FloatArray | None, state: FloatArray | None) -> FloatArray:
+        """Return the features `(k,)` of joints `q` (d,), NaN where the law needs what is not given.
 
-    def _remember(self, states: MemoryMap, reference: PoseSignal, answer: Correction) -> None:
-        """Advance the slacks to what was commanded."""
-        assert answer.position is not None
-        quaternion = answer.quaternion if self._corrector.has_orientation else None
-        command = PoseSignal(answer.position[None], None if quaternion is None else quaternion[None])
-        if self._last is not None:
-            self._state = advance(self._state, steps(_joined(self._last.command, command))[1], states.radii)
-        self._last = _Last(reference, command)
+        Parameters
+        ----------
+        time : float, s
+        q : (d,) array, joints, rad or m
+        effort : (d,) array or None, as logged
+        state : (k,) array or None, whole state
+        """
+        parts = [self._column(kind, time, q, effort, state) for kind in self._features.kinds]
+        return np.concatenate(parts)[self._features.used]
+
+    def passed(self, time: float, q: FloatArray) -> None:
+        """Note where the joints were.
+
+        Parameters
+        ----------
+        time : float, s
+        q : (d,) array, joints, rad or m
+        """
+        self._past.append((time, q))
+
+    def _column(
+        self, kind: str, time: float, q: FloatArray, effort: FloatArray | None, state: FloatArray | None
+    ) -> FloatArray:
+        features = self._features
+        match kind:
+            case "position":
+                return features.scaled(q)
+            case "velocity":
+                return self._velocity(time, q) / features.half
+            case "acceleration":
+                changes = self._behind(kind, time, self._velocity(time, q) / features.half, features.rates)
+                return (changes / features.rates[:, None]).ravel()
+            case "memory":
+                return self._remember(features, features.scaled(q))
+            case "lags":
+                signals = features.lagged_signals(features.scaled(q), effort)
+                return self._behind(kind, time, signals, features.lags).ravel()
+        given = effort if kind == "effort" else state
+        size = len(features.centre) if kind == "effort" else features.n_state
+        return np.full(size, np.nan) if given is None else given
+
+    def _velocity(self, time: float, q: FloatArray) -> FloatArray:
+        """Over the latest sample that is about a training step old; until there is one, over the first."""
+        if not self._past:
+            return np.zeros(len(q))
+        while len(self._past) > 1 and time - self._past[1][0] > self._window:
+            self._past.popleft()
+        then, before = self._past[0]
+        return (q - before) / (time - then)
+
+    def _remember(self, features: JointFeatures, path: FloatArray) -> FloatArray:
+        """Advance the slacks to `path` (d,), in units of half the ranges, and return their features."""
+        assert features.play is not None
+        if self._memory is None:
+            joints, lags = path, np.zeros(features.ladder.shape)
+        else:
+            before, joints, lags = self._memory
+            joints, lags = features.play.advance(joints, path), advance(lags, path - before, features.ladder)
+        self._memory = path, joints, lags
+        return np.concatenate([path - joints, (lags / features.ladder).ravel()])
+
+    def _behind(self, kind: str, time: float, signals: FloatArray, constants: FloatArray) -> FloatArray:
+        """Return by how much lags `(t, s)` are behind their signals `(s,)` now."""
+        if kind not in self._followed:
+            self._followed[kind] = signals, np.zeros((len(constants), len(signals)))
+        else:
+            last, behind = self._followed[kind]
+            behind = lag_step(behind, signals - last, time - self._past[-1][0], constants)
+            self._followed[kind] = np.where(np.isfinite(signals), signals, last), behind
+        return self._followed[kind][1]
 
 
-class _Last(NamedTuple):
-    """The pose before: reference and command, a row each."""
-
-    reference: PoseSignal
-    command: PoseSignal
-
-
-def _joined(first: PoseSignal, second: PoseSignal) -> PoseSignal:
-    quaternions = [pose.quaternion for pose in (first, second) if pose.quaternion is not None]
-    return PoseSignal(np.vstack([first.position, second.position]), np.vstack(quaternions) if quaternions else None)
-
-
-class JointStream:
-    """Answers joints sample after sample, as the whole path is answered up to rounding; one stream an arm and thread.
+class _ViewStream:
+    """What the past of a stream of joints says of the next sample; one stream an arm and thread.
 
     Parameters
     ----------
-    corrector : JointCorrector
-        What answers.
+    corrector : ViewCorrector, what answers
     """
 
-    def __init__(self, corrector: JointCorrector) -> None:
+    def __init__(self, corrector: ViewCorrector) -> None:
         self._corrector = corrector
-        self._follower = PathFollower(corrector.view.features, corrector.usual_step, corrector.shortest_step)
+        self._follower = _PathFollower(corrector.view.features, corrector.usual_step, corrector.shortest_step)
         self._slow = SlowStream(corrector.trained)
         self.reset()
 
@@ -149,6 +162,25 @@ class JointStream:
         """Forget the past, as after a homing or after the arm was moved by hand."""
         self._follower.reset()
         self._slow.reset()
+
+    def _arrive(self, time: float, joints: FloatArray) -> None:
+        """Refuse a sample that cannot be of this arm and follow the one before."""
+        self._corrector.trained.refuse_far(joints, UNITS)
+        self._slow.look(time, joints)
+        self._follower.arrive(time)
+
+
+class JointStream(_ViewStream):
+    """Answers joints sample after sample, as the whole path is answered up to rounding; one stream an arm and thread.
+
+    Parameters
+    ----------
+    corrector : JointCorrector, what answers
+    """
+
+    def reset(self) -> None:
+        """Forget the past, as after a homing or after the arm was moved by hand."""
+        super().reset()
         learned = self._corrector.law.learned
         self._filters = learned.filters() if isinstance(learned, CableModel) else []
 
@@ -159,15 +191,12 @@ class JointStream:
 
         Parameters
         ----------
-        time : float
-            Seconds; later than that of the sample before.
+        time : float, seconds; later than that of the sample before
         q : (d,) array
             Reported (or, for commands, desired true) joints, rad or m. With a missing number the answer is NaN, and
             the path begins anew.
-        effort : (d,) array, optional
-            As logged; the answer is NaN where the model looks at efforts and none are given.
-        state : (k,) array, optional
-            For models of the whole state.
+        effort : (d,) array, optional, as logged; the answer is NaN where the model looks at efforts and none are given
+        state : (k,) array, optional, for models of the whole state
 
         Raises
         ------
@@ -178,33 +207,30 @@ class JointStream:
         joints = _numbers(q, len(view.types), "joints")
         efforts = None if effort is None else _numbers(effort, len(view.types), "efforts")[view.moving]
         rest = None if state is None else _numbers(state, view.features.n_state, "state columns")
-        self._corrector.trained.refuse_far(joints, UNITS)
-        self._slow.look(time, joints)
-        self._follower.arrive(time)
+        self._arrive(time, joints)
         moving = view.reached(joints)[view.moving]
-        if not np.isfinite(moving).all():
+        if np.isfinite(moving).all():
+            prediction = self._predicted(time, moving, efforts, rest)
+        else:
             self.reset()
-            return view.answer(joints[None], law.unknown())[0]
-        new = self._follower.new
+            prediction = law.unknown()
+        answer: Correction = view.answer(joints[None], prediction)[0]
+        return answer
+
+    def _predicted(
+        self, time: float, moving: FloatArray, effort: FloatArray | None, state: FloatArray | None
+    ) -> Prediction:
+        law, new = self._corrector.law, self._follower.new
         if new and self._filters:
             self.reset()
-        x = self._follower.columns(time, moving, efforts, rest)
-        if isinstance(law.learned, CableModel):
-            mean, std = self._filtered(law.learned, moving, efforts, new)
-            rows = np.array([np.isfinite(mean).all()])
-            prediction = law.guarded(mean[None] - moving, std[None], np.zeros(1), x[None], rows)
-        else:
-            prediction = law.predict_one(x, moving if view.end_to_end else np.zeros(len(moving)))
+        x = self._follower.columns(time, moving, effort, state)
         self._follower.passed(time, moving)
-        return view.answer(joints[None], prediction)[0]
-
-    def _filtered(
-        self, cable: CableModel, q: FloatArray, effort: FloatArray | None, new: bool
-    ) -> tuple[FloatArray, FloatArray]:
-        motor, stretch = cable.inputs(q[None], None if effort is None else effort[None])
+        if not isinstance(law.learned, CableModel):
+            return law.predict_one(x, moving if self._corrector.view.end_to_end else np.zeros(len(moving)))
+        motor, stretch = law.learned.inputs(moving[None], None if effort is None else effort[None])
         samples = zip(self._filters, motor[0].tolist(), stretch[0].tolist(), strict=True)
         mean, std = np.array([one.step(m, s, new) for one, m, s in samples]).T
-        return mean, std
+        return law.guarded(mean[None] - moving, std[None], np.zeros(1), x[None], np.array([np.isfinite(mean).all()]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,20 +239,13 @@ class RobotState:
 
     Parameters
     ----------
-    time : float
-        s.
-    measured_jp : (d,) array
-        Reported joints, rad or m.
-    measured_position : (3,) array
-        Reported position of the tool, base frame, m.
-    measured_quaternion : (4,) array or None
-        Reported orientation wxyz.
-    setpoint_jp, measured_jv, measured_jf : (d,) arrays or None
-        Commanded joints, velocities, efforts.
-    setpoint_position, setpoint_quaternion : arrays or None
-        Commanded pose.
-    extra : sequence of float
-        The extra columns that the model was trained with, in its order.
+    time : float, s
+    measured_jp : (d,) array, reported joints, rad or m
+    measured_position : (3,) array, reported position of the tool, base frame, m
+    measured_quaternion : (4,) array or None, reported orientation wxyz
+    setpoint_jp, measured_jv, measured_jf : (d,) arrays or None, commanded joints, velocities, efforts
+    setpoint_position, setpoint_quaternion : arrays or None, commanded pose
+    extra : sequence of float, the extra columns that the model was trained with, in its order
     """
 
     time: float
@@ -241,45 +260,31 @@ class RobotState:
     extra: Sequence[float] = ()
 
 
-class ToolStream:
+class ToolStream(_ViewStream):
     """Estimates the tool's position sample after sample, as in a servo loop; well below a millisecond each.
 
     Parameters
     ----------
-    estimator : PositionEstimator
-        What was learned.
+    corrector : PositionEstimator, what answers
     """
-
-    def __init__(self, estimator: PositionEstimator) -> None:
-        self._estimator = estimator
-        self._follower = PathFollower(estimator.view.features, estimator.usual_step, estimator.shortest_step)
-        self._slow = SlowStream(estimator.trained)
-
-    def reset(self) -> None:
-        """Forget the past, as after the arm was moved by hand."""
-        self._follower.reset()
-        self._slow.reset()
 
     def correct(self, state: RobotState) -> Correction:
         """Return the estimated position `(3,)`, base frame, m.
 
         Parameters
         ----------
-        state : RobotState
-            One moment, later than the one before.
+        state : RobotState, one moment, later than the one before
 
         Raises
         ------
         DataError
             The sample lacks what the model was trained with, or time does not advance.
         """
-        view, law = self._estimator.view, self._estimator.law
+        view, law = self._corrector.view, self._corrector.law
         q = _numbers(state.measured_jp, len(view.features.centre), "joints")
         effort = None if state.measured_jf is None else _numbers(state.measured_jf, len(q), "efforts")
         whole = _whole_state(state, view.features.n_state) if "state" in view.features.kinds else None
-        self._estimator.trained.refuse_far(q, UNITS)
-        self._slow.look(state.time, q)
-        self._follower.arrive(state.time)
+        self._arrive(state.time, q)
         x = self._follower.columns(state.time, q, effort, whole)
         if not np.isfinite(x).all():
             raise DataError(
@@ -288,7 +293,8 @@ class ToolStream:
             )
         self._follower.passed(state.time, q)
         prediction = law.predict_one(x, np.zeros(3))
-        return view.answer(np.asarray(state.measured_position, dtype=np.float64)[None], prediction)[0]
+        answer: Correction = view.answer(np.asarray(state.measured_position, dtype=np.float64)[None], prediction)[0]
+        return answer
 
 
 def _whole_state(state: RobotState, expected: int) -> FloatArray:

@@ -7,7 +7,7 @@ answer. Cleaning, clocks, splits, learners, regions, bounds, intervals, streams 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, NamedTuple
 
@@ -42,8 +42,7 @@ class Part(NamedTuple):
 
         Parameters
         ----------
-        errors : (n, m) array
-            m or rad.
+        errors : (n, m) array, m or rad
         """
         sizes: FloatArray = self.scale * np.linalg.norm(errors[:, self.columns], axis=1)
         return sizes
@@ -55,20 +54,13 @@ class Outcome:
 
     Parameters
     ----------
-    corrector : Corrector
-        Without a summary yet.
-    samples : Samples
-        What was learned from.
-    left_out : LeftOut
-        Errors at the usable samples, each predicted without its own fold.
-    interval95 : (k, m) array
-        Half widths of their 95 % intervals.
-    report : mapping
-        The task's report on its fit, JSON-able.
-    remarks : tuple of str
-        What a person should know.
-    registration : Any
-        Which rigid model was chosen and why, of tasks that register frames.
+    corrector : Corrector, without a summary yet
+    samples : Samples, what was learned from
+    left_out : LeftOut, errors at the usable samples, each predicted without its own fold
+    interval95 : (k, m) array, half widths of their 95 % intervals
+    report : mapping, the task's report on its fit, JSON-able
+    remarks : tuple of str, what a person should know
+    registration : Any, which rigid model was chosen and why, of tasks that register frames
     """
 
     corrector: Corrector
@@ -93,18 +85,12 @@ class Measured:
 
     Parameters
     ----------
-    raw, registered, corrected : (n, m) arrays
-        Errors, m or rad; NaN where not measured.
-    interval95 : (n, m) array
-        Half widths of the corrected method's 95 % intervals.
-    in_domain : (n,) mask
-        Whether the sample lies near training data.
-    speed : (n,) array
-        Linear speed, m/s, of tasks whose errors are shown over it; NaN otherwise.
-    rows : (n,) int array
-        Rows of the log that were measured.
-    time, trajectory : (n,) arrays
-        Of those rows.
+    raw, registered, corrected : (n, m) arrays, errors, m or rad; NaN where not measured
+    interval95 : (n, m) array, half widths of the corrected method's 95 % intervals
+    in_domain : (n,) mask, whether the sample lies near training data
+    speed : (n,) array, linear speed, m/s, of tasks whose errors are shown over it; NaN otherwise
+    rows : (n,) int array, rows of the log that were measured
+    time, trajectory : (n,) arrays, of those rows
     """
 
     raw: FloatArray
@@ -118,12 +104,11 @@ class Measured:
     trajectory: IntArray
 
     def of(self, method: str) -> FloatArray:
-        """Return the errors `(n, m)` of a method by its name: raw, corrected, or that of the simplest remedy.
+        """Return the errors `(n, m)` of a method by its name.
 
         Parameters
         ----------
-        method : str
-            One of :attr:`Corrector.METHODS`.
+        method : str, one of :attr:`Corrector.METHODS`
         """
         return {"raw": self.raw, "corrected": self.corrected}.get(method, self.registered)
 
@@ -145,18 +130,16 @@ class Measured:
 class Corrector(ABC):
     """A fitted model of any task; it changes nothing, so threads may use it together.
 
+    Methods that take a log raise LogError where it lacks a signal or no sample can be used, and DataError where its
+    stamps, beside the training's, cannot be seconds, or it is not what the model was trained with.
+
     Parameters
     ----------
-    law : Law
-        What was learned, with its safeguards.
-    cleaner : FittedCleaner
-        The training's thresholds for classifying samples of other logs.
-    trained : TrainingMotion
-        Where and how fast the training moved, in the quantity that queries are given in.
-    summary : mapping
-        Description of the model: frames, units, features, fit report.
-    history : tuple of Step
-        How it was made, oldest first; empty in files of before it was kept.
+    law : Law, what was learned, with its safeguards
+    cleaner : FittedCleaner, the training's thresholds for classifying samples of other logs
+    trained : TrainingMotion, where and how fast the training moved, in the quantity that queries are given in
+    summary : mapping, description of the model: frames, units, features, fit report
+    history : tuple of Step, how it was made, oldest first; empty in older files
     """
 
     KIND: ClassVar[str]
@@ -179,14 +162,8 @@ class Corrector(ABC):
 
         Parameters
         ----------
-        log : CalibrationLog
-            To be learned from.
+        log : CalibrationLog, to be learned from
         settings : FitSettings
-
-        Raises
-        ------
-        LogError
-            One is missing, or no sample has both.
         """
 
     @classmethod
@@ -194,24 +171,15 @@ class Corrector(ABC):
     def learn(
         cls, log: CalibrationLog, keep: BoolArray, cleaner: FittedCleaner, settings: FitSettings, learn_law: LearnLaw
     ) -> Outcome:
-        """Learn from a clean log on one clock.
+        """Learn from a clean log on one clock; raises DegenerateError where it does not determine a model.
 
         Parameters
         ----------
-        log : CalibrationLog
-            n samples.
-        keep : (n,) mask
-            Samples that are not rejected.
-        cleaner : FittedCleaner
-            What rejected the others.
+        log : CalibrationLog, n samples
+        keep : (n,) mask, samples that are not rejected
+        cleaner : FittedCleaner, what rejected the others
         settings : FitSettings
-        learn_law : callable
-            From samples and their layout to a law and its predictions of left-out samples.
-
-        Raises
-        ------
-        LogError, DataError, DegenerateError
-            The log does not determine a model.
+        learn_law : callable, from samples and their layout to a law and its predictions of left-out samples
         """
 
     @abstractmethod
@@ -220,13 +188,7 @@ class Corrector(ABC):
 
         Parameters
         ----------
-        log : CalibrationLog
-            n samples.
-
-        Raises
-        ------
-        LogError
-            A signal is missing.
+        log : CalibrationLog, n samples
         """
 
     @abstractmethod
@@ -235,42 +197,27 @@ class Corrector(ABC):
 
         Parameters
         ----------
-        log : CalibrationLog
-            n samples.
-        keep : (n,) mask
-            Samples that are not rejected.
-
-        Raises
-        ------
-        LogError, DataError
-            A signal is missing, or is not what the model was trained with.
+        log : CalibrationLog, n samples
+        keep : (n,) mask, samples that are not rejected
         """
 
     @abstractmethod
     def measure(self, log: CalibrationLog, keep: BoolArray) -> Measured:
-        """Return errors on the samples `keep` (n,) of a log.
+        """Return errors on some samples of a log.
 
         Parameters
         ----------
-        log : CalibrationLog
-            n samples.
-        keep : (n,) mask
-            Samples that are not rejected.
-
-        Raises
-        ------
-        LogError
-            A signal is missing, or no sample can be measured.
+        log : CalibrationLog, n samples
+        keep : (n,) mask, samples that are not rejected
         """
 
     @abstractmethod
     def error_table(self, errors: FloatArray) -> Any:
-        """Return errors `(n, m)` in the statistics and units of reports, JSON-able.
+        """Return errors in the statistics and units of reports, JSON-able.
 
         Parameters
         ----------
-        errors : (n, m) array
-            m or rad.
+        errors : (n, m) array, m or rad
         """
 
     @abstractmethod
@@ -282,24 +229,17 @@ class Corrector(ABC):
 
         Parameters
         ----------
-        m : int
-            3 for positions, 6 for poses.
+        m : int, 3 for positions, 6 for poses
         """
         position = Part("position", "mm", (0, 1, 2), 1e3)
         return (position,) if m == 3 else (position, Part("rotation", "deg", (3, 4, 5), float(np.rad2deg(1.0))))
 
     def refuse_misread(self, log: CalibrationLog) -> None:
-        """Refuse a log whose stamps, beside the training's, cannot be seconds.
+        """Refuse a log whose stamps cannot be seconds, see :meth:`TrainingMotion.refuse_slow`.
 
         Parameters
         ----------
         log : CalibrationLog
-            To measure on or learn from.
-
-        Raises
-        ------
-        DataError
-            See :meth:`TrainingMotion.refuse_slow`.
         """
         if not log.static:
             self.trained.refuse_slow(self.query_path(log), log.time, log.trajectory)
@@ -312,9 +252,7 @@ class Corrector(ABC):
         Parameters
         ----------
         log : CalibrationLog
-            Holds both signals.
-        mode : str
-            As for :func:`gpcorrect.logs.sync.match_clocks`.
+        mode : str, as for :func:`gpcorrect.logs.sync.match_clocks`
         """
         return match_clocks(log, self.cleaner.pair.observed, self.cleaner.pair.command, mode, shifts=False)
 
@@ -323,13 +261,7 @@ class Corrector(ABC):
 
         Parameters
         ----------
-        log : CalibrationLog
-            Holds both signals, on one clock.
-
-        Raises
-        ------
-        DataError
-            Its stamps cannot be seconds.
+        log : CalibrationLog, on one clock
         """
         self.refuse_misread(log)
         return clean_with(self.cleaner, log)
@@ -339,13 +271,7 @@ class Corrector(ABC):
 
         Parameters
         ----------
-        log : CalibrationLog
-            Holds both signals, on one clock.
-
-        Raises
-        ------
-        DataError
-            Its stamps cannot be seconds.
+        log : CalibrationLog, on one clock
         """
         self.refuse_misread(log)
         return fit_cleaner(
@@ -353,17 +279,11 @@ class Corrector(ABC):
         )[1]
 
     def refuse_other_arm(self, log: CalibrationLog) -> None:
-        """Refuse to learn from a log that names another arm than the model's.
+        """Refuse, with a LogError, to learn from a log that names another arm than the model's.
 
         Parameters
         ----------
         log : CalibrationLog
-            To learn from.
-
-        Raises
-        ------
-        LogError
-            Both name their arm, and differently.
         """
         said = self._caution_arm(log)
         if said:
@@ -381,32 +301,26 @@ class Corrector(ABC):
         Parameters
         ----------
         log : CalibrationLog
-            To measure on or learn from.
         """
         return tuple(said for said in (self._caution_seen(log), self._caution_arm(log)) if said)
 
     def _caution_seen(self, log: CalibrationLog) -> str:
+        """Say where a log holds some of what was learned from: a whole recording, a part, or both in another file."""
         learned = [self.summary.get("data", {}), *self.summary.get("updates", [])]
         known = {digest for entry in learned for part in ("recordings", "contents") for digest in entry.get(part, [])}
         # A file by its bytes, as models of before know it, or by what it holds.
         again = max(sum(digest in known for digest in part) for part in (log.recordings, log.contents))
-        if not again:
-            return self._caution_part(log, learned)
-        what = "this recording" if len(log.recordings) == 1 else f"{again} of these {len(log.recordings)} recordings"
+        what, those = "this recording", "it"
+        if again and len(log.recordings) > 1:
+            what = f"{again} of these {len(log.recordings)} recordings"
+        elif not again:
+            own = marks_of(log)
+            if sum(len(np.intersect1d(own, recalled(entry.get("marks", "")))) for entry in learned) < LEAST:
+                return ""
+            what, those = "samples that are in this recording", "them"
         return (
-            f"the model was made from {what}: errors on it are those of a model that knows the answers, and say "
+            f"the model was made from {what}: errors on {those} are those of a model that knows the answers, and say "
             "nothing of new motion"
-        )
-
-    def _caution_part(self, log: CalibrationLog, learned: Sequence[Mapping[str, Any]]) -> str:
-        """Say where a log holds some of what was learned from: a part, a whole, or both in another file."""
-        own = marks_of(log)
-        found = sum(len(np.intersect1d(own, recalled(entry.get("marks", "")))) for entry in learned)
-        if found < LEAST:
-            return ""
-        return (
-            "the model was made from samples that are in this recording: errors on them are those of a model that "
-            "knows the answers, and say nothing of new motion"
         )
 
     def info(self) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.calibration.dataset import Samples
 from gpcorrect.calibration.joint_features import JointFeatures
-from gpcorrect.calibration.joint_path import JointPath, joint_path, state_columns, usual_steps
+from gpcorrect.calibration.joint_path import JointPath, logged_path, state_columns, usual_steps
 from gpcorrect.calibration.joint_view import ViewCorrector, joint_layout
 from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.settings import LIMITS, FitSettings
@@ -35,12 +35,9 @@ class ToolView:
     ----------
     registration : RigidModel
         From the tracker's frame to the base: as the log states it, or the best rigid motion of the training.
-    features : JointFeatures
-        What the law looks at.
-    state_names : tuple of str
-        Columns of the whole state; empty for a law that does not look at it.
-    extra : tuple of str
-        Extra columns of the log in it.
+    features : JointFeatures, what the law looks at
+    state_names : tuple of str, columns of the whole state; empty for a law that does not look at it
+    extra : tuple of str, extra columns of the log in it
     """
 
     registration: RigidModel
@@ -53,17 +50,9 @@ class ToolView:
 
         Parameters
         ----------
-        log : CalibrationLog
-            n samples.
-        keep : (n,) mask
-            Samples that are not rejected.
-        needs_truth : bool
-            Whether there must be a tracker.
-
-        Raises
-        ------
-        LogError, DataError
-            A signal is missing, or the log's state has other columns than the training's.
+        log : CalibrationLog, n samples
+        keep : (n,) mask, samples that are not rejected
+        needs_truth : bool, whether there must be a tracker
         """
         path = _path_of(log, self.features.kinds, self.extra)
         reported, seen = _positions(log, needs_truth=needs_truth)
@@ -77,14 +66,10 @@ class ToolView:
 
         Parameters
         ----------
-        path : JointPath
-            n samples of the joints.
-        log : CalibrationLog
-            The same samples.
-        error : (n, 3) array
-            What is to be added to reported positions, m; NaN where unknown.
-        keep : (n,) mask
-            Samples that are not rejected.
+        path : JointPath, n samples of the joints
+        log : CalibrationLog, the same samples
+        error : (n, 3) array, what is to be added to reported positions, m; NaN where unknown
+        keep : (n,) mask, samples that are not rejected
         """
         X = self.features.transform(path)
         usable = keep & np.isfinite(X).all(axis=1) & np.isfinite(error).all(axis=1)
@@ -99,10 +84,8 @@ class ToolView:
 
         Parameters
         ----------
-        reported : (n, 3) array
-            Reported positions, m.
-        prediction : Prediction
-            Of the same samples.
+        reported : (n, 3) array, reported positions, m
+        prediction : Prediction, of the same samples
         """
         position = reported + prediction.residual
         missing = ~np.isfinite(position).all(axis=1)
@@ -122,10 +105,8 @@ class PositionEstimator(ViewCorrector):
 
     Parameters
     ----------
-    view : ToolView
-        What of a log goes in.
-    rigid : RigidModel
-        The best rigid motion of the training, from the tracker's frame to the base.
+    view : ToolView, what of a log goes in
+    rigid : RigidModel, the best rigid motion of the training, from the tracker's frame to the base
     """
 
     KIND: ClassVar[str] = "gpcorrect.position_estimator"
@@ -254,20 +235,11 @@ def _reported_joints(log: CalibrationLog) -> FloatArray:
 def _path_of(log: CalibrationLog, kinds: tuple[str, ...], extra: tuple[str, ...]) -> JointPath:
     joints = _reported_joints(log)
     state = state_columns(log, extra)[1] if "state" in kinds else None
-    path = joint_path(log.time, log.session, joints, log.measured_jf, state)
-    if not log.static:
-        return path
-    return replace(path, new=np.ones(len(log), dtype=bool), velocity=np.zeros(path.q.shape))
+    return logged_path(log, joints, log.measured_jf, state)
 
 
 def _positions(log: CalibrationLog, *, needs_truth: bool = True) -> tuple[FloatArray, FloatArray | None]:
-    """Return reported positions and those that the tracker saw `(n, 3)`; coasting rows of `vision track` are unseen.
-
-    Raises
-    ------
-    LogError
-        A signal is missing.
-    """
+    """Return reported positions and those that the tracker saw `(n, 3)`; coasting rows of `vision track` are unseen."""
     if log.measured_cp is None:
         raise LogError(f"the estimator needs measured_cp; the log has {', '.join(log.signals)}.", path=log.name)
     if log.tracker_cp is None:

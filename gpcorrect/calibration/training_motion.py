@@ -14,12 +14,10 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 UNITS = "radians and metres"
 """Of joints."""
 
-STRIDE = 5
-"""Samples between which a speed is taken: noise of a tracker then adds little to it."""
+STRIDE = 5  # samples between which a speed is taken: noise of a tracker then adds little to it
 FASTER = 90.0
 """Per cent of the speeds below the one that motions are compared by: rests and faults of the tracker say nothing."""
-LONGEST_LOOK = 64
-"""Samples of a stream that are looked at together: at 1 kHz they cover some millimetres."""
+LONGEST_LOOK = 64  # samples of a stream that are looked at together: at 1 kHz they cover some millimetres
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +26,10 @@ class TrainingMotion:
 
     Parameters
     ----------
-    low, high : (k,) arrays
-        Range of the k coordinates, m or rad.
+    low, high : (k,) arrays, range of the k coordinates, m or rad
     size : (k,) array
         What lengths are measured by in each coordinate, m or rad: the widest range of a position, each joint's own.
-    speed : float
-        Sizes per second that the training reached when it moved; NaN for static poses.
+    speed : float, sizes per second that the training reached when it moved; NaN for static poses
     """
 
     low: FloatArray
@@ -57,16 +53,11 @@ class TrainingMotion:
 
         Parameters
         ----------
-        path : (n, k) array
-            Positions or joints, m or rad.
-        time, trajectory : (n,) arrays
-            As in the log.
-        keep : (n,) mask
-            Samples that were not rejected.
-        joints : bool
-            Whether each coordinate is measured by its own range.
-        static : bool
-            Whether the log has no clock.
+        path : (n, k) array, positions or joints, m or rad
+        time, trajectory : (n,) arrays, as in the log
+        keep : (n,) mask, samples that were not rejected
+        joints : bool, whether each coordinate is measured by its own range
+        static : bool, whether the log has no clock
         """
         keep = keep & np.isfinite(path).all(axis=1)
         low, high = np.percentile(path[keep], LIMITS.range_quantiles, axis=0)
@@ -79,8 +70,7 @@ class TrainingMotion:
 
         Parameters
         ----------
-        other : TrainingMotion
-            Of the same coordinates.
+        other : TrainingMotion, of the same coordinates
         """
         return type(self)(np.minimum(self.low, other.low), np.maximum(self.high, other.high), self.size, self.speed)
 
@@ -89,10 +79,8 @@ class TrainingMotion:
 
         Parameters
         ----------
-        query : (n, k) or (k,) array
-            Positions or joints, m or rad; NaN where missing.
-        unit : str
-            What they are taken for.
+        query : (n, k) or (k,) array, positions or joints, m or rad; NaN where missing
+        unit : str, what they are taken for
 
         Raises
         ------
@@ -117,12 +105,9 @@ class TrainingMotion:
 
         Parameters
         ----------
-        path : (n, k) array
-            Positions or joints, m or rad; NaN where missing.
-        time : (n,) array
-            s.
-        labels : (n,) int array, optional
-            Unbroken run of each sample; one run without it.
+        path : (n, k) array, positions or joints, m or rad; NaN where missing
+        time : (n,) array, s
+        labels : (n,) int array, optional, unbroken run of each sample; one run without it
 
         Raises
         ------
@@ -151,8 +136,7 @@ class SlowStream:
 
     Parameters
     ----------
-    training : TrainingMotion
-        What it is compared with.
+    training : TrainingMotion, what it is compared with
     """
 
     def __init__(self, training: TrainingMotion) -> None:
@@ -168,15 +152,8 @@ class SlowStream:
 
         Parameters
         ----------
-        time : float
-            s.
-        point : (k,) array
-            Position or joints, m or rad.
-
-        Raises
-        ------
-        DataError
-            The last samples came and moved too slowly, see :meth:`TrainingMotion.refuse_slow`.
+        time : float, s
+        point : (k,) array, position or joints, m or rad
         """
         if self._past and not time - self._past[-1][0] >= LIMITS.slow_step:
             self._past.clear()

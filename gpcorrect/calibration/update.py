@@ -15,20 +15,19 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gpcorrect.calibration.cartesian import CommandCorrector
-from gpcorrect.calibration.dataset import Samples
+from gpcorrect.calibration.dataset import Samples, folds_of, held_out
 from gpcorrect.calibration.domain import Bounds, Domain
 from gpcorrect.calibration.evaluate import Evaluation, evaluate_model
 from gpcorrect.calibration.history import step_now
-from gpcorrect.calibration.joint_route import JointRoute, joints_of
+from gpcorrect.calibration.joint_route import JointRoute, PoseJoints
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import GPMap
 from gpcorrect.calibration.pose_samples import PosePairs
-from gpcorrect.calibration.split import folds_of, held_out
 from gpcorrect.calibration.task import Corrector
 from gpcorrect.calibration.training_motion import TrainingMotion
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import IntervalCalibration, LeftOut, Predictor, Statistics
-from gpcorrect.gpr.statistics import statistics_of, updated
+from gpcorrect.gpr.statistics import Points, updated
 from gpcorrect.logs.copies import marks_of, remembered
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal, Progress
 
@@ -44,12 +43,9 @@ class Update:
 
     Parameters
     ----------
-    corrector : Corrector
-        Learned from the old data and those of `log` that were not held out.
-    keep : float
-        Weight of the old data: 1 for all of it.
-    n_added : int
-        Samples added.
+    corrector : Corrector, learned from the old data and those of `log` that were not held out
+    keep : float, weight of the old data: 1 for all of it
+    n_added : int, samples added
     unseen : float
         Fraction of the prior variance at the new samples that the model's points cannot see: large when the new motion
         went where the training never was, which needs a new fit.
@@ -84,14 +80,10 @@ def update_model(
 
     Parameters
     ----------
-    corrector : Corrector
-        Whose laws are Gaussian processes.
-    log : CalibrationLog
-        New observations.
-    holdout : float
-        Fraction of its trajectories to measure on.
-    progress : Progress, optional
-        Receives the progress of the update.
+    corrector : Corrector, whose laws are Gaussian processes
+    log : CalibrationLog, new observations
+    holdout : float, fraction of its trajectories to measure on
+    progress : Progress, optional, receives the progress of the update
 
     Raises
     ------
@@ -149,18 +141,17 @@ def _learn_route(
     Intervals of poses are calibrated anew as those of the joints are: errors that have changed in the joints have
     changed in the poses.
     """
-    joints = joints_of(log, pair, route.kinematics)
-    samples = route.samples(joints)
+    joints = PoseJoints.of(log, pair, route.kinematics)
+    samples = route.joints.samples(joints.log, joints.known)
     law, weight, unseen, left_out = _learn(route.joints.law, samples, progress)
     aim = route.aim
     if aim is not None:
-        back = aim.reached.samples(joints, np.ones(len(joints), dtype=bool))
+        back = aim.reached.samples(joints.log, np.ones(len(log), dtype=bool))
         aim = replace(aim, reached=replace(aim.reached, law=_learn(aim.reached.law, back, progress)[0]))
     route = replace(route, aim=aim, joints=replace(route.joints, law=law))
-    fresh, _ = route.calibrated(joints, pair, samples, left_out, route.commands(joints, samples, left_out))
+    fresh, _ = route.calibrated(joints, samples, left_out, route.commands(joints, samples, left_out))
     if len(np.unique(samples.trajectory[samples.rows])) < ENOUGH:
-        factor = np.maximum(fresh.intervals.factor, route.intervals.factor)
-        fresh = replace(fresh, intervals=IntervalCalibration(factor))
+        fresh = replace(fresh, intervals=_widest(fresh.intervals, route.intervals))
     return fresh, samples, weight, unseen
 
 
@@ -175,91 +166,61 @@ def _learn(law: Law, samples: Samples, progress: Progress) -> tuple[Law, float, 
     X, target = samples.learnable()
     correction = target - samples.origin[samples.rows]
     left = target - law.zero - (0.0 if learned.linear is None else learned.linear.mean(law.inputs(X)))
-    part = _Part(learned.predictor, law.intervals, learned.statistics)
     chosen, trajectory = X[:, learned.columns], samples.trajectory[samples.rows]
-    fresh, weight, unseen, left_out = part.with_samples(chosen, left, trajectory, progress)
+    folds = folds_of(trajectory)
+    by_fold = [_collected(learned.predictor, chosen[folds == f], left[folds == f]) for f in np.unique(folds)]
+    new = tuple(reduce(Statistics.plus, group) for group in zip(*by_fold, strict=True))
+    tries = []
+    for i, keep in enumerate(KEEPS):
+        tries.append(_left_out(learned, chosen, left, folds, by_fold, new, keep))
+        progress.step("weight of the old data", (i + 1) / len(KEEPS))
+    squares = [float(((errors / left.std(axis=0)) ** 2).mean()) for errors, _ in tries]
+    best = int(np.argmax(np.array(squares) <= WORTH_FORGETTING * min(squares)))  # the first: the largest weight
+    statistics = tuple(old.plus(added, KEEPS[best]) for old, added in zip(learned.statistics, new, strict=True))
+    intervals = IntervalCalibration.fit(*tries[best], trajectory, folds)
+    if len(np.unique(trajectory)) < ENOUGH:
+        intervals = _widest(intervals, law.intervals)
     bounded = len(law.domain.low)
     grown = Domain.of(X[:, :bounded], np.zeros(bounded), law.domain.novelty, correction)
     changed = Law(
-        learned=replace(learned, predictor=fresh.predictor, statistics=fresh.statistics),
-        intervals=fresh.intervals,
+        learned=replace(learned, predictor=_resting_on(learned.predictor, statistics), statistics=statistics),
+        intervals=intervals,
         domain=law.domain.widened(grown),
         bounds=law.bounds.widened(Bounds.of(correction, law.bounds.sizes)),
         zero=law.zero,
     )
-    return changed, weight, unseen, left_out
+    unseen = max(added.unseen(len(added.G)) for added in new)
+    return changed, KEEPS[best], unseen, LeftOut(*tries[best], np.zeros(len(X)))
 
 
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """One learned residual: what an update changes of it."""
+def _widest(one: IntervalCalibration, other: IntervalCalibration) -> IntervalCalibration:
+    return IntervalCalibration(np.maximum(one.factor, other.factor))
 
-    predictor: Predictor
-    intervals: IntervalCalibration
-    statistics: tuple[Statistics, ...]
 
-    def with_samples(
-        self, X: FloatArray, Y: FloatArray, trajectory: IntArray, progress: Progress
-    ) -> tuple[_Part, float, float, LeftOut]:
-        """Return the part that learned from the samples too, and the rest of :func:`_learn`.
+def _resting_on(predictor: Predictor, statistics: Sequence[Statistics]) -> Predictor:
+    return Predictor(tuple(map(updated, predictor.parts, statistics)))
 
-        Parameters
-        ----------
-        X : (n, d) array
-            Inputs of the regression.
-        Y : (n, m) array
-            What the linear law leaves of the targets.
-        trajectory : (n,) int array
-            Trajectory of each sample.
-        progress : Progress
-            Receives the progress of the update.
-        """
-        folds = folds_of(trajectory)
-        by_fold = [self._collected(X[folds == f], Y[folds == f]) for f in np.unique(folds)]
-        new = tuple(reduce(Statistics.plus, group) for group in zip(*by_fold, strict=True))
-        tries = []
-        for i, keep in enumerate(KEEPS):
-            tries.append(self._left_out(X, Y, folds, by_fold, new, keep))
-            progress.step("weight of the old data", (i + 1) / len(KEEPS))
-        squares = [float(((errors / Y.std(axis=0)) ** 2).mean()) for errors, _ in tries]
-        best = int(np.argmax(np.array(squares) <= WORTH_FORGETTING * min(squares)))  # the first: the largest weight
-        statistics = tuple(old.plus(added, KEEPS[best]) for old, added in zip(self.statistics, new, strict=True))
-        predictor = Predictor(tuple(map(updated, self.predictor.parts, statistics)))
-        intervals = self._calibrated(*tries[best], trajectory)
-        unseen = max(added.unseen(len(added.G)) for added in new)
-        left_out = LeftOut(*tries[best], np.zeros(len(X)))
-        return _Part(predictor, intervals, statistics), KEEPS[best], unseen, left_out
 
-    def _collected(self, X: FloatArray, Y: FloatArray) -> tuple[Statistics, ...]:
-        found, first = [], 0
-        for part in self.predictor.parts:
-            columns = slice(first, first + len(part.offset))
-            found.append(statistics_of(part, X, Y[:, columns]))
-            first = columns.stop
-        return tuple(found)
+def _collected(predictor: Predictor, X: FloatArray, Y: FloatArray) -> tuple[Statistics, ...]:
+    stops = np.cumsum([len(part.offset) for part in predictor.parts])[:-1]
+    pairs = zip(predictor.parts, np.split(Y, stops, axis=1), strict=True)
+    return tuple(Points.of(part).collect(X, columns, Progress()) for part, columns in pairs)
 
-    def _left_out(
-        self,
-        X: FloatArray,
-        Y: FloatArray,
-        folds: IntArray,
-        by_fold: Sequence[tuple[Statistics, ...]],
-        new: tuple[Statistics, ...],
-        keep: float,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Errors and standard deviations `(n, m)` at new samples, those of the same fold left out."""
-        errors, std = np.empty(Y.shape), np.empty(Y.shape)
-        for fold, own in zip(np.unique(folds), by_fold, strict=True):
-            rows = folds == fold
-            rest = [old.plus(a.minus(b), keep) for old, a, b in zip(self.statistics, new, own, strict=True)]
-            predictor = Predictor(tuple(map(updated, self.predictor.parts, rest)))
-            mean, std[rows], _ = predictor.mean_std_batch(X[rows])
-            errors[rows] = Y[rows] - mean
-        return errors, std
 
-    def _calibrated(self, errors: FloatArray, std: FloatArray, trajectory: IntArray) -> IntervalCalibration:
-        """Intervals that hold on new trajectories; with few of them never narrower than the old ones."""
-        fresh = IntervalCalibration.fit(errors, std, trajectory, folds_of(trajectory))
-        if len(np.unique(trajectory)) >= ENOUGH:
-            return fresh
-        return IntervalCalibration(np.maximum(fresh.factor, self.intervals.factor))
+def _left_out(
+    learned: GPMap,
+    X: FloatArray,
+    Y: FloatArray,
+    folds: IntArray,
+    by_fold: Sequence[tuple[Statistics, ...]],
+    new: tuple[Statistics, ...],
+    keep: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Errors and standard deviations `(n, m)` at new samples, those of the same fold left out."""
+    errors, std = np.empty((2, *Y.shape))
+    for fold, own in zip(np.unique(folds), by_fold, strict=True):
+        rows = folds == fold
+        rest = [old.plus(a.minus(b), keep) for old, a, b in zip(learned.statistics, new, own, strict=True)]
+        mean, std[rows], _ = _resting_on(learned.predictor, rest).mean_std_batch(X[rows])
+        errors[rows] = Y[rows] - mean
+    return errors, std

@@ -20,10 +20,8 @@ class Use:
 
     Parameters
     ----------
-    command : str
-        Words after `gpcorrect`.
-    refusal, hint : str
-        Why it would not take this recording, and what to do; empty where it would.
+    command : str, words after `gpcorrect`
+    refusal, hint : str, why it would not take this recording, and what to do; empty where it would
     """
 
     command: str
@@ -49,8 +47,7 @@ def with_uses(report: ValidationReport, log: CalibrationLog) -> tuple[Validation
 
     Parameters
     ----------
-    report : ValidationReport
-        Of the same recording.
+    report : ValidationReport, of the same recording
     log : CalibrationLog
     """
     if not report.ok:
@@ -58,7 +55,9 @@ def with_uses(report: ValidationReport, log: CalibrationLog) -> tuple[Validation
     uses = _uses_of(log)
     if not all(use.refusal for use in uses):
         return report, uses
-    hint = TRACKER_HINT if log.signals == ("tracker_cp",) else uses[0].hint
+    hint = uses[0].hint
+    if log.signals == ("tracker_cp",):
+        hint = "A tracker's own file goes beside the robot's (--tracker-log); look at it with validate --for tracker."
     what = f"no command can learn from it. {'; '.join(f'{use.command}: {use.refusal}' for use in uses)}"
     unusable = Finding("error", "unusable", "", what, hint)
     return replace(report, findings=(unusable, *report.findings)), uses
@@ -72,11 +71,9 @@ def for_purpose(report: ValidationReport, log: CalibrationLog, purpose: str) -> 
 
     Parameters
     ----------
-    report : ValidationReport
-        Of the same recording.
+    report : ValidationReport, of the same recording
     log : CalibrationLog
-    purpose : str
-        One of :data:`PURPOSES`.
+    purpose : str, one of :data:`PURPOSES`
     """
     known = PURPOSES[purpose]
     findings = [f for f in report.findings if f.code not in ("no_command", "no_observation")]
@@ -124,12 +121,9 @@ class Purpose:
 
     Parameters
     ----------
-    uses : tuple of str
-        Signals that are learned from.
-    require : callable
-        Raises where the recording would be refused.
-    command : str
-        That learns from it; empty for none.
+    uses : tuple of str, signals that are learned from
+    require : callable, raises where the recording would be refused
+    command : str, that learns from it; empty for none
     """
 
     uses: tuple[str, ...]
@@ -146,5 +140,3 @@ PURPOSES = {
     ),
 }
 """What `gpcorrect validate --for` takes."""
-
-TRACKER_HINT = "A tracker's own file goes beside the robot's (--tracker-log); look at it with validate --for tracker."

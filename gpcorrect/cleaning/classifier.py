@@ -29,12 +29,9 @@ class Thresholds:
 
     Parameters
     ----------
-    scales : (g,) array
-        Robust standard deviation of an error component about the registration, m and rad.
-    low, high : (g, w) arrays
-        Corners of the box of commands; infinite for rotations.
-    steps : StepThresholds
-        How far the error can change from sample to sample.
+    scales : (g,) array, robust standard deviation of an error component about the registration, m and rad
+    low, high : (g, w) arrays, corners of the box of commands; infinite for rotations
+    steps : StepThresholds, how far the error can change from sample to sample
     """
 
     scales: FloatArray
@@ -48,12 +45,9 @@ class Thresholds:
 
         Parameters
         ----------
-        samples : Samples
-            n samples.
-        scales : (g,) array
-            Robust standard deviations about the registration, m and rad.
-        settings : CleaningSettings
-            Factors and floors.
+        samples : Samples, n samples
+        scales : (g,) array, robust standard deviations about the registration, m and rad
+        settings : CleaningSettings, factors and floors
         """
         shape = samples.error.shape[1:]
         low, high = np.full(shape, -np.inf), np.full(shape, np.inf)
@@ -73,12 +67,9 @@ def label_samples(samples: Samples, thresholds: Thresholds, settings: CleaningSe
 
     Parameters
     ----------
-    samples : Samples
-        n samples.
-    thresholds : Thresholds
-        From training data.
-    settings : CleaningSettings
-        Limits.
+    samples : Samples, n samples
+    thresholds : Thresholds, from training data
+    settings : CleaningSettings, limits
     """
     outside, turned = np.zeros(len(samples)), np.zeros(len(samples))
     for group, unit in enumerate(samples.units):
@@ -88,7 +79,7 @@ def label_samples(samples: Samples, thresholds: Thresholds, settings: CleaningSe
             outside = np.maximum(outside, np.linalg.norm(beyond, axis=1))
         else:
             turned = np.maximum(turned, samples.error_lengths[:, group])
-    labels = Labels.kept(len(samples)).rejecting_above(outside, Reason.WORKSPACE, settings.workspace_margin)
+    labels = Labels.passing(len(samples)).rejecting_above(outside, Reason.WORKSPACE, settings.workspace_margin)
     labels = labels.rejecting_above(turned, Reason.ROTATION, settings.max_rotation)
     return labels.rejecting_above(_frozen_travel(samples), Reason.FROZEN, settings.frozen_travel)
 
@@ -100,31 +91,29 @@ def label_motion(
 
     Parameters
     ----------
-    samples : Samples
-        n samples.
-    labels : Labels
-        On these n so far; rejected samples take no part.
-    residual : Residual
-        What the smooth model leaves of their error.
+    samples : Samples, n samples
+    labels : Labels, on these n so far; rejected samples take no part
+    residual : Residual, what the smooth model leaves of their error
     thresholds, settings
         Limits and factors.
     """
     left = np.flatnonzero(labels.keep)
     if len(left) == 0:
         return labels
-    path, steps = Path.of(samples[left], residual.along[left], settings.response_time), thresholds.steps
-    pieces = split_pieces(path, steps)
+    steps = thresholds.steps
+    path = Path.of(samples[left], residual.along[left], steps, settings.response_time)
+    pieces = split_pieces(path)
     from_rigid = pieces.medians((path.samples.error_lengths / thresholds.scales).max(axis=1))
     from_smooth = pieces.medians(residual.distance[left])
     badness = np.maximum(from_rigid / settings.outlier_factor, from_smooth / settings.offset_factor)
     occlusion = _occlusion_samples(path, settings)
     scores = pieces.counts * (1 - badness**2)
     long_enough = (scores > 0) & (pieces.counts >= FEW)
-    away = excursions(pieces, long_enough, path, steps, residual.left[left], occlusion)
-    kept = largest_chain(pieces, np.where(away, 0.0, scores), path, steps, occlusion)
+    away = excursions(pieces, long_enough, path, residual.left[left], occlusion)
+    chained = largest_chain(pieces, np.where(away, 0.0, scores), path, occlusion)
     labels = _reject_pieces(labels, left, pieces, from_rigid, Reason.OUTLIER, settings.outlier_factor)
     labels = _reject_pieces(labels, left, pieces, from_smooth, Reason.OFFSET, settings.offset_factor)
-    labels = _reject_unconnected(labels, left, pieces, ~kept, steps)
+    labels = _reject_unconnected(labels, left, pieces, ~chained, steps)
     if not samples.joints:  # an outside encoder fails with a jump; what grows without one is the robot's (a wrist near
         # its singularity errs by 30 degrees, smoothly and again and again)
         labels = labels.rejecting_above(residual.distance, Reason.OFFSET, SMOOTH_LEEWAY * settings.offset_factor)

@@ -28,14 +28,10 @@ class FittedCleaner:
 
     Parameters
     ----------
-    pair : Pair
-        Signals that are compared.
-    rigid : RigidModel
-        Robust registration of the tracker; the identity for joints.
-    thresholds : Thresholds
-        Scales and limits.
-    smooth : SmoothModel or None
-        Smooth model of the error; None where there were too few samples to learn one.
+    pair : Pair, signals that are compared
+    rigid : RigidModel, robust registration of the tracker; the identity for joints
+    thresholds : Thresholds, scales and limits
+    smooth : SmoothModel or None, smooth model of the error; None where there were too few samples to learn one
     settings : CleaningSettings
         Factors, and segments by hand: these hold in every log that is labelled, by its trajectory numbers and times.
     """
@@ -63,26 +59,19 @@ def fit_cleaner(
 
     Parameters
     ----------
-    log : CalibrationLog
-        Holds both signals of the pair; poses each with or without orientations.
-    settings : CleaningSettings, optional
-        What differs from the defaults.
-    rng : numpy Generator
-        Source of the random samples; the same state gives the same report.
-    pair : Pair
-        Signals to compare: :data:`POSES`, :data:`TOOL` or :func:`joint_pair`.
+    log : CalibrationLog, holds both signals of the pair; poses each with or without orientations
+    settings : CleaningSettings, optional, what differs from the defaults
+    rng : numpy Generator, source of the random samples; the same state gives the same report
+    pair : Pair, signals to compare: :data:`POSES`, :data:`TOOL` or :func:`joint_pair`
     marker : "none", "solve" or "auto"
         Where the tracked marker may be another point than the tool tip: the registration that comes first, since such
         a marker moves by decimetres against the tip. See :func:`gpcorrect.rigid.register`.
-    rigid : RigidModel, optional
-        A registration that comes first instead, such as that of the training recording.
+    rigid : RigidModel, optional, a registration that comes first instead, such as that of the training recording
 
     Returns
     -------
-    cleaner : FittedCleaner
-        What was learned, for :func:`clean_with`.
-    report : CleaningReport
-        Which samples of `log` are kept, and why the others are not.
+    cleaner : FittedCleaner, what was learned, for :func:`clean_with`
+    report : CleaningReport, which samples of `log` pass, and why the others do not
 
     Raises
     ------
@@ -125,10 +114,8 @@ def clean_with(cleaner: FittedCleaner, log: CalibrationLog) -> CleaningReport:
 
     Parameters
     ----------
-    cleaner : FittedCleaner
-        From :func:`fit_cleaner`.
-    log : CalibrationLog
-        Of the same arm and sensor, in the same tracker frame.
+    cleaner : FittedCleaner, from :func:`fit_cleaner`
+    log : CalibrationLog, of the same arm and sensor, in the same tracker frame
 
     Returns
     -------
@@ -182,7 +169,7 @@ def _registered(
 def _usable(log: CalibrationLog, pair: Pair, settings: CleaningSettings) -> tuple[IntArray, Labels]:
     """Rows that the rules label, in recorded order, and the labels of all others: unusable, or dropped by hand."""
     order = recorded_order(log)
-    labels = Labels.kept(len(log)).rejecting_above(unusable(log, pair, order), Reason.INVALID, 0.0)
+    labels = Labels.passing(len(log)).rejecting_above(unusable(log, pair, order), Reason.INVALID, 0.0)
     by_hand = segment_mask(log, settings.drop) & ~segment_mask(log, settings.keep)
     labels = labels.rejecting(by_hand, Reason.MANUAL, np.nan, np.nan)
     return order[labels.keep[order]], labels

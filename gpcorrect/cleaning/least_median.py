@@ -38,12 +38,9 @@ class LeastMedianFit(Generic[Model]):
 
     Parameters
     ----------
-    model : object
-        Refitted on the inliers.
-    scales : (g,) array
-        Robust standard deviation of one component of each group of the residual.
-    inliers : (n,) bool array
-        Samples within 2.5 scales in every group.
+    model : object, refitted on the inliers
+    scales : (g,) array, robust standard deviation of one component of each group of the residual
+    inliers : (n,) bool array, samples within 2.5 scales in every group
     """
 
     model: Model
@@ -125,20 +122,13 @@ def least_median(
 
     Parameters
     ----------
-    fit : callable of (m,) row numbers
-        Model of these rows; may raise DegenerateError.
-    lengths : callable of model
-        Residual lengths (n, g) of all rows, in g groups.
-    n : int
-        Number of rows.
-    sample_size : int
-        Rows in a random sample: as few as determine a model.
-    rng : numpy Generator
-        Source of the samples.
-    dimension : int
-        Components of each group of the residual.
-    floor : (g,) array or float
-        Residuals below it count as equal.
+    fit : callable of (m,) row numbers, model of these rows; may raise DegenerateError
+    lengths : callable of model, residual lengths (n, g) of all rows, in g groups
+    n : int, number of rows
+    sample_size : int, rows in a random sample: as few as determine a model
+    rng : numpy Generator, source of the samples
+    dimension : int, components of each group of the residual
+    floor : (g,) array or float, residuals below it count as equal
 
     Returns
     -------
@@ -168,12 +158,9 @@ def least_median_plane(X: FloatArray, Y: FloatArray, rng: np.random.Generator) -
 
     Parameters
     ----------
-    X : (n, d) array
-        Inputs.
-    Y : (n, m) array
-        Outputs, one group.
-    rng : numpy Generator
-        Source of the random samples.
+    X : (n, d) array, inputs
+    Y : (n, m) array, outputs, one group
+    rng : numpy Generator, source of the random samples
     """
     design = np.hstack([X, np.ones((len(X), 1))])
 
@@ -199,12 +186,9 @@ def least_median_pose(
 
     Parameters
     ----------
-    observed, command : PoseSignal
-        n complete samples; both with orientations where orientations are to count.
-    resolution : (g,) array
-        Smallest scales: m, and rad where there are orientations.
-    rng : numpy Generator
-        Source of the random samples.
+    observed, command : PoseSignal, n complete samples; both with orientations where orientations are to count
+    resolution : (g,) array, smallest scales: m, and rad where there are orientations
+    rng : numpy Generator, source of the random samples
 
     Raises
     ------

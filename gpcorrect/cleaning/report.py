@@ -77,10 +77,8 @@ class Labels:
 
     Parameters
     ----------
-    reason : (n,) array of str
-        Codes of :class:`Reason`, empty while a sample is kept.
-    value, limit : (n,) arrays
-        In the reason's unit; NaN while kept and where nothing is measured.
+    reason : (n,) array of str, codes of :class:`Reason`, empty for samples that pass
+    value, limit : (n,) arrays, in the reason's unit; NaN for samples that pass and where nothing is measured
     """
 
     reason: ReasonArray
@@ -88,13 +86,12 @@ class Labels:
     limit: FloatArray
 
     @classmethod
-    def kept(cls, n: int) -> Self:
-        """Labels of n samples that are all kept.
+    def passing(cls, n: int) -> Self:
+        """Labels of n samples that all pass.
 
         Parameters
         ----------
         n : int
-            Number of samples.
         """
         nothing = np.full(n, np.nan)
         return cls(frozen_array(np.full(n, ""), np.str_), frozen_array(nothing), frozen_array(nothing))
@@ -106,14 +103,12 @@ class Labels:
         return keep
 
     def replaced(self, rows: IntArray, found: Labels) -> Self:
-        """Labels in which those of `rows` (m,) are the m that were found.
+        """Labels in which those of `rows` are the ones that were found.
 
         Parameters
         ----------
-        rows : (m,) array
-            Row numbers.
-        found : Labels
-            m labels.
+        rows : (m,) array, row numbers
+        found : Labels, m of them
         """
         reason = self.reason.astype(np.result_type(self.reason, found.reason))
         value, limit = np.array(self.value), np.array(self.limit)
@@ -121,18 +116,13 @@ class Labels:
         return type(self)(frozen_array(reason, np.str_), frozen_array(value), frozen_array(limit))
 
     def rejecting(self, mask: BoolArray, reason: Reason, value: FloatArray | float, limit: FloatArray | float) -> Self:
-        """Labels in which the samples of `mask` (n,) that were kept so far are rejected.
+        """Labels in which those samples of `mask` are rejected that passed so far.
 
         Parameters
         ----------
         mask : (n,) bool array
-            Samples to reject.
         reason : Reason
-            Why.
-        value : (n,) array or float
-            What was measured.
-        limit : (n,) array or float
-            What it exceeds.
+        value, limit : (n,) arrays or float, what was measured and what it exceeds
         """
         new = mask & self.keep
         return type(self)(
@@ -142,43 +132,32 @@ class Labels:
         )
 
     def rejecting_above(self, value: FloatArray, reason: Reason, limit: float) -> Self:
-        """Labels in which the samples whose value (n,) exceeds the limit are rejected.
+        """Labels in which the samples whose value exceeds the limit are rejected.
 
         Parameters
         ----------
         value : (n,) array
-            What was measured.
         reason : Reason
-            Why.
         limit : float
-            Largest value that is kept.
         """
         return self.rejecting(value > limit, reason, value, limit)
 
 
 @dataclass(frozen=True, eq=False)
 class CleaningReport:
-    """Which samples of a log are kept, and why the others are not.
+    """Which samples of a log pass, and why the others do not.
 
     Parameters
     ----------
-    time, trajectory : (n,) arrays
-        The log's.
-    reason : (n,) array of str
-        Code of :class:`Reason` of each sample, empty where it is kept.
-    value, limit : (n,) arrays
-        What was measured and the limit that it broke, in the reason's unit; NaN where there is none.
-    overruled : (n,) array of str
-        What the rules would have said of samples that are kept by hand; empty elsewhere.
-    dropped_trajectories : dict of int to float
-        Fraction of rejected samples of each trajectory that was dropped whole.
-    settings : CleaningSettings
-        As used.
+    time, trajectory : (n,) arrays, the log's
+    reason, value, limit : (n,) arrays, see :class:`Labels`
+    overruled : (n,) array of str, what the rules would have said of samples that pass by hand; empty elsewhere
+    dropped_trajectories : dict of int to float, fraction of rejected samples of each trajectory that was dropped whole
+    settings : CleaningSettings, as used
     scales : (g,) array
         Robust standard deviation of an error component about the registration, m or rad, of each group: position and
         rotation, or a joint each.
-    rigid : RigidModel
-        Registration of the tracker; the identity for joints.
+    rigid : RigidModel, registration of the tracker; the identity for joints
     """
 
     time: FloatArray
@@ -197,7 +176,7 @@ class CleaningReport:
 
     @property
     def keep(self) -> BoolArray:
-        """(n,) mask of kept samples."""
+        """(n,) mask of samples that pass."""
         keep: BoolArray = self.reason == ""
         return keep
 
@@ -223,7 +202,7 @@ class CleaningReport:
         }
 
     def to_table(self) -> list[dict[str, Any]]:
-        """Return a row for each sample that is rejected or kept by hand: what was measured and the limit it broke."""
+        """Return a row for each sample that is rejected or forced by hand: what was measured and the limit it broke."""
         return [self._row(int(row)) for row in np.flatnonzero(~self.keep | (self.overruled != ""))]
 
     def _row(self, row: int) -> dict[str, Any]:

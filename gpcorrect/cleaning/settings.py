@@ -20,10 +20,8 @@ class Segment:
 
     Parameters
     ----------
-    trajectory : int
-        Number of the trajectory.
-    start, stop : float
-        First and last time, s; infinite for an open end.
+    trajectory : int, number of the trajectory
+    start, stop : float, first and last time, s; infinite for an open end
 
     Raises
     ------
@@ -53,10 +51,8 @@ def require_segments(log: CalibrationLog, segments: Iterable[Segment]) -> None:
 
     Parameters
     ----------
-    log : CalibrationLog
-        Recording to be cleaned.
-    segments : iterable of Segment
-        Stretches to keep or drop.
+    log : CalibrationLog, recording to be cleaned
+    segments : iterable of Segment, stretches to keep or drop
 
     Raises
     ------
@@ -84,10 +80,8 @@ def segment_mask(log: CalibrationLog, segments: Iterable[Segment]) -> BoolArray:
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
-    segments : iterable of Segment
-        Stretches of it.
+    log : CalibrationLog, n samples
+    segments : iterable of Segment, stretches of it
     """
     mask = np.zeros(len(log), dtype=bool)
     for segment in segments:
@@ -114,30 +108,24 @@ class CleaningSettings:
         centimetres.
     max_speed, max_angular_speed : float or None
         Physical limits on observed motion, m/s and rad/s. None takes `speed_factor` times the fastest command.
-    speed_factor : float
-        See above: an arm on cables overshoots and springs back faster than it is commanded.
+    speed_factor : float, see above: an arm on cables overshoots and springs back faster than it is commanded
     outlier_factor : float
         Robust scales from the registration beyond which a sample is a gross outlier whatever surrounds it. Systematic
         errors are bounded and fill their scale, so their largest stay well below.
-    step_factor : float
-        Robust scales of the sample-to-sample noise that a step of the error may have.
+    step_factor : float, robust scales of the sample-to-sample noise that a step of the error may have
     follow_factor : float
         Times the commanded travel that a step of the error may have besides: 1 is an arm that stands still while it is
         commanded to move (friction, play); one that catches up moves faster than commanded.
     response_time : float
         The arm follows its command within this time, so the commanded travel is the largest of this neighbourhood.
     occlusion_time : float
-        Longest occlusion, s, that is told from a real step of the error (which lasts) by its length alone.
-    offset_factor : float
-        Robust scales from the smooth model of the error beyond which a sample is rejected.
-    frozen_travel : float
-        Commanded travel, m, during which the observation may repeat itself exactly.
+        Longest occlusion, s, that differs from a real step of the error (which lasts) by its length alone.
+    offset_factor : float, robust scales from the smooth model of the error beyond which a sample is rejected
+    frozen_travel : float, commanded travel, m, during which the observation may repeat itself exactly
     position_resolution, rotation_resolution : float
         Deviations below these are never faults: a floor under every learned scale.
-    field_samples : int
-        Samples that the smooth model of the error is learned from (time grows with the cube).
-    keep, drop : tuple of Segment
-        Segments that are kept or dropped by hand; they beat every rule, and `keep` beats `drop`.
+    field_samples : int, samples that the smooth model of the error is learned from (time grows with the cube)
+    keep, drop : tuple of Segment, segments to keep or to drop by hand; they beat every rule, and `keep` beats `drop`
 
     Raises
     ------
@@ -181,8 +169,7 @@ class CleaningSettings:
 
         Parameters
         ----------
-        units : str
-            "P" (m) or "R" (rad) for each of g groups.
+        units : str, "P" (m) or "R" (rad) for each of g groups
         """
         return np.array([self.position_resolution if unit == "P" else self.rotation_resolution for unit in units])
 

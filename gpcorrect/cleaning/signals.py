@@ -29,12 +29,9 @@ class Pair:
 
     Parameters
     ----------
-    observed : str
-        Signal of the outside sensor: "tracker_cp" or "external_jp".
-    command : str
-        Signal of the robot: "setpoint_cp", "measured_cp", "measured_jp" or "setpoint_jp".
-    orientation : bool
-        Whether orientations are compared too, where both signals have them.
+    observed : str, signal of the outside sensor: "tracker_cp" or "external_jp"
+    command : str, signal of the robot: "setpoint_cp", "measured_cp", "measured_jp" or "setpoint_jp"
+    orientation : bool, whether orientations are compared too, where both signals have them
     """
 
     observed: Literal["tracker_cp", "external_jp"]
@@ -56,8 +53,7 @@ def joint_pair(input_signal: Literal["measured_jp", "setpoint_jp"]) -> Pair:
 
     Parameters
     ----------
-    input_signal : "measured_jp" or "setpoint_jp"
-        Reported or commanded joint positions.
+    input_signal : "measured_jp" or "setpoint_jp", reported or commanded joint positions
     """
     return Pair("external_jp", input_signal)
 
@@ -68,21 +64,16 @@ class Samples:
 
     Parameters
     ----------
-    time : (n,) array
-        Seconds.
-    trajectory, session : (n,) int arrays
-        Motion, and recording day or homing.
-    run : (n,) int array
-        Unbroken stretch of the recording, across trajectories where nothing lies between them.
-    units : str
-        "P" (m) or "R" (rad) for each group.
+    time : (n,) array, seconds
+    trajectory, session : (n,) int arrays, motion, and recording day or homing
+    run : (n,) int array, unbroken stretch of the recording, across trajectories where nothing lies between them
+    units : str, "P" (m) or "R" (rad) for each group
     observed, command : tuple of (n, k) arrays
         A group each: positions (k = 3) and quaternions wxyz (k = 4) in the command's frame, or one joint (k = 1).
     error : (n, g, w) array
         Command minus observation; for rotations the rotation vector of `R_cmd R_obs^T`. Of joints each session's
         median is taken out, since homing moves their zero.
-    place : tuple of (n, k) arrays
-        Coordinates of the command: position and rotation-matrix entries, or a joint each.
+    place : tuple of (n, k) arrays, coordinates of the command: position and rotation-matrix entries, or a joint each
     velocity : tuple of (n, w) arrays
         Velocity of the command, m/s or rad/s, for poses always linear and angular; zero where a run is too short.
     """
@@ -124,10 +115,8 @@ class Samples:
 
         Parameters
         ----------
-        signal : tuple of (n, k) arrays
-            Observed or commanded groups.
-        i, j : (m,) array
-            Samples.
+        signal : tuple of (n, k) arrays, observed or commanded groups
+        i, j : (m,) array, samples
         """
         return np.stack([_distance(values[i], values[j]) for values in signal], axis=1)
 
@@ -136,8 +125,7 @@ class Samples:
 
         Parameters
         ----------
-        group : int
-            Which group.
+        group : int, which group
         """
         return np.hstack([self.place[group if self.joints else 0], self.velocity[group]])
 
@@ -146,8 +134,7 @@ class Samples:
 
         Parameters
         ----------
-        values : (n, ...) array
-            Errors.
+        values : (n, ...) array, errors
         """
         return _centred(values, self.session) if self.joints else values
 
@@ -174,10 +161,8 @@ def pose_pair(log: CalibrationLog, pair: Pair) -> tuple[PoseSignal, PoseSignal]:
 
     Parameters
     ----------
-    log : CalibrationLog
-        Recording.
-    pair : Pair
-        Signals to take.
+    log : CalibrationLog, recording
+    pair : Pair, signals to take
 
     Raises
     ------
@@ -195,8 +180,7 @@ def recorded_order(log: CalibrationLog) -> IntArray:
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
+    log : CalibrationLog, n samples
     """
     rank = np.empty(len(log), dtype=np.int64)
     for k, (_, rows) in enumerate(log.trajectories()):
@@ -209,12 +193,9 @@ def unusable(log: CalibrationLog, pair: Pair, order: IntArray) -> FloatArray:
 
     Parameters
     ----------
-    log : CalibrationLog
-        n samples.
-    pair : Pair
-        Signals that are compared.
-    order : (n,) array
-        From :func:`recorded_order`.
+    log : CalibrationLog, n samples
+    pair : Pair, signals that are compared
+    order : (n,) array, from :func:`recorded_order`
     """
     count: FloatArray
     if pair.joints:
@@ -233,14 +214,10 @@ def samples_of(log: CalibrationLog, pair: Pair, rows: IntArray, rigid: RigidMode
 
     Parameters
     ----------
-    log : CalibrationLog
-        Recording.
-    pair : Pair
-        Signals to compare.
-    rows : (n,) array
-        Complete samples in recorded order.
-    rigid : RigidModel
-        Registration of the observed poses; joints need none.
+    log : CalibrationLog, recording
+    pair : Pair, signals to compare
+    rows : (n,) array, complete samples in recorded order
+    rigid : RigidModel, registration of the observed poses; joints need none
     """
     time, trajectory, session = log.time[rows], log.trajectory[rows], log.session[rows]
     stretch = (time, trajectory, session, _recording_runs(time, trajectory, session))
@@ -272,13 +249,7 @@ def _joint_samples(
 
 
 def _joint_signals(log: CalibrationLog, pair: Pair) -> tuple[FloatArray, FloatArray]:
-    """Return observed and commanded joints (n, dof) each.
-
-    Raises
-    ------
-    LogError
-        The log lacks one of the signals, or they hold different numbers of joints.
-    """
+    """Return observed and commanded joints (n, dof) each."""
     observed, command = (_signal(log, name, pair) for name in (pair.observed, pair.command))
     if observed.shape != command.shape:
         raise LogError(

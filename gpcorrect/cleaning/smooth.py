@@ -40,14 +40,10 @@ class Residual:
 
     Parameters
     ----------
-    left : (n, g, w) array
-        Error less the model's, m and rad; in training, the model of the other folds.
-    along : (n, g, w) array
-        The same by one model throughout, so that steps in it are steps of the error.
-    distance : (n,) array
-        Robust scales between error and model, of the worst group.
-    scale : (g,) array
-        Typical robust standard deviation of a component about the model, m and rad.
+    left : (n, g, w) array, error less the model's, m and rad; in training, the model of the other folds
+    along : (n, g, w) array, the same by one model throughout, so that steps in it are steps of the error
+    distance : (n,) array, robust scales between error and model, of the worst group
+    scale : (g,) array, typical robust standard deviation of a component about the model, m and rad
     """
 
     left: FloatArray
@@ -61,8 +57,7 @@ class Residual:
 
         Parameters
         ----------
-        error : (n, g, w) array
-            m and rad.
+        error : (n, g, w) array, m and rad
         """
         return cls(error, error, np.zeros(len(error)), np.full(error.shape[1], np.inf))
 
@@ -91,10 +86,8 @@ class InputScaling:
 
     Parameters
     ----------
-    centre : tuple of (k,) arrays
-        Middle of each group of coordinates.
-    spread : (groups,) array
-        Spread of each.
+    centre : tuple of (k,) arrays, middle of each group of coordinates
+    spread : (groups,) array, spread of each
     speed : (groups,) array
         Speeds, m/s and rad/s, at which a velocity input is half saturated: friction depends on the direction of
         motion more than on its speed.
@@ -110,10 +103,8 @@ class InputScaling:
 
         Parameters
         ----------
-        samples : Samples
-            n samples.
-        settings : CleaningSettings
-            Factors and floors.
+        samples : Samples, n samples
+        settings : CleaningSettings, factors and floors
         """
         least = settings.resolution(samples.units if samples.joints else "PR")
         centre = tuple(frozen_array(np.median(place, axis=0)) for place in samples.place)
@@ -131,8 +122,7 @@ class InputScaling:
 
         Parameters
         ----------
-        samples : Samples
-            n samples.
+        samples : Samples, n samples
         """
         scaled = [(p - c) / s for p, c, s in zip(samples.place, self.centre, self.spread, strict=True)]
         saturated = [
@@ -148,21 +138,15 @@ class SmoothModel:
 
     Parameters
     ----------
-    scaling : InputScaling
-        Inputs of the field.
+    scaling : InputScaling, inputs of the field
     trend : tuple of (r, w) arrays
         For each group, slopes and level of its error over commanded position and velocity (an arm that follows late
         errs in proportion to its velocity), found by least median of squares.
-    unit : (g,) array
-        Robust spread of what the trend leaves, m and rad: the field's unit.
-    inputs, outputs : (m, d) and (m, g w) arrays
-        Samples that the field is conditioned on.
-    kernel : WithLinear
-        Covariance of the field.
-    noise : float
-        Variance that position and velocity do not explain (noise, play), over that of the field.
-    scale : (g,) array
-        Robust standard deviation of a component about the field, as a multiple of the field's own.
+    unit : (g,) array, robust spread of what the trend leaves, m and rad: the field's unit
+    inputs, outputs : (m, d) and (m, g w) arrays, samples that the field is conditioned on
+    kernel : WithLinear, covariance of the field
+    noise : float, variance that position and velocity do not explain (noise, play), over that of the field
+    scale : (g,) array, robust standard deviation of a component about the field, as a multiple of the field's own
     reach : tuple of (2, r - 1) arrays
         For each group, least and largest position and velocity that the trend is followed to: a training range beyond
         the training. The slope of a joint that hardly moved is noise, and far away that noise is metres. Empty in older
@@ -184,8 +168,7 @@ class SmoothModel:
 
         Parameters
         ----------
-        samples : Samples
-            n samples.
+        samples : Samples, n samples
         """
         rows = _classified_rows(samples)
         X, _ = self.scaling.transform(samples)
@@ -199,14 +182,10 @@ class SmoothModel:
 
         Parameters
         ----------
-        left : (n, g, w) array
-            Errors less the trend, in its units.
-        rows : (m,) array
-            Where the field was evaluated.
-        mean : (m, g w) array
-            Its mean there.
-        deviation : (m,) array
-            Its standard deviation there, noise included.
+        left : (n, g, w) array, errors less the trend, in its units
+        rows : (m,) array, where the field was evaluated
+        mean : (m, g w) array, its mean there
+        deviation : (m,) array, its standard deviation there, noise included
         """
         index = np.arange(len(left))
         expected = np.stack([np.interp(index, rows, column) for column in mean.T], axis=1).reshape(left.shape)
@@ -243,14 +222,10 @@ def learn_smooth_model(
 
     Parameters
     ----------
-    samples : Samples
-        n samples, faults among them.
-    trusted : (n,) bool array
-        False for samples that broke a limit.
-    settings : CleaningSettings
-        Factors and floors.
-    rng : numpy Generator
-        Source of the random samples of the trend.
+    samples : Samples, n samples, faults among them
+    trusted : (n,) bool array, false for samples that broke a limit
+    settings : CleaningSettings, factors and floors
+    rng : numpy Generator, source of the random samples of the trend
     """
     resolution = settings.resolution(samples.units)
     rows = np.flatnonzero(trusted)

@@ -6,6 +6,7 @@ which side is wrong; the chain of pieces that hang together by possible steps an
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Self
@@ -29,46 +30,6 @@ RETURN_FRACTION = 0.3  # steps in and out that cancel to within this fraction ar
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
-    """Samples and how far they were commanded to travel.
-
-    Parameters
-    ----------
-    samples : Samples
-        n samples.
-    error : (n, g, w) array
-        Their error, or what a smooth model leaves of it, m and rad.
-    travel : (n, g) array
-        Commanded travel since the first sample, m and rad, at the largest speed of each sample's neighbourhood: what
-        an arm that follows late can have moved.
-    """
-
-    samples: Samples
-    error: FloatArray
-    travel: FloatArray
-
-    @classmethod
-    def of(cls, samples: Samples, error: FloatArray, response_time: float) -> Self:
-        """Return the path of samples whose arm follows within `response_time` seconds.
-
-        Parameters
-        ----------
-        samples : Samples
-            n samples.
-        error : (n, g, w) array
-            Their error, or what a model leaves of it.
-        response_time : float
-            Seconds.
-        """
-        speed, dt = _commanded_speeds(samples)
-        if not len(dt):
-            return cls(samples, error, np.zeros((len(samples), speed.shape[1])))
-        width = 2 * int(np.clip(np.ceil(response_time / max(np.median(dt), 1e-9)), 1, len(dt))) + 1
-        steps = maximum_filter1d(speed, width, axis=0, mode="nearest") * dt[:, None]
-        return cls(samples, error, np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)]))
-
-
-@dataclass(frozen=True, eq=False)
 class StepThresholds:
     """Limits on steps that no working arm and sensor exceed, learned from training data.
 
@@ -79,16 +40,11 @@ class StepThresholds:
 
     Parameters
     ----------
-    units : str
-        "P" or "R" for each of g groups.
-    noise : (g,) array
-        Largest step of the error that noise makes, m and rad.
-    speeds : (g,) array
-        Largest observed speed, m/s and rad/s.
-    follow : float
-        Times the commanded travel that the error may step besides.
-    cap : (g,) array
-        Largest difference of any two errors, m and rad.
+    units : str, "P" or "R" for each of g groups
+    noise : (g,) array, largest step of the error that noise makes, m and rad
+    speeds : (g,) array, largest observed speed, m/s and rad/s
+    follow : float, times the commanded travel that the error may step besides
+    cap : (g,) array, largest difference of any two errors, m and rad
     """
 
     units: str
@@ -103,12 +59,9 @@ class StepThresholds:
 
         Parameters
         ----------
-        samples : Samples
-            Training samples, faults among them.
-        residual : Residual
-            What the smooth model leaves of their error.
-        settings : CleaningSettings
-            Factors, floors, and speeds if given.
+        samples : Samples, training samples, faults among them
+        residual : Residual, what the smooth model leaves of their error
+        settings : CleaningSettings, Factors, floors, and speeds if given
         """
         inside = samples.run[1:] == samples.run[:-1]
         steps = np.linalg.norm(np.diff(residual.left, axis=0)[inside], axis=2)
@@ -131,40 +84,71 @@ class StepThresholds:
 
     @property
     def limits(self) -> list[tuple[Reason, float]]:
-        """Reason and limit of each column of :meth:`ratios`: speeds first, then steps of the error."""
+        """Reason and limit of each column of :meth:`Path.ratios`: speeds first, then steps of the error."""
         speeds = [(SPEED_REASONS[unit], float(speed)) for unit, speed in zip(self.units, self.speeds, strict=True)]
         return [*speeds, *[(Reason.JUMP, 1.0)] * len(self.units)]
 
-    def ratios(self, path: Path, i: IntArray, j: IntArray) -> FloatArray:
-        """Return steps (m, 2 g) from samples i to later samples j, as multiples of the largest that are possible.
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """Samples, how far they were commanded to travel, and what steps they can take.
+
+    Parameters
+    ----------
+    samples : Samples, n samples
+    error : (n, g, w) array, their error, or what a smooth model leaves of it, m and rad
+    thresholds : StepThresholds, limits on their steps
+    travel : (n, g) array
+        Commanded travel since the first sample, m and rad, at the largest speed of each sample's neighbourhood: what
+        an arm that follows late can have moved.
+    """
+
+    samples: Samples
+    error: FloatArray
+    thresholds: StepThresholds
+    travel: FloatArray
+
+    @classmethod
+    def of(cls, samples: Samples, error: FloatArray, thresholds: StepThresholds, response_time: float) -> Self:
+        """Return the path of samples whose arm follows within a time.
 
         Parameters
         ----------
-        path : Path
-            Samples.
-        i, j : (m,) array
-            Sample numbers, j later than i.
+        samples, error, thresholds
+            See above.
+        response_time : float, s
         """
-        samples = path.samples
-        moved = np.maximum(samples.steps(samples.observed, i, j) - self.noise, 0.0)
-        speed = moved / (samples.time[j] - samples.time[i])[:, None] / self.speeds
-        step = np.linalg.norm(path.error[j] - path.error[i], axis=2)
-        travel = np.abs(path.travel[j] - path.travel[i])
-        plausible = np.maximum(np.minimum(self.noise + self.follow * travel, self.cap), self.noise)
+        speed, dt = _commanded_speeds(samples)
+        if not len(dt):
+            return cls(samples, error, thresholds, np.zeros((len(samples), speed.shape[1])))
+        width = 2 * int(np.clip(np.ceil(response_time / max(np.median(dt), 1e-9)), 1, len(dt))) + 1
+        steps = maximum_filter1d(speed, width, axis=0, mode="nearest") * dt[:, None]
+        travel = np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])
+        return cls(samples, error, thresholds, travel)
+
+    def ratios(self, i: IntArray, j: IntArray) -> FloatArray:
+        """Return steps (m, 2 g) between samples, as multiples of the largest that are possible.
+
+        Parameters
+        ----------
+        i, j : (m,) array, sample numbers, j later than i
+        """
+        samples, limits = self.samples, self.thresholds
+        moved = np.maximum(samples.steps(samples.observed, i, j) - limits.noise, 0.0)
+        speed = moved / (samples.time[j] - samples.time[i])[:, None] / limits.speeds
+        step = np.linalg.norm(self.error[j] - self.error[i], axis=2)
+        travel = np.abs(self.travel[j] - self.travel[i])
+        plausible = np.maximum(np.minimum(limits.noise + limits.follow * travel, limits.cap), limits.noise)
         return np.hstack([speed, step / plausible])
 
-    def possible(self, path: Path, i: IntArray, j: IntArray) -> BoolArray:
+    def possible(self, i: IntArray, j: IntArray) -> BoolArray:
         """Return the mask (m,) of steps that break no limit.
 
         Parameters
         ----------
-        path : Path
-            Samples.
-        i, j : (m,) array
-            Sample numbers, j later than i.
+        i, j : (m,) array, sample numbers, j later than i
         """
-        possible: BoolArray = self.ratios(path, i, j).max(axis=1) <= 1.0
-        return possible
+        return np.asarray(self.ratios(i, j).max(axis=1) <= 1.0)
 
 
 def _commanded_speeds(samples: Samples) -> tuple[FloatArray, FloatArray]:
@@ -182,16 +166,12 @@ class Pieces:
 
     Parameters
     ----------
-    label : (n,) int array
-        Piece that each sample belongs to.
-    first, last : (m,) int arrays
-        First and last sample of each piece.
-    run : (m,) int array
-        Run that each piece lies in.
+    label : (n,) int array, piece that each sample belongs to
+    first, last : (m,) int arrays, first and last sample of each piece
+    run : (m,) int array, run that each piece lies in
     ratio : (m,) array
         Step into the piece from the sample before, as a multiple of the largest possible; 0 at the start of a run.
-    cause : (m,) int array
-        Which limit that step breaks.
+    cause : (m,) int array, which limit that step breaks
     """
 
     label: IntArray
@@ -214,26 +194,22 @@ class Pieces:
 
         Parameters
         ----------
-        values : (n,) array
-            A value a sample.
+        values : (n,) array, A value a sample
         """
         return np.array([np.median(values[a : b + 1]) for a, b in zip(self.first, self.last, strict=True)])
 
 
-def split_pieces(path: Path, thresholds: StepThresholds) -> Pieces:
+def split_pieces(path: Path) -> Pieces:
     """Cut the samples where a run ends or a step breaks a limit.
 
     Parameters
     ----------
-    path : Path
-        n samples.
-    thresholds : StepThresholds
-        Limits on their steps.
+    path : Path, n samples
     """
     n, run = len(path.samples), path.samples.run
     i = np.flatnonzero(run[1:] == run[:-1])
-    ratios = np.zeros((n, len(thresholds.limits)))
-    ratios[i + 1] = thresholds.ratios(path, i, i + 1)
+    ratios = np.zeros((n, len(path.thresholds.limits)))
+    ratios[i + 1] = path.ratios(i, i + 1)
     worst = ratios.max(axis=1)
     starts = worst > 1.0
     starts[0] = True
@@ -244,9 +220,7 @@ def split_pieces(path: Path, thresholds: StepThresholds) -> Pieces:
     return Pieces(np.cumsum(starts) - 1, first, np.append(first[1:], n) - 1, run[first], ratios[first, cause], cause)
 
 
-def largest_chain(
-    pieces: Pieces, scores: FloatArray, path: Path, thresholds: StepThresholds, switch_cost: float
-) -> BoolArray:
+def largest_chain(pieces: Pieces, scores: FloatArray, path: Path, switch_cost: float) -> BoolArray:
     """Return the mask (m,) of the pieces in the chain of greatest total score, a chain for each run.
 
     Neighbours in a chain are joined by a possible step, or by an impossible one at `switch_cost`. Pieces with a score
@@ -254,33 +228,44 @@ def largest_chain(
 
     Parameters
     ----------
-    pieces : Pieces
-        m pieces.
-    scores : (m,) array
-        What each is worth, samples.
-    path, thresholds : Path, StepThresholds
-        Samples and limits on their steps.
-    switch_cost : float
-        Samples.
+    pieces : Pieces, m pieces
+    scores : (m,) array, what each is worth, samples
+    path : Path
+    switch_cost : float, samples
     """
-    kept = np.zeros(len(pieces), dtype=bool)
+    chained = np.zeros(len(pieces), dtype=bool)
     for chosen in np.split(np.arange(len(pieces)), np.flatnonzero(np.diff(pieces.run)) + 1):
         chosen = chosen[scores[chosen] > 0]
         if len(chosen):
-            kept[chosen[_best_chain(pieces, scores[chosen], chosen, path, thresholds, switch_cost)]] = True
-    return kept
+            first, last = pieces.first[chosen], pieces.last[chosen]
+            chain = best_chain(scores[chosen], first, last, path.possible, switch_cost)
+            chained[chosen[chain]] = True
+    return chained
 
 
-def _best_chain(
-    pieces: Pieces, scores: FloatArray, chosen: IntArray, path: Path, thresholds: StepThresholds, switch_cost: float
+def best_chain(
+    scores: FloatArray,
+    first: IntArray,
+    last: IntArray,
+    possible: Callable[[IntArray, IntArray], BoolArray],
+    switch_cost: float = np.inf,
 ) -> IntArray:
-    """Positions within `chosen` of the best chain, by dynamic programming over the last `REACH` pieces."""
-    best, before = scores.copy(), np.full(len(chosen), -1)
-    for k in range(1, len(chosen)):
+    """Return which of m pieces, in order, are the chain of greatest total score.
+
+    Dynamic programming over the last `REACH` pieces.
+
+    Parameters
+    ----------
+    scores : (m,) array, positive
+    first, last : (m,) int arrays, first and last sample of each
+    possible : callable, from samples i and later samples j to the mask of possible steps
+    switch_cost : float, of an impossible step in the chain
+    """
+    best, before = scores.astype(np.float64), np.full(len(scores), -1)
+    for k in range(1, len(scores)):
         low = max(0, k - REACH)
-        i = pieces.last[chosen[low:k]]
-        possible = thresholds.possible(path, i, np.full(len(i), pieces.first[chosen[k]]))
-        gain = best[low:k] - np.where(possible, 0.0, switch_cost)
+        steps = possible(last[low:k], np.full(k - low, first[k]))
+        gain = best[low:k] - np.where(steps, 0.0, switch_cost)
         choice = int(np.argmax(gain))
         if gain[choice] > 0:
             best[k] += gain[choice]
@@ -295,7 +280,6 @@ def excursions(
     pieces: Pieces,
     candidates: BoolArray,
     path: Path,
-    thresholds: StepThresholds,
     residual: FloatArray,
     occlusion: float,
 ) -> BoolArray:
@@ -306,26 +290,22 @@ def excursions(
 
     Parameters
     ----------
-    pieces, candidates : Pieces, (m,) bool array
-        All pieces, and those that may be motions.
-    path, thresholds : Path, StepThresholds
-        Samples and what they can do.
-    residual : (n, g, w) array
-        What the smooth model leaves of the error.
-    occlusion : float
-        Samples of the longest occlusion.
+    pieces, candidates : Pieces, (m,) bool array, all pieces, and those that may be motions
+    path : Path
+    residual : (n, g, w) array, what the smooth model leaves of the error
+    occlusion : float, samples of the longest occlusion
     """
     dropped = np.zeros(len(pieces), dtype=bool)
     stretches: list[_Stretch] = []
     for k in np.flatnonzero(candidates):
         first, last = int(pieces.first[k]), int(pieces.last[k])
-        _append(stretches, _Stretch(first, last, last - first + 1, [int(k)], int(pieces.run[k])), path, thresholds)
-    while (inside := _shortest_excursion(stretches, path, thresholds, residual, occlusion)) is not None:
+        _append(stretches, _Stretch(first, last, last - first + 1, [int(k)], int(pieces.run[k])), path)
+    while (inside := _shortest_excursion(stretches, path, residual, occlusion)) is not None:
         dropped[[piece for stretch in stretches[inside] for piece in stretch.pieces]] = True
         # What lies around is joined where the step is possible: no impossible step is left there.
         after = stretches[inside.stop :]
         stretches = stretches[: inside.start]
-        _append(stretches, after[0], path, thresholds)
+        _append(stretches, after[0], path)
         stretches += after[1:]
     return dropped
 
@@ -341,20 +321,18 @@ class _Stretch:
     run: int
 
 
-def _append(stretches: list[_Stretch], new: _Stretch, path: Path, thresholds: StepThresholds) -> None:
+def _append(stretches: list[_Stretch], new: _Stretch, path: Path) -> None:
     """Append a stretch, as a part of the last one where the step from that is possible."""
     last = stretches[-1] if stretches else None
-    if last and last.run == new.run and thresholds.possible(path, np.array([last.last]), np.array([new.first]))[0]:
+    if last and last.run == new.run and path.possible(np.array([last.last]), np.array([new.first]))[0]:
         stretches[-1] = _Stretch(last.first, new.last, last.count + new.count, last.pieces + new.pieces, last.run)
     else:
         stretches.append(new)
 
 
-def _shortest_excursion(
-    stretches: list[_Stretch], path: Path, thresholds: StepThresholds, residual: FloatArray, occlusion: float
-) -> slice | None:
+def _shortest_excursion(stretches: list[_Stretch], path: Path, residual: FloatArray, occlusion: float) -> slice | None:
     """Positions of the fewest samples that are left as they were entered, with pauses but no other steps between."""
-    scaled = (path.error / thresholds.noise[:, None]).reshape(len(path.error), -1)
+    scaled = (path.error / path.thresholds.noise[:, None]).reshape(len(path.error), -1)
     inner = [k for k, (a, b) in enumerate(pairwise(stretches)) if a.run == b.run]
     found = []
     for a, b in pairwise(inner):

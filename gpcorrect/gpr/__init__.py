@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from gpcorrect.lazy import imported_on_demand
 
 if TYPE_CHECKING:
-    from gpcorrect.gpr.exact import ExactGPR
+    from gpcorrect.gpr.estimator import ExactGPR
     from gpcorrect.gpr.features import FeatureMap
     from gpcorrect.gpr.intervals import IntervalCalibration, LeftOut, learn_inflation, novelty_limit
     from gpcorrect.gpr.kernels import AdditiveMatern52, AdditiveRBF, Kernel, WithLinear
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 __getattr__ = imported_on_demand(
     __name__,
     {
-        "exact": "ExactGPR",
+        "estimator": "ExactGPR",
         "features": "FeatureMap",
         "intervals": "IntervalCalibration LeftOut learn_inflation novelty_limit",
         "kernels": "AdditiveMatern52 AdditiveRBF Kernel WithLinear",

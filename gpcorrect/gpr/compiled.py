@@ -10,16 +10,12 @@ All of it is in one file: numba's cache notices a change of the file that holds 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from gpcorrect.types import FloatArray
-
-if TYPE_CHECKING:
-    from gpcorrect.gpr.predictor import SharedPredictor
 
 # Sums may be taken in any order, so that they are vectorised; NaN and infinity keep their meaning.
 LOOSE = {"reassoc", "contract", "nsz"}
@@ -52,41 +48,6 @@ class Tables(NamedTuple):
     sizes: FloatArray
 
 
-def tables(parts: Sequence[SharedPredictor]) -> Tables:
-    """Return what queries of these groups of outputs read; padding changes no answer.
-
-    Parameters
-    ----------
-    parts : sequence of SharedPredictor
-        A group of outputs each.
-    """
-    columns = [_group(part) for part in parts]
-    stacked = Tables(*(_stack([column[i] for column in columns]) for i in range(len(Tables._fields))))
-    return stacked._replace(projection=stacked.projection.astype(np.float32))
-
-
-def _group(part: SharedPredictor) -> Tables:
-    return Tables(
-        *part.kernel.table(part.basis),
-        alpha=part.alpha,
-        offset=part.offset,
-        projection=part.projection,
-        explained=part.explained,
-        signal=part.signal,
-        noise=part.noise,
-        sizes=np.array([len(part.offset)], dtype=np.float64),
-    )
-
-
-def _stack(arrays: Sequence[FloatArray]) -> FloatArray:
-    """Stack arrays, shorter ones filled up with zeros."""
-    shape = np.max([array.shape for array in arrays], axis=0).astype(np.int64)
-    stacked = np.zeros((len(arrays), *shape))
-    for row, array in zip(stacked, arrays, strict=True):
-        row[tuple(slice(n) for n in array.shape)] = array
-    return stacked
-
-
 @njit(cache=True, nogil=True, fastmath=LOOSE)
 def predict_one(x: FloatArray, t: Tables) -> tuple[FloatArray, FloatArray, float]:
     """Predict one input `(d,)`: means `(m,)`, standard deviations `(m,)` and novelty of all outputs.
@@ -95,10 +56,8 @@ def predict_one(x: FloatArray, t: Tables) -> tuple[FloatArray, FloatArray, float
 
     Parameters
     ----------
-    x : (d,) array
-        Input.
-    t : Tables
-        From :func:`tables`.
+    x : (d,) array, input
+    t : Tables, from the predictor
     """
     total = 0
     for g in range(len(t.sizes)):

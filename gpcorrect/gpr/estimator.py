@@ -1,4 +1,4 @@
-"""What the exact and the sparse regressor share: checked input, scaling, hyperparameters from a subset, prediction."""
+"""What the exact and the sparse regressor share: checked input, scaling, hyperparameters, prediction."""
 
 from __future__ import annotations
 
@@ -27,10 +27,8 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
 
     Attributes
     ----------
-    learned_ : tuple of Learned
-        Kernel, variances and units of each group of outputs.
-    predictor_ : Predictor
-        The posterior in the form of the hot path.
+    learned_ : tuple of Learned, Kernel, variances and units of each group of outputs
+    predictor_ : Predictor, the posterior in the form of the hot path
     """
 
     feature_groups: Sequence[Sequence[int]] | None
@@ -53,17 +51,13 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
-        y : (n,) or (n, m) array
-            Outputs.
+        X : (n, d) array, inputs
+        y : (n,) or (n, m) array, outputs
         groups : (n,) array, optional
             Trajectory of each sample. When given, the hyperparameters allow for noise that neighbouring samples of
             one trajectory have in common, as real recordings have; without it the noise is taken as white.
-        times : (n,) array, optional
-            Seconds: the common noise then fades with the lag.
-        progress : Progress, optional
-            Updated with how far the fit is.
+        times : (n,) array, optional, seconds: the common noise then fades with the lag
+        progress : Progress, optional, updated with how far the fit is
 
         Raises
         ------
@@ -77,10 +71,7 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
-        y : (n,) or (n, m) array
-            Outputs.
+        X, y : (n, d), and (n,) or (n, m) arrays
         """
         check_is_fitted(self, "predictor_")
         other = copy(self)
@@ -95,33 +86,19 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
-        y : (n,) or (n, m) array
-            Outputs.
-        groups : (n,) array, optional
-            Trajectory of each sample, as in :meth:`fit`.
-        times : (n,) array, optional
-            Seconds.
+        X, y, groups, times
+            As for :meth:`fit`.
         """
         check_is_fitted(self, "predictor_")
         return copy(self)._fit(X, y, groups, times, Progress(), self.learned_)
 
     def predict(self, X: ArrayLike, return_std: bool = False) -> Any:
-        """Return the mean, and with `return_std` also the standard deviation of a new observation.
+        """Return the mean `(n,)` or `(n, m)`, with `return_std` also the standard deviation of a new observation.
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
+        X : (n, d) array, inputs
         return_std : bool
-            Whether to return standard deviations too.
-
-        Returns
-        -------
-        mean : (n,) or (n, m) array
-        std : (n,) or (n, m) array
-            Only with `return_std`.
         """
         check_is_fitted(self, "predictor_")
         mean, std, _ = self.predictor_.mean_std_batch(validate_data(self, X, reset=False, dtype=np.float64))
@@ -184,6 +161,66 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
         """Return one generator for the hyperparameters, one for the posterior: a refit repeats the latter."""
         seed = check_random_state(self.random_state).randint(2**31 - 1)
         return np.random.default_rng(seed).spawn(2)
+
+
+class ExactGPR(GaussianProcess):
+    """Gaussian-process regression from the whole covariance of the data (Rasmussen and Williams 2006, Eq. 2.23).
+
+    Parameters
+    ----------
+    feature_groups : sequence of sequences of int, optional
+        Columns of X that act in part by themselves (pose; velocity): each group adds a component to the kernel.
+    output_groups : sequence of int, optional
+        How many outputs in turn share a kernel, as (3, 3) for positions and rotations; all of them by default.
+    n_learn : int, samples that the hyperparameters are learned from
+    n_restarts : int, further searches for the hyperparameters, from random starts
+    kernel : "rbf", "matern52" or "auto"
+        Correlation function; "auto" takes, for each group of outputs, the one of greater evidence.
+    random_state : int, randomState or None, seed of the subset and the restarts
+
+    See Also
+    --------
+    GaussianProcess : the attributes.
+    SparseGPR : for more samples.
+    """
+
+    _most_samples = 6000  # the spectrum of more takes minutes and a gigabyte
+
+    def __init__(
+        self,
+        feature_groups: Sequence[Sequence[int]] | None = None,
+        output_groups: Sequence[int] | None = None,
+        n_learn: int = 1000,
+        n_restarts: int = 0,
+        kernel: KernelOption = "rbf",
+        random_state: int | None = 0,
+    ) -> None:
+        self.feature_groups = feature_groups
+        self.output_groups = output_groups
+        self.n_learn = n_learn
+        self.n_restarts = n_restarts
+        self.kernel = kernel
+        self.random_state = random_state
+
+    def _posterior(
+        self, learned: Learned, X: FloatArray, Y: FloatArray, rng: np.random.Generator, progress: Progress
+    ) -> SharedPredictor:
+        """With `R = Q diag(lambda) Q^T`, `(R + nu I)^-1 = Q diag(1 / (lambda + nu)) Q^T` for every noise ratio nu."""
+        kernel, scaling = learned.kernel, learned.scaling
+        eigenvalues, Q = np.linalg.eigh(kernel(X, X))
+        spread = np.maximum(eigenvalues, 0.0)[:, None] + learned.noise_ratio
+        alpha = Q @ ((Q.T @ scaling.outputs(Y)) / spread)
+        progress.step("posterior", 1.0)
+        return SharedPredictor(
+            kernel=kernel,
+            basis=X,
+            alpha=(alpha * scaling.y_spread).T,
+            offset=scaling.y_centre,
+            projection=Q.T,
+            explained=(1.0 / spread).T,
+            signal=learned.signal,
+            noise=learned.noise,
+        )
 
 
 def _stretches(

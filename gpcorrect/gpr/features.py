@@ -43,10 +43,8 @@ class FeatureMap:
     rotation : str
         Representation of rotations, found by :meth:`fit`: "rotvec", "columns" or "euler", "none" for data without
         rotations.
-    R_mean : (3, 3) array
-        Mean training rotation, found by :meth:`fit`.
-    spread : (d,) array
-        What each feature is divided by, found by :meth:`fit`; empty before.
+    R_mean : (3, 3) array, mean training rotation, found by :meth:`fit`
+    spread : (d,) array, what each feature is divided by, found by :meth:`fit`; empty before
 
     Raises
     ------
@@ -104,10 +102,8 @@ class FeatureMap:
 
         Parameters
         ----------
-        positions : (n, 3) array
-            Metres.
-        rotations : (n, 3, 3) array or None
-            None for data without rotations.
+        positions : (n, 3) array, metres
+        rotations : (n, 3, 3) array or None, None for data without rotations
         twists : (n, 6) array or None
             m/s and rad/s; the angular part is not looked at without rotations; None when velocity is not a feature.
 
@@ -133,7 +129,10 @@ class FeatureMap:
                 f"features need at least two complete samples, got {len(raw)}.", hint="Look for gaps in the recording."
             )
         low, high = np.percentile(raw, SPREAD_QUANTILES, axis=0)
-        return replace(known, spread=np.maximum((high - low) / 2, known._least_spread()))
+        return replace(
+            known,
+            spread=np.maximum((high - low) / 2, known._each(LEAST_LINEAR, LEAST_ANGULAR, LEAST_LINEAR, LEAST_ANGULAR)),
+        )
 
     def transform(
         self, positions: FloatArray, rotations: FloatArray | None, twists: FloatArray | None = None
@@ -142,24 +141,20 @@ class FeatureMap:
 
         Parameters
         ----------
-        positions : (n, 3) array
-            Metres.
-        rotations : (n, 3, 3) array or None
-            Rotation matrices.
-        twists : (n, 6) array, optional
-            m/s and rad/s.
+        positions : (n, 3) array, metres
+        rotations : (n, 3, 3) array or None, rotation matrices
+        twists : (n, 6) array, optional, m/s and rad/s
         """
         return self._raw(positions, rotations, twists) / self.spread
 
     def inverse(self, features: FloatArray) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
-        """Return positions, rotations and twists that have (or, for columns, come nearest to) features `(n, d)`.
+        """Return positions, rotations and twists that have (or, for columns, come nearest to) features.
 
         No rotations without orientation, and no twists where velocity is no feature.
 
         Parameters
         ----------
         features : (n, d) array
-            From :meth:`transform`.
         """
         raw = features * self.spread
         pose = len(self.groups[0])
@@ -172,8 +167,7 @@ class FeatureMap:
 
         Parameters
         ----------
-        features : (n, d) array
-            From :meth:`transform`.
+        features : (n, d) array, from :meth:`transform`
         """
         return np.asarray(np.isfinite(features).all(axis=1))
 
@@ -186,24 +180,17 @@ class FeatureMap:
             parts.append(twists[:, : 6 if self.has_orientation else 3])
         return np.concatenate(parts, axis=1)
 
-    def _least_spread(self) -> FloatArray:
-        linear, angular = np.full(3, LEAST_LINEAR), np.full(3, LEAST_ANGULAR)
-        turn = np.full(6 if self.rotation == "columns" else 3, LEAST_ANGULAR)
-        parts = [linear]
-        parts += [turn] if self.has_orientation else []
-        parts += [linear] if self.uses_velocity else []
-        parts += [angular] if self.uses_velocity and self.has_orientation else []
-        return np.concatenate(parts)
-
     @property
     def slack(self) -> FloatArray:
         """How far outside its range (d,) a feature may always be: a motion that held it still is no wall."""
-        linear, angular, speed, turning = (np.full(3, s) for s in (SLACK, TURN_SLACK, SPEED_SLACK, TURNING_SLACK))
-        parts = [linear]
-        parts += [np.resize(angular, len(self.groups[0]) - 3)] if self.has_orientation else []
-        parts += [speed] if self.uses_velocity else []
-        parts += [turning] if self.uses_velocity and self.has_orientation else []
-        return np.concatenate(parts) / self.spread
+        return self._each(SLACK, TURN_SLACK, SPEED_SLACK, TURNING_SLACK) / self.spread
+
+    def _each(self, linear: float, turn: float, speed: float, turning: float) -> FloatArray:
+        """Return a number for every feature `(d,)`, by its kind."""
+        parts = [np.full(3, linear), np.full(len(self.groups[0]) - 3, turn)]
+        if self.uses_velocity:
+            parts += [np.full(3, speed), np.full(len(self.groups[1]) - 3, turning)]
+        return np.concatenate(parts)
 
 
 def _rotation_kind(rotations: FloatArray, R_mean: FloatArray) -> RotationKind:
@@ -216,8 +203,8 @@ def _rotation_features(rotations: FloatArray, kind: RotationKind, R_mean: FloatA
     if kind == "columns":
         return np.concatenate([rotations[:, :, 0], rotations[:, :, 1]], axis=1)
     if kind == "euler":
-        centre = fixed_axes_angles(R_mean)  # half a turn from it, far from the training, is where angles jump
-        return centre + np.mod(fixed_axes_angles(rotations) - centre + np.pi, 2 * np.pi) - np.pi
+        centre = _fixed_axes_angles(R_mean)  # half a turn from it, far from the training, is where angles jump
+        return centre + np.mod(_fixed_axes_angles(rotations) - centre + np.pi, 2 * np.pi) - np.pi
     features = np.full((len(rotations), 3), np.nan)
     finite = np.isfinite(rotations).all(axis=(1, 2))
     features[finite] = se3.rotvec_from_matrix(rotations[finite] @ R_mean.T)
@@ -240,15 +227,10 @@ def _rotations_from_features(features: FloatArray, kind: RotationKind, R_mean: F
     return se3.matrix_from_rotvec(features) @ R_mean
 
 
-def fixed_axes_angles(rotations: FloatArray) -> FloatArray:
+def _fixed_axes_angles(rotations: FloatArray) -> FloatArray:
     """Angles `(..., 3)` about the fixed axes x, y and z in this order, rad: `R = Rz Ry Rx` (the paper's Euler angles).
 
     They jump by a full turn at +-180 degrees, and x and z are not defined apart where y reaches +-90 degrees.
-
-    Parameters
-    ----------
-    rotations : (..., 3, 3) array
-        Rotation matrices.
     """
     x = np.arctan2(rotations[..., 2, 1], rotations[..., 2, 2])
     y = np.arctan2(-rotations[..., 2, 0], np.hypot(rotations[..., 0, 0], rotations[..., 1, 0]))

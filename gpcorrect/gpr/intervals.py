@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -44,8 +44,7 @@ class IntervalCalibration:
 
     Parameters
     ----------
-    factor : (m,) array
-        1.96 where errors are normal and the standard deviations right.
+    factor : (m,) array, 1.96 where errors are normal and the standard deviations right
     """
 
     factor: FloatArray
@@ -61,10 +60,8 @@ class IntervalCalibration:
 
         Parameters
         ----------
-        errors, std : (n, m) arrays
-            Errors and the standard deviations predicted for them.
-        groups : (n,) array
-            Trajectory of each sample.
+        errors, std : (n, m) arrays, errors and the standard deviations predicted for them
+        groups : (n,) array, trajectory of each sample
         parts : (n,) array, optional
             Part of the recording that each sample was left out with. With them the intervals allow for how much parts
             differ: 95 % of the samples of a part to come, in four of five parts.
@@ -92,17 +89,15 @@ class IntervalCalibration:
         Parameters
         ----------
         by : float
-            1 leaves them as they are.
         """
         return type(self)(by * self.factor)
 
     def interval95(self, std: FloatArray) -> FloatArray:
-        """Half widths `(..., m)` of the intervals, from standard deviations `(..., m)`.
+        """Half widths `(..., m)` of the intervals.
 
         Parameters
         ----------
         std : (..., m) array
-            Standard deviations.
         """
         return std * self.factor
 
@@ -112,8 +107,7 @@ def novelty_limit(novelty: FloatArray) -> float:
 
     Parameters
     ----------
-    novelty : (n,) array
-        Novelties of left-out training samples.
+    novelty : (n,) array, of left-out training samples
     """
     return float(np.quantile(novelty, INSIDE))
 
@@ -176,8 +170,7 @@ class LeftOut:
 
     Parameters
     ----------
-    errors, std : (n, m) arrays
-        Errors, and the standard deviations promised for them.
+    errors, std : (n, m) arrays, errors, and the standard deviations promised for them
     novelty : (n,) array
     """
 
@@ -199,16 +192,13 @@ def learn_inflation(
 
     Parameters
     ----------
-    regressor : SparseGPR
-        Fitted to X and Y, quickest by the same parts as `folds`; its hyperparameters stay.
+    regressor : SparseGPR, fitted to X and Y, quickest by the same parts as `folds`; its hyperparameters stay
     X, Y : (n, d) and (n, m) arrays
-    folds : (n,) array
-        Which samples are left out together: whole trajectories.
+    folds : (n,) array, which samples are left out together: whole trajectories
     groups, times : (n,) arrays, optional
         Trajectories and times that it was fitted with. Where there are few trajectories, what is said of a left-out one
         comes from hyperparameters that were not learned from it either.
-    progress : Progress, optional
-        Updated after each fold.
+    progress : Progress, optional, updated after each fold
 
     Raises
     ------
@@ -234,8 +224,8 @@ def learn_inflation(
 def _less(regressor: SparseGPR, X: FloatArray, Y: FloatArray, folds: IntArray) -> Iterator[SparseGPR]:
     """Models without each fold, under the hyperparameters and points of all: the sums of all less those of the fold."""
     for k, fold in enumerate(np.unique(folds)):
-        kept = regressor.by_part_
-        own = kept[k] if kept else regressor.collected(X[folds == fold], Y[folds == fold])
+        parts = regressor.by_part_
+        own = parts[k] if parts else regressor.collected(X[folds == fold], Y[folds == fold])
         yield regressor.resting_on([a.minus(b) for a, b in zip(regressor.statistics_, own, strict=True)])
 
 
@@ -271,7 +261,8 @@ def _means(part: SharedPredictor, statistics: Statistics, X: FloatArray) -> Floa
     L = cholesky(part.kernel(part.basis, part.basis))[0]
     K = part.kernel(X, part.basis)
     ratio = part.noise / part.signal
-    return np.array([K @ statistics.inflated(c).mean_weights(L, ratio) + part.offset for c in INFLATIONS])
+    tried = [replace(statistics, inflation=inflation) for inflation in INFLATIONS]
+    return np.array([K @ one.mean_weights(L, ratio) + part.offset for one in tried])
 
 
 def _left_out(

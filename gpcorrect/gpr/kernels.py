@@ -13,7 +13,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, Self
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -45,10 +45,8 @@ class Kernel(ABC):
 
     Parameters
     ----------
-    weights : (c,) array
-        Positive, summing to one.
-    length_scales : (c, d) array
-        Positive; infinite where a component does not see a feature.
+    weights : (c,) array, positive, summing to one
+    length_scales : (c, d) array, positive; infinite where a component does not see a feature
     """
 
     weights: FloatArray
@@ -77,7 +75,7 @@ class Kernel(ABC):
         for start in range(0, len(A), ROWS):
             rows = slice(start, start + ROWS)
             for weight, scales in zip(self.weights, self.length_scales, strict=True):
-                part = self.profile(half_squares(A[rows] / scales, B / scales))
+                part = self.profile(_half_squares(A[rows] / scales, B / scales))
                 part *= weight
                 total[rows] += part
         return total
@@ -87,8 +85,7 @@ class Kernel(ABC):
 
         Parameters
         ----------
-        A : (n, d) array
-            Inputs.
+        A : (n, d) array, inputs
         """
         return np.ones(len(A))
 
@@ -101,10 +98,9 @@ class Kernel(ABC):
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
+        X : (n, d) array, inputs
         """
-        parts = [self.profile_and_slope(half_squares(X / scales, X / scales)) for scales in self.length_scales]
+        parts = [self.profile_and_slope(_half_squares(X / scales, X / scales)) for scales in self.length_scales]
         R = self.weights[0] * parts[0][0]
         for weight, (part, _) in zip(self.weights[1:], parts[1:], strict=True):
             R += weight * part
@@ -122,23 +118,12 @@ class Kernel(ABC):
 
         return R, pullback
 
-    def rescaled(self, factor: FloatArray) -> Self:
-        """Return the kernel of inputs that are `factor` (d,) times as large.
-
-        Parameters
-        ----------
-        factor : (d,) array
-            Positive.
-        """
-        return type(self)(self.weights, self.length_scales * factor)
-
     def table(self, basis: FloatArray) -> KernelTable:
         """Return what the hot path reads for basis points `(p, d)`.
 
         Parameters
         ----------
-        basis : (p, d) array
-            Points that predictions rest on.
+        basis : (p, d) array, points that predictions rest on
         """
         inverse = self.length_scales**-2.0
         origin = basis.mean(axis=0)
@@ -198,10 +183,8 @@ class WithLinear:
 
     Parameters
     ----------
-    kernel : AdditiveRBF
-        What bends.
-    slopes : (d,) array
-        Prior variance of the line's slope along each feature.
+    kernel : AdditiveRBF, what bends
+    slopes : (d,) array, prior variance of the line's slope along each feature
     """
 
     kernel: AdditiveRBF
@@ -216,31 +199,12 @@ class WithLinear:
 
         Parameters
         ----------
-        A : (n, d) array
-            Inputs.
+        A : (n, d) array, inputs
         """
         return 1.0 + A**2 @ self.slopes + self.kernel.diagonal(A)
 
 
 KERNELS: dict[str, type[Kernel]] = {kernel.name: kernel for kernel in (AdditiveRBF, AdditiveMatern52)}
-
-
-def kernel_named(name: str) -> type[Kernel]:
-    """Return the class of a kernel.
-
-    Parameters
-    ----------
-    name : str
-        One of `KERNELS`.
-
-    Raises
-    ------
-    DataError
-        There is none of that name.
-    """
-    if name not in KERNELS:
-        raise DataError(f"a kernel is one of {', '.join(KERNELS)}, got {name!r}.")
-    return KERNELS[name]
 
 
 def component_masks(n_features: int, groups: Sequence[Sequence[int]] | None) -> BoolArray:
@@ -250,15 +214,8 @@ def component_masks(n_features: int, groups: Sequence[Sequence[int]] | None) -> 
 
     Parameters
     ----------
-    n_features : int
-        d.
-    groups : sequence of sequences of int, optional
-        Columns of each group.
-
-    Raises
-    ------
-    DataError
-        A group names a feature that does not exist.
+    n_features : int, d
+    groups : sequence of sequences of int, optional, columns of each group
     """
     masks = []
     for group in groups or ():
@@ -272,14 +229,8 @@ def component_masks(n_features: int, groups: Sequence[Sequence[int]] | None) -> 
     return np.array([*masks, np.ones(n_features, dtype=bool)])
 
 
-def half_squares(A: FloatArray, B: FloatArray) -> FloatArray:
-    """Minus half the squared Euclidean distances `(n, m)` between rows, never above zero.
-
-    Parameters
-    ----------
-    A, B : (n, d) and (m, d) arrays
-        Points.
-    """
+def _half_squares(A: FloatArray, B: FloatArray) -> FloatArray:
+    """Minus half the squared Euclidean distances `(n, m)` between rows, never above zero."""
     # The norms are part of the product, for a pass over the result costs as much as it.
     left = np.hstack([A, -0.5 * np.einsum("nd,nd->n", A, A)[:, None], np.ones((len(A), 1))])
     right = np.hstack([B, np.ones((len(B), 1)), -0.5 * np.einsum("md,md->m", B, B)[:, None]])

@@ -9,7 +9,8 @@ from typing import Literal, Self
 import numpy as np
 from scipy.optimize import minimize
 
-from gpcorrect.gpr.kernels import KERNELS, Kernel, kernel_named
+from gpcorrect.errors import DataError
+from gpcorrect.gpr.kernels import KERNELS, Kernel
 from gpcorrect.gpr.likelihood import Layout, LearningData, negative_log_posterior, profiled_signal, sample_lags
 from gpcorrect.types import BoolArray, FloatArray, IntArray, Progress, frozen_array
 
@@ -32,18 +33,11 @@ class Hyperparameters:
 
     Parameters
     ----------
-    kernel : Kernel
-        Correlation over inputs, shared by the outputs.
-    signal, noise : (m,) arrays
-        Variances.
-    correlated_share : (m,) array
-        Share of the noise that neighbouring samples have in common.
-    correlation_time : float
-        How long they have it in common, s.
-    objective : float
-        Negative log posterior up to a constant, of the best search.
-    evaluations : int
-        Evaluations spent.
+    kernel : Kernel, correlation over inputs, shared by the outputs
+    signal, noise : (m,) arrays, variances
+    correlated_share : (m,) array, share of the noise that neighbouring samples have in common
+    correlation_time : float, how long they have it in common, s
+    objective : float, negative log posterior up to a constant, of the best search
     theta : (p,) array
         The same as the search saw it, :class:`gpcorrect.gpr.likelihood.Layout`: where another search may start.
     """
@@ -54,7 +48,6 @@ class Hyperparameters:
     correlated_share: FloatArray
     correlation_time: float
     objective: float
-    evaluations: int
     theta: FloatArray
 
     def __post_init__(self) -> None:
@@ -76,10 +69,7 @@ class Scaling:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
-        Y : (n, m) array
-            Outputs.
+        X, Y : (n, d) and (n, m) arrays, inputs and outputs
         """
         return cls(_spread(X), Y.mean(axis=0), _spread(Y))
 
@@ -88,8 +78,7 @@ class Scaling:
 
         Parameters
         ----------
-        Y : (n, m) array
-            Outputs.
+        Y : (n, m) array, outputs
         """
         return (Y - self.y_centre) / self.y_spread
 
@@ -100,10 +89,8 @@ class Learned:
 
     Parameters
     ----------
-    columns : slice
-        The group's outputs.
-    scaling : Scaling
-        Units in which the hyperparameters are.
+    columns : slice, the group's outputs
+    scaling : Scaling, units in which the hyperparameters are
     hyperparameters : Hyperparameters
     """
 
@@ -114,7 +101,8 @@ class Learned:
     @property
     def kernel(self) -> Kernel:
         """Correlation over inputs in the inputs' own units."""
-        return self.hyperparameters.kernel.rescaled(self.scaling.x_spread)
+        kernel = self.hyperparameters.kernel
+        return type(kernel)(kernel.weights, kernel.length_scales * self.scaling.x_spread)
 
     @property
     def noise_ratio(self) -> FloatArray:
@@ -151,29 +139,18 @@ def learn(
 
     Parameters
     ----------
-    X, Y : (n, d) and (n, m) arrays
-        Of unit spread, outputs centred.
-    masks : (c, d) bool array
-        Features that each component of the kernel sees.
-    groups, times : (n,) arrays or None
-        Trajectory and time (s) of each sample; None takes the noise as white.
-    restarts : int
-        Further searches from random starts.
-    rng : numpy.random.Generator
-        Source of the random starts.
-    progress : Progress
-        Updated after each search.
-    start : (p,) array, optional
-        Where the first search starts, as it came out of a search of data of the same kind.
-    kernel : "rbf", "matern52" or "auto"
-        Kernel, or "auto" for any.
-
-    Raises
-    ------
-    DataError
-        There is no such kernel.
+    X, Y : (n, d) and (n, m) arrays, of unit spread, outputs centred
+    masks : (c, d) bool array, features that each component of the kernel sees
+    groups, times : (n,) arrays or None, trajectory and time (s) of each sample; None takes the noise as white
+    restarts : int, further searches from random starts
+    rng : numpy.random.Generator, source of the random starts
+    progress : Progress, updated after each search
+    start : (p,) array, optional, where the first search starts, as it came out of a search of data of the same kind
+    kernel : "rbf", "matern52" or "auto", Kernel, or "auto" for any
     """
-    kinds = list(KERNELS.values()) if kernel == "auto" else [kernel_named(kernel)]
+    if kernel not in ("auto", *KERNELS):
+        raise DataError(f"a kernel is one of {', '.join(KERNELS)}, got {kernel!r}.")
+    kinds = list(KERNELS.values()) if kernel == "auto" else [KERNELS[kernel]]
     data = LearningData(X, Y, sample_lags(groups, times))
     time_range = None if groups is None or times is None else _time_range(data.lags.seconds)
     layout = Layout(masks, Y.shape[1], groups is not None, time_range, kinds[0])
@@ -213,7 +190,6 @@ def _search(
         correlated_share=noise.share,
         correlation_time=noise.time,
         objective=float(best.fun),
-        evaluations=sum(int(result.nfev) for result in results),
         theta=best.x,
     )
 

@@ -31,17 +31,14 @@ TINY = 1e-12  # a constant output has no signal, and log(0) must not be taken
 
 
 @dataclass(frozen=True, eq=False)
-class NoiseModel:
+class _NoiseModel:
     """Noise of each output relative to its signal.
 
     Parameters
     ----------
-    ratio : (m,) array
-        Noise variance over signal variance.
-    share : (m,) array
-        Share of the noise that is correlated in time, 0 to 1.
-    time : float
-        Correlation time, s.
+    ratio : (m,) array, noise variance over signal variance
+    share : (m,) array, share of the noise that is correlated in time, 0 to 1
+    time : float, correlation time, s
     """
 
     ratio: FloatArray
@@ -55,16 +52,12 @@ class Layout:
 
     Parameters
     ----------
-    masks : (c, d) bool array
-        Which features each component sees.
-    outputs : int
-        Number of outputs m.
-    correlated : bool
-        Whether part of the noise is correlated; without it there are no shares and no time.
+    masks : (c, d) bool array, which features each component sees
+    outputs : int, number of outputs m
+    correlated : bool, whether part of the noise is correlated; without it there are no shares and no time
     time_range : (float, float) or None
         Shortest and longest correlation time, s; None when samples of a trajectory carry no times.
-    kind : type of Kernel
-        Which kernel the scales and weights belong to.
+    kind : type of Kernel, which kernel the scales and weights belong to
     """
 
     masks: BoolArray
@@ -89,7 +82,6 @@ class Layout:
         Parameters
         ----------
         theta : (p,) array
-            In the order of the layout.
         """
         log_scales, odds = self._split(theta)[:2]
         scales = np.full(self.masks.shape, np.inf)
@@ -97,17 +89,16 @@ class Layout:
         weights = np.exp(np.append(odds, 0.0))
         return self.kind(weights / weights.sum(), scales)
 
-    def noise(self, theta: FloatArray) -> NoiseModel:
+    def noise(self, theta: FloatArray) -> _NoiseModel:
         """Return the noise that `theta` stands for.
 
         Parameters
         ----------
         theta : (p,) array
-            In the order of the layout.
         """
         _, _, log_ratio, odds, log_time = self._split(theta)
         share = 1.0 / (1.0 + np.exp(-odds)) if odds.size else np.zeros(self.outputs)
-        return NoiseModel(np.exp(log_ratio), share, float(np.exp(log_time[0])) if log_time.size else 1.0)
+        return _NoiseModel(np.exp(log_ratio), share, float(np.exp(log_time[0])) if log_time.size else 1.0)
 
     def pack(
         self, by_scale: FloatArray, by_odds: FloatArray, by_ratio: FloatArray, by_share: FloatArray, by_time: float
@@ -116,16 +107,9 @@ class Layout:
 
         Parameters
         ----------
-        by_scale : (c, d) array
-            By log length scales.
-        by_odds : (c,) array
-            By log odds of the weights.
-        by_ratio : (m,) array
-            By log noise ratios.
-        by_share : (m,) array
-            By log odds of the correlated noise.
-        by_time : float
-            By the log correlation time.
+        by_scale, by_odds : (c, d) and (c,) arrays, by log length scales and log odds of the weights
+        by_ratio, by_share : (m,) arrays, by log noise ratios and log odds of the correlated noise
+        by_time : float, by the log correlation time
         """
         _, _, _, shares, times = self.sizes
         return np.concatenate(
@@ -166,7 +150,6 @@ class Layout:
         Parameters
         ----------
         theta : (p,) array
-            In the order of the layout.
         """
         count = self.sizes[0]
         z = (theta[:count] - self._usual_log_scales) / PRIOR_SPREAD
@@ -191,12 +174,9 @@ class LearningData:
 
     Parameters
     ----------
-    X : (n, d) array
-        Inputs of unit spread.
-    Y : (n, m) array
-        Centred outputs of unit spread.
-    lags : Lags
-        Between samples of one trajectory; none for white noise.
+    X : (n, d) array, inputs of unit spread
+    Y : (n, m) array, centred outputs of unit spread
+    lags : Lags, between samples of one trajectory; none for white noise
     """
 
     X: FloatArray
@@ -209,10 +189,8 @@ def sample_lags(groups: IntArray | None, times: FloatArray | None) -> Lags:
 
     Parameters
     ----------
-    groups : (n,) array or None
-        Group of each sample; None for no pairs.
-    times : (n,) array or None
-        Seconds.
+    groups : (n,) array or None, group of each sample; None for no pairs
+    times : (n,) array or None, seconds
     """
     if groups is None:
         return Lags(np.zeros(0, dtype=np.int64), np.zeros(0))
@@ -222,31 +200,20 @@ def sample_lags(groups: IntArray | None, times: FloatArray | None) -> Lags:
 
 
 def negative_log_posterior(theta: FloatArray, data: LearningData, layout: Layout) -> tuple[float, FloatArray]:
-    """Negative log marginal likelihood, summed over outputs, plus the prior's penalty; and its gradient.
+    """Negative log marginal likelihood up to a constant, summed over outputs, plus the prior's penalty; its gradient.
 
     Parameters
     ----------
-    theta : (p,) array
-        In the order of `layout`.
+    theta : (p,) array, in the order of `layout`
     data : LearningData
     layout : Layout
-
-    Returns
-    -------
-    value : float
-        Up to a constant.
-    gradient : (p,) array
     """
     kernel, noise = layout.kernel(theta), layout.noise(theta)
     R, pullback = kernel.with_gradient(data.X)
     E = np.exp(-data.lags.seconds / noise.time)
-    value, slope_R, slopes = _outputs(data, R, E, noise)
-    gradient = layout.pack(
-        *pullback(slope_R),
-        slopes.log_ratio,
-        slopes.share * noise.share * (1.0 - noise.share),
-        float(slopes.E @ (E * data.lags.seconds)) / noise.time,
-    )
+    value, by_R, by_ratio, by_share, by_E = _outputs(data, R, E, noise)
+    by_odds = by_share * noise.share * (1.0 - noise.share)
+    gradient = layout.pack(*pullback(by_R), by_ratio, by_odds, float(by_E @ (E * data.lags.seconds)) / noise.time)
     penalty, penalty_gradient = layout.penalty(theta)
     return value + penalty, gradient + penalty_gradient
 
@@ -256,12 +223,8 @@ def profiled_signal(theta: FloatArray, data: LearningData, layout: Layout) -> Fl
 
     Parameters
     ----------
-    theta : (p,) array
-        In the order of the layout.
-    data : LearningData
-        What the likelihood is taken of.
-    layout : Layout
-        Order of the parameters.
+    theta, data, layout
+        As for :func:`negative_log_posterior`.
     """
     kernel, noise = layout.kernel(theta), layout.noise(theta)
     R, E = kernel(data.X, data.X), np.exp(-data.lags.seconds / noise.time)
@@ -272,16 +235,7 @@ def profiled_signal(theta: FloatArray, data: LearningData, layout: Layout) -> Fl
     return np.maximum(signal, TINY)
 
 
-@dataclass(frozen=True, eq=False)
-class _NoiseSlopes:
-    """Gradients with respect to the noise of each output, and to the pairs of samples in E."""
-
-    log_ratio: FloatArray
-    share: FloatArray
-    E: FloatArray
-
-
-def _covariance(R: FloatArray, lags: Lags, E: FloatArray, noise: NoiseModel, output: int) -> FloatArray:
+def _covariance(R: FloatArray, lags: Lags, E: FloatArray, noise: _NoiseModel, output: int) -> FloatArray:
     """Covariance over signal variance in the upper triangle."""
     C = np.array(R)
     C[np.diag_indices_from(C)] += noise.ratio[output]
@@ -290,9 +244,9 @@ def _covariance(R: FloatArray, lags: Lags, E: FloatArray, noise: NoiseModel, out
 
 
 def _outputs(
-    data: LearningData, R: FloatArray, E: FloatArray, noise: NoiseModel
-) -> tuple[float, FloatArray, _NoiseSlopes]:
-    """Sum the likelihood over outputs; the slope with respect to R is an upper triangle `(n, n)`."""
+    data: LearningData, R: FloatArray, E: FloatArray, noise: _NoiseModel
+) -> tuple[float, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Sum the likelihood over outputs, and its slopes by R (an upper triangle), log ratios, shares and E."""
     n, m = data.Y.shape
     value, by_ratio, by_share, by_E = 0.0, np.zeros(m), np.zeros(m), np.zeros(len(E))
     by_R = np.zeros((n, n))
@@ -309,4 +263,4 @@ def _outputs(
         by_share[o] = ratio * inner
         by_E += ratio * share * pairs
         by_R += slope
-    return value, by_R, _NoiseSlopes(by_ratio, by_share, by_E)
+    return value, by_R, by_ratio, by_share, by_E

@@ -19,8 +19,7 @@ def cholesky(matrix: FloatArray) -> tuple[FloatArray, float]:
 
     Parameters
     ----------
-    matrix : (n, n) array
-        Symmetric.
+    matrix : (n, n) array, symmetric
 
     Raises
     ------
@@ -48,8 +47,7 @@ def inverse_and_log_determinant(matrix: FloatArray) -> tuple[FloatArray, float]:
 
     Parameters
     ----------
-    matrix : (n, n) array
-        Covariance.
+    matrix : (n, n) array, covariance
     """
     factor, _ = cholesky(matrix)
     log_determinant = 2.0 * float(np.log(np.diagonal(factor)).sum())
@@ -64,20 +62,15 @@ def conditioned(
 
     Parameters
     ----------
-    kernel : Kernel or WithLinear
-        Prior covariance.
-    noise : float
-        Noise variance.
-    X, Y : (n, d) and (n, m) arrays
-        Observations of outputs with zero prior mean.
-    at : (q, d) array
-        Where to predict.
+    kernel : Kernel or WithLinear, prior covariance
+    noise : float, noise variance
+    X, Y : (n, d) and (n, m) arrays, observations of outputs with zero prior mean
+    at : (q, d) array, where to predict
 
     Returns
     -------
     mean : (q, m) array
-    std : (q,) array
-        The same for all outputs; noise included.
+    std : (q,) array, the same for all outputs; noise included
     """
     lower, _ = cholesky(kernel(X, X) + noise * np.eye(len(X)))
     cross = kernel(at, X)

@@ -20,7 +20,7 @@ from gpcorrect.gpr.kernels import Kernel
 from gpcorrect.gpr.learning import KernelOption, Learned
 from gpcorrect.gpr.linalg import cholesky
 from gpcorrect.gpr.predictor import Predictor, SharedPredictor
-from gpcorrect.gpr.statistics import Statistics, collect, posterior, statistics_of, updated
+from gpcorrect.gpr.statistics import Points, Statistics, updated
 from gpcorrect.types import FloatArray, IntArray, Progress
 
 CANDIDATES_PER_POINT = 5  # chosen by hand, as is the next: more candidates cost time in proportion
@@ -34,36 +34,22 @@ class SparseGPR(GaussianProcess):
 
     Parameters
     ----------
-    n_inducing : int
-        Inducing points that the mean rests on.
-    n_variance : int
-        How many of them the variance rests on: the part of a query that costs their square.
-    feature_groups : sequence of sequences of int, optional
-        Columns of X that act in part by themselves (pose; velocity): each group adds a component to the kernel.
-    output_groups : sequence of int, optional
-        How many outputs in turn share a kernel, as (3, 3) for positions and rotations; all of them by default.
-    n_learn : int
-        Samples that the hyperparameters are learned from.
-    n_restarts : int
-        Further searches for the hyperparameters, from random starts.
+    n_inducing : int, inducing points that the mean rests on
+    n_variance : int, how many of them the variance rests on: the part of a query that costs their square
+    feature_groups, output_groups, n_learn, n_restarts, kernel
+        As for :class:`ExactGPR`.
     inflation : sequence of float, optional
         For each group of outputs, how many neighbouring samples count as one, because they err together; 1 by default.
         :func:`gpcorrect.gpr.learn_inflation` learns it.
-    kernel : "rbf", "matern52" or "auto"
-        Correlation function; "auto" takes, for each group of outputs, the one of greater evidence.
-    random_state : int, RandomState or None
-        Seed of the subset, the restarts and the inducing points.
+    random_state : int, randomState or None, seed of the subset, the restarts and the inducing points
 
     Attributes
     ----------
     jitter_ : float
         What had to be added to the inducing points' correlations (of unit variance) for their factorisation;
         the largest of the groups of outputs.
-    unseen_ : float
-        Mean share of prior variance that the inducing points cannot see at the training samples; likewise.
-
-    statistics_ : tuple of Statistics
-        What the posterior of each group of outputs rests on; data can be added to it.
+    unseen_ : float, mean share of prior variance that the inducing points cannot see at the training samples; likewise
+    statistics_ : tuple of Statistics, what the posterior of each group of outputs rests on; data can be added to it
 
     See Also
     --------
@@ -111,12 +97,9 @@ class SparseGPR(GaussianProcess):
 
         Parameters
         ----------
-        X, Y : (n, d) and (n, m) arrays
-            Inputs and outputs.
-        parts : (n,) array
-            Which samples are left out together; `by_part_` is in the order of their labels.
-        terms : (n, k) array, optional
-            See :meth:`collected`.
+        X, Y : (n, d) and (n, m) arrays, inputs and outputs
+        parts : (n,) array, which samples are left out together; `by_part_` is in the order of their labels
+        terms : (n, k) array, optional, see :meth:`collected`
         groups, times, progress
             See :meth:`fit`.
         """
@@ -132,11 +115,10 @@ class SparseGPR(GaussianProcess):
 
         Parameters
         ----------
-        inflation : sequence of float
-            For each group of outputs, how many samples count as one.
+        inflation : sequence of float, for each group of outputs, how many samples count as one
         """
         pairs = zip(self.statistics_, inflation, strict=True)
-        other = self.resting_on([statistics.inflated(factor) for statistics, factor in pairs])
+        other = self.resting_on([replace(statistics, inflation=factor) for statistics, factor in pairs])
         other.inflation = tuple(inflation)
         return other
 
@@ -145,8 +127,7 @@ class SparseGPR(GaussianProcess):
 
         Parameters
         ----------
-        statistics : sequence of Statistics
-            For each group of outputs.
+        statistics : sequence of Statistics, for each group of outputs
         """
         other = copy(self)
         other.statistics_ = tuple(statistics)
@@ -154,19 +135,14 @@ class SparseGPR(GaussianProcess):
         return other
 
     def collected(self, X: FloatArray, Y: FloatArray, terms: FloatArray | None = None) -> tuple[Statistics, ...]:
-        """Return the statistics of samples `(n, d)` and `(n, m)` under this model's points and hyperparameters.
+        """Return the statistics of samples under this model's points and hyperparameters, see :meth:`Points.collect`.
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
-        Y : (n, m) array
-            Outputs.
-        terms : (n, k) array, optional
-            Further columns that stand behind each group's outputs, not centred.
+        X, Y, terms : (n, d), (n, m) and (n, k) arrays
         """
         pairs = zip(self.predictor_.parts, self.learned_, strict=True)
-        return tuple(statistics_of(part, X, Y[:, learned.columns], terms) for part, learned in pairs)
+        return tuple(Points.of(part).collect(X, Y[:, own.columns], Progress(), terms) for part, own in pairs)
 
     def _predictor(self, X: FloatArray, Y: FloatArray, rng: np.random.Generator, progress: Progress) -> Predictor:
         self.jitter_, self.unseen_, self.statistics_, self.by_part_ = 0.0, 0.0, (), ()
@@ -175,37 +151,28 @@ class SparseGPR(GaussianProcess):
     def _posterior(
         self, learned: Learned, X: FloatArray, Y: FloatArray, rng: np.random.Generator, progress: Progress
     ) -> SharedPredictor:
-        kernel, offset = learned.kernel, learned.scaling.y_centre
+        kernel = learned.kernel
         basis = self._inducing_points(kernel, X, rng)
         L, jitter = cholesky(kernel(basis, basis))
+        points = Points(kernel, basis, L, learned.scaling.y_centre, learned.signal, learned.noise)
         inflation = 1.0 if self.inflation is None else self.inflation[len(self.statistics_)]
-        statistics = self._collect(kernel, basis, L, offset, X, Y, progress).inflated(inflation)
+        statistics = replace(self._collect(points, X, Y, progress), inflation=inflation)
         self.statistics_ = (*self.statistics_, statistics)
         self.jitter_ = max(self.jitter_, jitter)
         self.unseen_ = max(self.unseen_, statistics.unseen(len(basis)))
-        return posterior(kernel, basis, L, offset, learned.signal, learned.noise, statistics, self.n_variance)
+        return points.posterior(statistics, self.n_variance)
 
-    def _collect(
-        self,
-        kernel: Kernel,
-        basis: FloatArray,
-        L: FloatArray,
-        offset: FloatArray,
-        X: FloatArray,
-        Y: FloatArray,
-        progress: Progress,
-    ) -> Statistics:
-        """Return the statistics of all samples; with parts to be kept, the sum of theirs."""
+    def _collect(self, points: Points, X: FloatArray, Y: FloatArray, progress: Progress) -> Statistics:
+        """Return the statistics of all samples; with parts to be left out later, the sum of theirs."""
         if self._parts is None:
-            return collect(kernel, basis, L, offset, X, Y, progress)
-        (parts, terms), m = self._parts, Y.shape[1]
-        padded, columns = np.append(offset, np.zeros(terms.shape[1])), np.hstack([Y, terms])
-        found = [collect(kernel, basis, L, padded, X[rows], columns[rows], progress) for rows in parts]
+            return points.collect(X, Y, progress)
+        parts, terms = self._parts
+        found = [points.collect(X[rows], Y[rows], progress, terms[rows]) for rows in parts]
         self.by_part_ = tuple(
             (*before, own) for before, own in zip(self.by_part_ or [()] * len(found), found, strict=True)
         )
         whole = reduce(Statistics.plus, found)
-        return replace(whole, Vy=whole.Vy[:, :m])
+        return replace(whole, Vy=whole.Vy[:, : Y.shape[1]])
 
     def _inducing_points(self, kernel: Kernel, X: FloatArray, rng: np.random.Generator) -> FloatArray:
         return choose_inducing(kernel, X, self.n_inducing, rng)
@@ -222,14 +189,10 @@ def choose_inducing(kernel: Kernel, X: FloatArray, count: int, rng: np.random.Ge
 
     Parameters
     ----------
-    kernel : Kernel
-        In the units of X.
-    X : (n, d) array
-        Training inputs; a random part of them are candidates.
-    count : int
-        Points wanted.
-    rng : numpy.random.Generator
-        Source of the draws.
+    kernel : Kernel, in the units of X
+    X : (n, d) array, training inputs; a random part of them are candidates
+    count : int, points wanted
+    rng : numpy.random.Generator, source of the draws
     """
     candidates = X[rng.permutation(len(X))[: max(CANDIDATES_PER_POINT * count, FEWEST_CANDIDATES)]]
     count = min(count, len(candidates))

@@ -31,12 +31,9 @@ class Statistics:
 
     Parameters
     ----------
-    G : (M, M) array
-        `V V^T`, symmetric.
-    Vy : (M, m) array
-        `V (y - offset)`, in the outputs' units.
-    n : float
-        Samples; a fraction where some of them were given less weight.
+    G : (M, M) array, `V V^T`, symmetric
+    Vy : (M, m) array, `V (y - offset)`, in the outputs' units
+    n : float, samples; a fraction where some of them were given less weight
     inflation : float
         By how much the noise is multiplied, because neighbouring samples err together: so many count as one.
     """
@@ -47,14 +44,12 @@ class Statistics:
     inflation: float = 1.0
 
     def plus(self, other: Self, keep: float = 1.0) -> Statistics:
-        """Return the statistics of these samples, weighted by `keep`, and the others together, inflated as these.
+        """Return the statistics of these samples, weighted by `keep`, and the others in full, inflated as these.
 
         Parameters
         ----------
-        other : Statistics
-            Under the same points and hyperparameters.
+        other : Statistics, under the same points and hyperparameters
         keep : float
-            Weight of these samples; the others count in full.
         """
         return replace(self, G=keep * self.G + other.G, Vy=keep * self.Vy + other.Vy, n=keep * self.n + other.n)
 
@@ -63,28 +58,16 @@ class Statistics:
 
         Parameters
         ----------
-        other : Statistics
-            Under the same points and hyperparameters.
+        other : Statistics, under the same points and hyperparameters
         """
         return replace(self, G=self.G - other.G, Vy=self.Vy - other.Vy, n=self.n - other.n)
-
-    def inflated(self, inflation: float) -> Statistics:
-        """Return the same sums, of which as many samples as `inflation` says count as one.
-
-        Parameters
-        ----------
-        inflation : float
-            At least one.
-        """
-        return replace(self, inflation=inflation)
 
     def unseen(self, count: int) -> float:
         """Mean share of prior variance that the first `count` points leave at the samples.
 
         Parameters
         ----------
-        count : int
-            At most M.
+        count : int, at most M
         """
         return max(1.0 - float(np.trace(self.G[:count, :count])) / self.n, 0.0)
 
@@ -93,10 +76,8 @@ class Statistics:
 
         Parameters
         ----------
-        L : (M, M) array
-            Cholesky factor of the correlations of the points.
-        ratio : (m,) array
-            Noise over signal variance.
+        L : (M, M) array, Cholesky factor of the correlations of the points
+        ratio : (m,) array, noise over signal variance
         """
         diagonal = np.diag_indices_from(self.G)
         solved = np.empty(self.Vy.shape)
@@ -114,12 +95,9 @@ class Statistics:
 
         Parameters
         ----------
-        L : (M, M) array
-            Cholesky factor of the correlations of the points.
-        ratio : (m,) array
-            Noise over signal variance.
-        count : int
-            At most M.
+        L, ratio
+            As for :meth:`mean_weights`.
+        count : int, at most M
         """
         eigenvalues, U = np.linalg.eigh(self.G[:count, :count])
         eigenvalues = np.maximum(eigenvalues, 0.0)
@@ -130,108 +108,77 @@ class Statistics:
         return projection, explained[:, chosen]
 
 
-def collect(
-    kernel: Kernel,
-    basis: FloatArray,
-    L: FloatArray,
-    offset: FloatArray,
-    X: FloatArray,
-    Y: FloatArray,
-    progress: Progress,
-) -> Statistics:
-    """Sum over samples `(n, d)` and `(n, m)` in blocks: memory does not grow with their number.
+@dataclass(frozen=True, eq=False)
+class Points:
+    """M inducing points of outputs that share a kernel.
 
     Parameters
     ----------
-    kernel : Kernel
-        In the units of the inputs.
+    kernel : Kernel, in the units of the inputs
     basis : (M, d) array
-        Inducing points.
-    L : (M, M) array
-        Cholesky factor of their correlations.
-    offset : (m,) array
-        Mean far from all data.
-    X : (n, d) array
-        Inputs.
-    Y : (n, m) array
-        Outputs.
-    progress : Progress
-        Updated after each block.
+    L : (M, M) array, Cholesky factor of their correlations
+    offset : (m,) array, mean far from all data
+    signal, noise : (m,) arrays, prior and noise variances
     """
-    G, Vy = np.zeros((len(basis), len(basis)), order="F"), np.zeros((len(basis), Y.shape[1]))
-    inverse, _ = lapack.dtrtri(L, lower=1)
-    for start in range(0, len(X), BLOCK):
-        rows = slice(start, start + BLOCK)
-        V = blas.dtrmm(1.0, inverse, kernel(X[rows], basis).T, lower=1, overwrite_b=1)
-        G = blas.dsyrk(1.0, V, beta=1.0, c=G, lower=1, overwrite_c=1)
-        Vy += V @ (Y[rows] - offset)
-        progress.step("posterior", min(1.0, (start + BLOCK) / len(X)))
-    return Statistics(np.tril(G) + np.tril(G, -1).T, Vy, float(len(X)))
 
+    kernel: Kernel
+    basis: FloatArray
+    L: FloatArray
+    offset: FloatArray
+    signal: FloatArray
+    noise: FloatArray
 
-def posterior(
-    kernel: Kernel,
-    basis: FloatArray,
-    L: FloatArray,
-    offset: FloatArray,
-    signal: FloatArray,
-    noise: FloatArray,
-    statistics: Statistics,
-    n_variance: int,
-) -> SharedPredictor:
-    """Return the predictor of these statistics, whose variance rests on the first `n_variance` points.
+    @classmethod
+    def of(cls, part: SharedPredictor) -> Self:
+        """Return the points and hyperparameters that a predictor rests on.
 
-    Parameters
-    ----------
-    kernel : Kernel
-        In the units of the inputs.
-    basis : (M, d) array
-        Inducing points.
-    L : (M, M) array
-        Cholesky factor of their correlations.
-    offset : (m,) array
-        Mean far from all data.
-    signal : (m,) array
-        Prior variances.
-    noise : (m,) array
-        Noise variances.
-    statistics : Statistics
-        Of the samples.
-    n_variance : int
-        Points that the variance rests on.
-    """
-    ratio = noise / signal
-    projection, explained = statistics.variance_factors(L, ratio, min(n_variance, len(basis)))
-    return SharedPredictor(
-        kernel=kernel,
-        basis=basis,
-        alpha=statistics.mean_weights(L, ratio).T,
-        offset=offset,
-        projection=projection,
-        explained=explained,
-        signal=signal,
-        noise=noise,
-    )
+        Parameters
+        ----------
+        part : SharedPredictor
+        """
+        L = cholesky(part.kernel(part.basis, part.basis))[0]
+        return cls(part.kernel, part.basis, L, part.offset, part.signal, part.noise)
 
+    def collect(self, X: FloatArray, Y: FloatArray, progress: Progress, terms: FloatArray | None = None) -> Statistics:
+        """Sum over samples in blocks: memory does not grow with their number.
 
-def statistics_of(part: SharedPredictor, X: FloatArray, Y: FloatArray, terms: FloatArray | None = None) -> Statistics:
-    """Return the statistics of samples `(n, d)` and `(n, m)` under a predictor's points and hyperparameters.
+        Parameters
+        ----------
+        X, Y : (n, d) and (n, m) arrays, inputs and outputs
+        progress : Progress, updated after each block
+        terms : (n, k) array, optional, further columns that stand behind the outputs, not centred
+        """
+        columns = Y - self.offset if terms is None else np.hstack([Y - self.offset, terms])
+        G, Vy = np.zeros(self.L.shape, order="F"), np.zeros((len(self.basis), columns.shape[1]))
+        inverse, _ = lapack.dtrtri(self.L, lower=1)
+        for start in range(0, len(X), BLOCK):
+            rows = slice(start, start + BLOCK)
+            V = blas.dtrmm(1.0, inverse, self.kernel(X[rows], self.basis).T, lower=1, overwrite_b=1)
+            G = blas.dsyrk(1.0, V, beta=1.0, c=G, lower=1, overwrite_c=1)
+            Vy += V @ columns[rows]
+            progress.step("posterior", min(1.0, (start + BLOCK) / len(X)))
+        return Statistics(np.tril(G) + np.tril(G, -1).T, Vy, float(len(X)))
 
-    Parameters
-    ----------
-    part : SharedPredictor
-        Points and hyperparameters.
-    X : (n, d) array
-        Inputs.
-    Y : (n, m) array
-        Outputs.
-    terms : (n, k) array, optional
-        Further columns that stand behind the outputs, not centred.
-    """
-    L = cholesky(part.kernel(part.basis, part.basis))[0]
-    terms = np.zeros((len(X), 0)) if terms is None else terms
-    offset = np.append(part.offset, np.zeros(terms.shape[1]))
-    return collect(part.kernel, part.basis, L, offset, X, np.hstack([Y, terms]), Progress())
+    def posterior(self, statistics: Statistics, n_variance: int) -> SharedPredictor:
+        """Return the predictor of these statistics, whose variance rests on the first `n_variance` points.
+
+        Parameters
+        ----------
+        statistics : Statistics
+        n_variance : int
+        """
+        ratio = self.noise / self.signal
+        projection, explained = statistics.variance_factors(self.L, ratio, min(n_variance, len(self.basis)))
+        return SharedPredictor(
+            kernel=self.kernel,
+            basis=self.basis,
+            alpha=statistics.mean_weights(self.L, ratio).T,
+            offset=self.offset,
+            projection=projection,
+            explained=explained,
+            signal=self.signal,
+            noise=self.noise,
+        )
 
 
 def updated(part: SharedPredictor, statistics: Statistics) -> SharedPredictor:
@@ -240,10 +187,6 @@ def updated(part: SharedPredictor, statistics: Statistics) -> SharedPredictor:
     Parameters
     ----------
     part : SharedPredictor
-        Points and hyperparameters.
     statistics : Statistics
-        Of the samples.
     """
-    L = cholesky(part.kernel(part.basis, part.basis))[0]
-    shared = part.kernel, part.basis, L, part.offset, part.signal, part.noise
-    return posterior(*shared, statistics, part.projection.shape[1])
+    return Points.of(part).posterior(statistics, part.projection.shape[1])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gpcorrect.calibration import detect, estimate_ageing
-from gpcorrect.calibration.drift import conformal_p_values, e_values
+from gpcorrect.calibration.drift import _conformal_p_values, _e_values
 from gpcorrect.errors import DataError
 
 
@@ -30,7 +30,7 @@ def test_false_alarms_keep_their_rate(shape: str) -> None:
 def test_p_values_of_the_unchanged_are_uniform() -> None:
     """Ranks among all before are uniform and independent, from the first to the last."""
     rng = np.random.default_rng(1)
-    p = np.array([conformal_p_values(rng.gamma(5, 1, 20), rng.gamma(5, 1, 30), rng) for _ in range(2000)])
+    p = np.array([_conformal_p_values(rng.gamma(5, 1, 20), rng.gamma(5, 1, 30), rng) for _ in range(2000)])
     np.testing.assert_allclose(p.mean(axis=0), 0.5, atol=0.04)
     np.testing.assert_allclose((p < 0.1).mean(axis=0), 0.1, atol=0.035)
     assert abs(np.corrcoef(p[:, 10], p[:, 11])[0, 1]) < 0.08
@@ -39,8 +39,8 @@ def test_p_values_of_the_unchanged_are_uniform() -> None:
 def test_bets_are_fair() -> None:
     """E-values of uniform p-values have a mean of one at most, and fall with p."""
     p = (np.arange(2_000_000) + 0.5) / 2_000_000
-    assert e_values(p).mean() <= 1.0
-    assert (np.diff(e_values(np.linspace(1e-6, 1 - 1e-6, 1000))) < 0).all()
+    assert _e_values(p).mean() <= 1.0
+    assert (np.diff(_e_values(np.linspace(1e-6, 1 - 1e-6, 1000))) < 0).all()
 
 
 def test_a_jump_is_found_soon_and_not_before() -> None:

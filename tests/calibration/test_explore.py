@@ -8,8 +8,7 @@ from support import small_log
 
 from gpcorrect.calibration import CommandCorrector, FitSettings, fit_corrector, propose
 from gpcorrect.errors import DataError
-from gpcorrect.gpr.linalg import cholesky
-from gpcorrect.gpr.statistics import collect, updated
+from gpcorrect.gpr.statistics import Points, updated
 from gpcorrect.types import CalibrationLog, Progress
 
 
@@ -98,8 +97,7 @@ def _variance(corrector: CommandCorrector, X: np.ndarray, task: np.ndarray) -> f
     """Mean novelty-like variance over the task once X was observed, whatever was seen there."""
     total = 0.0
     for part, statistics in zip(corrector.law.learned.predictor.parts, corrector.law.learned.statistics, strict=True):
-        L = cholesky(part.kernel(part.basis, part.basis))[0]
-        new = collect(part.kernel, part.basis, L, part.offset, X, np.zeros((len(X), len(part.offset))), Progress())
+        new = Points.of(part).collect(X, np.zeros((len(X), len(part.offset))), Progress())
         _, std, _ = updated(part, statistics.plus(new)).mean_std_batch(task)
         total += float(((std**2 - part.noise) / part.signal).mean())
     return total

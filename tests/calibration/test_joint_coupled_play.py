@@ -10,7 +10,7 @@ from gpcorrect.calibration import timed, zigzag
 from gpcorrect.calibration.coupled_play import CoupledPlay, learn_coupled_play
 from gpcorrect.calibration.joint_features import JointFeatures
 from gpcorrect.calibration.joint_path import joint_path
-from gpcorrect.calibration.learners.gp import local_level
+from gpcorrect.calibration.learners.gp import _local_level
 from gpcorrect.calibration.memory import play_states
 
 
@@ -81,9 +81,9 @@ def test_a_zero_that_moves_is_followed_and_one_that_holds_is_not() -> None:
     number = np.repeat(np.arange(20), 50)
     errors = 0.05 * rng.standard_normal((1000, 2))
     errors[:, 0] += 0.1 * number
-    zero = local_level(errors, number)
-    assert zero.last[0] == pytest.approx(0.95, abs=0.2)
-    assert zero.last[1] == 0.0
+    _, zero = _local_level(errors, number)
+    assert zero[0] == pytest.approx(0.95, abs=0.2)
+    assert zero[1] == 0.0
 
 
 def test_what_the_motion_does_not_show_is_not_learned() -> None:

@@ -11,7 +11,7 @@ from sklearn.ensemble import HistGradientBoostingRegressor
 
 from gpcorrect.calibration import FitSettings, JointCorrector, JointStream, fit_model
 from gpcorrect.calibration.learners import trees
-from gpcorrect.calibration.learners.auto import stacking_weights
+from gpcorrect.calibration.learners.auto import _stacking_weights
 from gpcorrect.calibration.learners.trees import TreesMap
 from gpcorrect.calibration.memory import lagged
 from gpcorrect.errors import DataError
@@ -61,12 +61,12 @@ def test_a_mixture_is_never_worse_than_its_best_member(seed: int) -> None:
     rng = np.random.default_rng(seed)
     common = rng.standard_normal((300, 2))
     errors = [s * common + rng.standard_normal((300, 2)) for s in (0.5, 1.0, 2.0)]
-    weights = stacking_weights(errors)
+    weights = _stacking_weights(errors)
     assert (weights >= 0).all()
     np.testing.assert_allclose(weights.sum(axis=0), 1.0)
     mixed = np.einsum("km,knm->nm", weights, np.stack(errors))
     assert ((mixed**2).sum(axis=0) <= (1 + 1e-6) * np.min([(e**2).sum(axis=0) for e in errors], axis=0)).all()
-    np.testing.assert_allclose(stacking_weights([errors[0], 0.0 * common, errors[2]])[1], 1.0, atol=1e-6)
+    np.testing.assert_allclose(_stacking_weights([errors[0], 0.0 * common, errors[2]])[1], 1.0, atol=1e-6)
 
 
 def test_lags_do_not_depend_on_how_often_a_motion_is_sampled() -> None:

@@ -13,7 +13,7 @@ from gpcorrect.calibration import (
     timed,
     zigzag,
 )
-from gpcorrect.calibration.excitation import Direction, rotation_to
+from gpcorrect.calibration.excitation import Direction, _rotation_to
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
@@ -29,7 +29,7 @@ def normalised(corners: FloatArray) -> FloatArray:
 @pytest.mark.parametrize("sparsity", [2, 4, 5])
 def test_every_direction_sweeps_the_same_volume_about_the_same_centre(direction: Direction, sparsity: int) -> None:
     """Turned back, every zig-zag fills the cube of side 1/sqrt 3 about the middle of the range."""
-    u = normalised(zigzag(direction, sparsity, LIMITS)) @ rotation_to(direction)
+    u = normalised(zigzag(direction, sparsity, LIMITS)) @ _rotation_to(direction)
     np.testing.assert_allclose(u.min(axis=0), -0.5 / np.sqrt(3), atol=1e-12)
     np.testing.assert_allclose(u.max(axis=0), 0.5 / np.sqrt(3), atol=1e-12)
 

@@ -19,7 +19,6 @@ from gpcorrect.calibration import (
     load,
     save,
 )
-from gpcorrect.calibration.memory import History
 from gpcorrect.sim.effects.operators import play
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 from gpcorrect.velocity import twists
@@ -116,12 +115,12 @@ def test_memory_is_of_the_commands_before(sticky: FitResult) -> None:
     memory, rng = sticky.corrector.memory.states, np.random.default_rng(5)
     reference, command = (PoseSignal(np.cumsum(rng.normal(0, 2e-3, (30, 3)), axis=0)) for _ in range(2))
     labels = np.zeros(30, dtype=int)
-    before = memory.transform(History(command, reference, labels))
+    before = memory.transform(command, reference, labels)
     for changed, row in ((command, 29), (command, 28), (reference, 29)):
         moved = np.array(changed.position)
         moved[row] += 1e-3
         pair = (PoseSignal(moved), reference) if changed is command else (command, PoseSignal(moved))
-        same = np.array_equal(memory.transform(History(*pair, labels))[29], before[29])
+        same = np.array_equal(memory.transform(*pair, labels)[29], before[29])
         assert same == (changed is command and row == 29)
 
 
@@ -130,8 +129,8 @@ def test_a_new_path_starts_amid_the_slack(sticky: FitResult) -> None:
     assert sticky.corrector.memory is not None
     memory = sticky.corrector.memory.states
     path = PoseSignal(np.cumsum(np.random.default_rng(6).normal(0, 2e-3, (40, 3)), axis=0))
-    both = memory.transform(History(path, path, np.repeat([0, 1], 20)))
-    alone = memory.transform(History(path[20:], path[20:], np.zeros(20, dtype=int)))
+    both = memory.transform(path, path, np.repeat([0, 1], 20))
+    alone = memory.transform(path[20:], path[20:], np.zeros(20, dtype=int))
     np.testing.assert_array_equal(both[20], 0.0)
     np.testing.assert_allclose(both[20:], alone, atol=1e-12)
 

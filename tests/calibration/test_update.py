@@ -13,8 +13,7 @@ from gpcorrect import se3
 from gpcorrect.calibration import CommandCorrector, FitSettings, fit_corrector, load, save, update_model
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import SparseGPR
-from gpcorrect.gpr.linalg import cholesky
-from gpcorrect.gpr.statistics import collect, updated
+from gpcorrect.gpr.statistics import Points, updated
 from gpcorrect.types import PoseSignal, Progress
 
 
@@ -37,11 +36,8 @@ def test_data_in_two_parts_are_data_at_once() -> None:
     Y = np.column_stack([np.sin(X[:, 0]), X[:, 1] * X[:, 2]]) + 0.1 * rng.normal(size=(400, 2))
     model = SparseGPR(60, 40, n_learn=200).fit(X, Y)
     (part,), (whole,) = model.predictor_.parts, model.statistics_
-    L = cholesky(part.kernel(part.basis, part.basis))[0]
-    first, second = (
-        collect(part.kernel, part.basis, L, part.offset, X[rows], Y[rows], Progress())
-        for rows in (slice(250), slice(250, None))
-    )
+    halves = (slice(250), slice(250, None))
+    first, second = (Points.of(part).collect(X[rows], Y[rows], Progress()) for rows in halves)
     together = updated(part, first.plus(second))
     for a, b in zip(together.mean_std_batch(X), part.mean_std_batch(X), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-8)

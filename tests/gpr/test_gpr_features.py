@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import FeatureMap
-from gpcorrect.gpr.features import fixed_axes_angles
+from gpcorrect.gpr.features import _fixed_axes_angles
 
 POSE_VELOCITY = ("pose", "velocity")
 
@@ -35,7 +35,7 @@ def test_features_are_continuous_across_half_a_turn(axis: int, seed: int) -> Non
     path = turned(axis, np.linspace(170.0, 190.0, 201)) @ np.eye(3)
     X = features.transform(np.zeros((201, 3)), path)
     assert np.abs(np.diff(X, axis=0)).max() < 0.02
-    angles = np.array([fixed_axes_angles(R) for R in turned(2, np.array([179.9, 180.1]))])
+    angles = np.array([_fixed_axes_angles(R) for R in turned(2, np.array([179.9, 180.1]))])
     assert np.abs(np.diff(angles, axis=0)).max() > 6.0
 
 
@@ -159,7 +159,7 @@ def test_euler_angles_rebuild_the_rotation() -> None:
     """R = Rz Ry Rx of the angles, as scipy has it."""
     rotations = Rotation.random(50, rng=np.random.default_rng(12)).as_matrix()
     np.testing.assert_allclose(
-        Rotation.from_euler("xyz", fixed_axes_angles(rotations)).as_matrix(), rotations, atol=1e-12
+        Rotation.from_euler("xyz", _fixed_axes_angles(rotations)).as_matrix(), rotations, atol=1e-12
     )
 
 
@@ -167,7 +167,7 @@ def test_euler_features_do_not_jump_in_the_training() -> None:
     """Neighbouring rotations about half a turn have neighbouring features, though their angles pass +-180 degrees."""
     turn = np.pi + np.linspace(-0.5, 0.5, 101)
     rotations = se3.matrix_from_rotvec(turn[:, None] * np.array([1.0, 0.0, 0.0]))
-    assert np.abs(np.diff(fixed_axes_angles(rotations), axis=0)).max() > 6.0
+    assert np.abs(np.diff(_fixed_axes_angles(rotations), axis=0)).max() > 6.0
     features = FeatureMap(("euler",)).fit(np.zeros((101, 3)), rotations, None)
     X = features.transform(np.zeros((101, 3)), rotations)
     steps = np.abs(np.diff(X * features.spread, axis=0))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gpr_fields import correlated_noise, smooth_field, stretches
@@ -91,13 +93,13 @@ def test_inflation_is_that_of_every_sample_weighing_less() -> None:
     seen = Statistics(sums.G * len(X) / np.trace(sums.G), sums.Vy, sums.n)  # nothing unseen
     third = Statistics(seen.G / 3, seen.Vy / 3, seen.n / 3)
     np.testing.assert_allclose(
-        seen.inflated(3.0).mean_weights(L, ratio), third.mean_weights(L, ratio), rtol=1e-6, atol=1e-9
+        replace(seen, inflation=3.0).mean_weights(L, ratio), third.mean_weights(L, ratio), rtol=1e-6, atol=1e-9
     )
 
 
 def test_inflation_stays_when_data_come_and_go_and_with_the_file() -> None:
     """Added, taken away and stored statistics keep the inflation of those they belong to."""
-    sums = Statistics(np.eye(3), np.ones((3, 2)), 3.0).inflated(10.0)
+    sums = Statistics(np.eye(3), np.ones((3, 2)), 3.0, inflation=10.0)
     other = Statistics(np.eye(3), np.ones((3, 2)), 3.0)
     for kept in (sums.plus(other), sums.minus(other), unpack(Statistics, *pack(sums, "sums"))):
         assert kept.inflation == 10.0

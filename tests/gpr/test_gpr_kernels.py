@@ -11,7 +11,7 @@ from sklearn.gaussian_process.kernels import RBF, Matern
 from gpcorrect.codec import pack, unpack
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import ExactGPR, Predictor, SparseGPR, WithLinear, conditioned
-from gpcorrect.gpr.kernels import KERNELS, AdditiveRBF, Kernel, component_masks, half_squares
+from gpcorrect.gpr.kernels import KERNELS, AdditiveRBF, Kernel, _half_squares, component_masks
 from gpcorrect.gpr.linalg import cholesky
 from gpcorrect.types import FloatArray
 
@@ -130,7 +130,7 @@ def test_a_group_of_features_that_do_not_exist_is_refused() -> None:
 def test_squared_distances_of_far_away_twins_are_not_negative() -> None:
     """Rounding of large coordinates never makes a distance imaginary."""
     X = np.random.default_rng(2).normal(size=(20, 3)) * 1e-8 + 1e3
-    assert half_squares(X, X).max() <= 0.0
+    assert _half_squares(X, X).max() <= 0.0
 
 
 def test_a_line_beside_a_kernel_runs_on_past_the_data_and_so_does_its_doubt() -> None:

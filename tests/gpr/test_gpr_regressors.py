@@ -13,8 +13,7 @@ from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import ExactGPR, SparseGPR
-from gpcorrect.gpr.linalg import cholesky
-from gpcorrect.gpr.statistics import collect
+from gpcorrect.gpr.statistics import Points
 from gpcorrect.types import Progress
 
 BOTH = pytest.mark.parametrize("make", [ExactGPR, SparseGPR])
@@ -85,9 +84,8 @@ def test_the_posterior_does_not_depend_on_the_order_or_blocks_of_the_samples() -
     X, Y, _ = planted(5000, seed=5)
     model = SparseGPR(n_inducing=50, n_learn=100).fit(X, Y)
     order = np.random.default_rng(0).permutation(5000)
-    kernel, part = model.learned_[0].kernel, model.predictor_.parts[0]
-    L = cholesky(kernel(part.basis, part.basis))[0]
-    seen = [collect(kernel, part.basis, L, part.offset, a, b, Progress()) for a, b in ((X, Y), (X[order], Y[order]))]
+    points = Points.of(model.predictor_.parts[0])
+    seen = [points.collect(a, b, Progress()) for a, b in ((X, Y), (X[order], Y[order]))]
     np.testing.assert_allclose(seen[0].G, seen[1].G, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(seen[0].Vy, seen[1].Vy, rtol=1e-9, atol=1e-9)
 

@@ -1,39 +1,36 @@
 """Learners by name: a new one is a file here and a line in the registry."""
 
-from gpcorrect.calibration.learners.auto import Auto, MixedMap
-from gpcorrect.calibration.learners.gp import GP, GPMap
-from gpcorrect.calibration.learners.learner import Fitted, Learner, TargetMap
-from gpcorrect.calibration.learners.network import Network, NetworkMap
-from gpcorrect.calibration.learners.polynomial import Polynomial, PolynomialMap, Scaler
-from gpcorrect.calibration.learners.trees import Trees, TreesMap
-from gpcorrect.calibration.learners.ukf import Cable, CableFilter, CableModel
+from functools import partial
+
+from gpcorrect.calibration.learners.auto import MixedMap, learn_mixture
+from gpcorrect.calibration.learners.gp import GPMap, learn_gp
+from gpcorrect.calibration.learners.learner import Learner
+from gpcorrect.calibration.learners.network import NetworkMap, learn_network
+from gpcorrect.calibration.learners.polynomial import PolynomialMap, learn_polynomial
+from gpcorrect.calibration.learners.trees import TreesMap, learn_trees
+from gpcorrect.calibration.learners.ukf import CableModel, learn_cable
 from gpcorrect.errors import DataError
 
 __all__ = [
     "LEARNERS",
-    "CableFilter",
     "CableModel",
-    "Fitted",
     "GPMap",
-    "Learner",
     "MixedMap",
     "NetworkMap",
     "PolynomialMap",
-    "Scaler",
-    "TargetMap",
     "TreesMap",
     "learner_named",
 ]
 
 LEARNERS: dict[str, Learner] = {
-    "offset": Polynomial(0),
-    "linear": Polynomial(1),
-    "quadratic": Polynomial(2),
-    "network": Network(),
-    "ukf": Cable(),
-    "gp": GP(),
-    "trees": Trees(),
-    "auto": Auto(),
+    "offset": partial(learn_polynomial, 0),
+    "linear": partial(learn_polynomial, 1),
+    "quadratic": partial(learn_polynomial, 2),
+    "network": learn_network,
+    "ukf": learn_cable,
+    "gp": learn_gp,
+    "trees": learn_trees,
+    "auto": learn_mixture,
 }
 
 
@@ -42,8 +39,7 @@ def learner_named(name: str) -> Learner:
 
     Parameters
     ----------
-    name : str
-        A key of :data:`LEARNERS`.
+    name : str, A key of :data:`LEARNERS`
 
     Raises
     ------

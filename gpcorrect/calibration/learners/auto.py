@@ -9,15 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import ClassVar
 
 import numpy as np
 from scipy.optimize import nnls
 
 from gpcorrect.calibration.dataset import Layout, Samples
-from gpcorrect.calibration.learners.gp import GP, GPMap
+from gpcorrect.calibration.learners.gp import GPMap, learn_gp
 from gpcorrect.calibration.learners.learner import Fitted, Learner
-from gpcorrect.calibration.learners.polynomial import Polynomial, PolynomialMap
-from gpcorrect.calibration.learners.trees import Trees, TreesMap
+from gpcorrect.calibration.learners.polynomial import PolynomialMap, learn_polynomial
+from gpcorrect.calibration.learners.trees import TreesMap, learn_trees
 from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.gpr import LeftOut
 from gpcorrect.types import FloatArray, Progress
@@ -32,22 +34,15 @@ class MixedMap:
 
     Parameters
     ----------
-    gp : GPMap
-        Which also says where it knows nothing.
-    others : tuple of TreesMap or PolynomialMap
-        The other k - 1.
-    weights : (k, m) array
-        Of each, the Gaussian process first; columns sum to 1.
+    gp : GPMap, which also says where it knows nothing
+    others : tuple of TreesMap or PolynomialMap, the other k - 1
+    weights : (k, m) array, of each, the Gaussian process first; columns sum to 1
     """
 
     gp: GPMap
     others: tuple[TreesMap | PolynomialMap, ...]
     weights: FloatArray
-
-    @property
-    def extrapolates(self) -> bool:
-        """True: the linear law does."""
-        return True
+    extrapolates: ClassVar[bool] = True  # the linear law does
 
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """See :class:`TargetMap`."""
@@ -55,30 +50,27 @@ class MixedMap:
         return _sum(self.weights, [mean, *(other.mean(X) for other in self.others)]), std, novelty
 
 
-class Auto:
-    """The learner of :class:`MixedMap`: of the Gaussian process, trees with and without a law before, and the law."""
-
-    def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-        """See :class:`Learner`."""
-        members: list[Learner] = [GP(), Trees(), Polynomial(1)]
-        if layout.penalties is not None:
-            members.append(Trees(after_law=False))
-        gp, *others = (member.fit(samples, layout, settings, progress) for member in members)
-        errors = [part.left_out.errors for part in (gp, *others)]
-        weights = stacking_weights(errors)
-        left_out = LeftOut(_sum(weights, errors), gp.left_out.std, gp.left_out.novelty)
-        zero, foretold = (None if part is None else weights[0] * part for part in (gp.zero, gp.foretold))
-        return Fitted(MixedMap(gp.learned, tuple(part.learned for part in others), weights), left_out, zero, foretold)
-
-
-def stacking_weights(errors: list[FloatArray]) -> FloatArray:
-    """Return weights `(k, m)`, not negative and summing to 1, under which left-out errors are smallest.
+def learn_mixture(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
+    """Learn a :class:`MixedMap` of the Gaussian process, trees with and without a law before, and the law.
 
     Parameters
     ----------
-    errors : k arrays (n, m)
-        Of each member at the same samples.
+    samples, layout, settings, progress
+        See :data:`Learner`.
     """
+    members: list[Learner] = [learn_gp, learn_trees, partial(learn_polynomial, 1)]
+    if layout.penalties is not None:
+        members.append(partial(learn_trees, after_law=False))
+    gp, *others = (learn(samples, layout, settings, progress) for learn in members)
+    errors = [part.left_out.errors for part in (gp, *others)]
+    weights = _stacking_weights(errors)
+    left_out = LeftOut(_sum(weights, errors), gp.left_out.std, gp.left_out.novelty)
+    zero, foretold = (None if part is None else weights[0] * part for part in (gp.zero, gp.foretold))
+    return Fitted(MixedMap(gp.learned, tuple(part.learned for part in others), weights), left_out, zero, foretold)
+
+
+def _stacking_weights(errors: list[FloatArray]) -> FloatArray:
+    """Return weights `(k, m)`, not negative and summing to 1, under which k left-out errors `(n, m)` are smallest."""
     columns = np.stack(errors, axis=-1)
     weights = []
     for part in np.moveaxis(columns, 1, 0):

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gpcorrect.calibration.dataset import Layout, Samples
+from gpcorrect.calibration.dataset import Layout, Samples, folds_of, in_order
 from gpcorrect.calibration.learners.learner import Fitted
 from gpcorrect.calibration.learners.polynomial import PolynomialMap
 from gpcorrect.calibration.settings import FitSettings
-from gpcorrect.calibration.split import folds_of, in_order
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import LeftOut, Predictor, Statistics, learn_inflation
 from gpcorrect.types import FloatArray, IntArray, Progress
@@ -29,12 +28,9 @@ FEWEST_STRETCHES = 40
 """Into which a recording is cut for noise that neighbours have in common: a stretch costs its cube; chosen by hand."""
 VARIANCE_POINTS = 150
 """Inducing points of variances after a linear law: a stream asks for six joints a sample at 1 kHz; chosen by hand."""
-POSE_VARIANCE_POINTS = 250
-"""The same without one: a pose is asked for one at a time; chosen by hand."""
-GAINS = (0.0, 0.1, 0.2, 0.4, 0.7)
-"""Gains of the local level to choose from; chosen by hand."""
-FEWEST_LEVELS = 8
-"""Trajectories from which a moving zero can be separated from chance; chosen by hand."""
+POSE_VARIANCE_POINTS = 250  # the same without one: a pose is asked for one at a time; chosen by hand
+GAINS = (0.0, 0.1, 0.2, 0.4, 0.7)  # gains of the local level to choose from; chosen by hand
+FEWEST_LEVELS = 8  # trajectories from which a moving zero can be separated from chance; chosen by hand
 CLEARLY = 0.95
 """Fraction that squared errors must come under: with a gain above 0 those without motion, with the regression those of
 the linear law; chosen by hand."""
@@ -46,14 +42,10 @@ class GPMap:
 
     Parameters
     ----------
-    linear : PolynomialMap or None
-        Of degree 1.
-    columns : (k,) int array
-        Inputs of the regression.
-    predictor : Predictor
-        Of what the linear law leaves.
-    statistics : tuple of Statistics
-        What the predictor rests on, a group of targets each: more data can be added.
+    linear : PolynomialMap or None, of degree 1
+    columns : (k,) int array, inputs of the regression
+    predictor : Predictor, of what the linear law leaves
+    statistics : tuple of Statistics, what the predictor rests on, a group of targets each: more data can be added
     """
 
     linear: PolynomialMap | None
@@ -72,13 +64,7 @@ class GPMap:
         return self.linear is not None
 
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return means and standard deviations of a new observation `(n, m)` and novelties `(n,)`.
-
-        Parameters
-        ----------
-        X : (n, d) array
-            Inputs.
-        """
+        """See :class:`TargetMap`; deviations are those of a new observation."""
         mean, std, novelty = self.predictor.mean_std_batch(X[:, self.columns])
         return (mean if self.linear is None else self.linear.mean(X) + mean), std, novelty
 
@@ -87,60 +73,60 @@ class GPMap:
 
         Parameters
         ----------
-        x : (d,) array
-            Input.
+        x : (d,) array, input
         """
         mean, std, novelty = self.predictor.mean_std(x[self.columns])
         return (mean if self.linear is None else self.linear.mean(x[None])[0] + mean), std, novelty
 
 
-class GP:
-    """The learner of :class:`GPMap`.
+def learn_gp(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
+    """Learn a :class:`GPMap`.
 
     Without a linear law, how many neighbouring samples count as one is chosen on errors at folds of trajectories that
     the regression was not fitted to (:func:`gpcorrect.gpr.learn_inflation`). After one, the regression is used of those
     targets alone whose errors there it clearly lessens.
+
+    Parameters
+    ----------
+    samples, layout, settings, progress
+        See :data:`Learner`.
     """
+    from gpcorrect.gpr import SparseGPR  # a scikit-learn estimator; answering needs no scikit-learn
 
-    def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-        """See :class:`Learner`."""
-        from gpcorrect.gpr import SparseGPR  # a scikit-learn estimator; answering needs no scikit-learn
-
-        X, Y = samples.learnable()
-        trajectory, time = samples.trajectory[samples.rows], samples.time[samples.rows]
-        level, linear, groups = np.zeros(Y.shape), None, trajectory
-        zero = None
-        if layout.penalties is not None:
-            first = PolynomialMap.fit(X, Y, 1, layout.penalties)
-            wandering = Y - first.mean(X)
-            moved = local_level(wandering, trajectory)
-            level, zero = moved.samples, moved.last
-            linear = PolynomialMap.fit(X, Y - level, 1, layout.penalties)
-            groups = _stretches(trajectory)
-        left = Y - level - (0.0 if linear is None else linear.mean(X))
-        inducing = settings.inducing or layout.inducing
-        regressor = SparseGPR(
-            n_inducing=inducing,
-            n_variance=min(inducing, VARIANCE_POINTS if linear else POSE_VARIANCE_POINTS),
-            feature_groups=layout.inputs,
-            output_groups=layout.targets,
-            random_state=settings.seed,
-        )
-        regressor.set_params(n_learn=settings.search_samples or regressor.n_learn)
-        chosen = X[:, layout.smooth]
-        folds, terms = folds_of(trajectory), None if linear is None else _terms(linear, X)
-        regressor.fit_by_parts(chosen, left, folds, terms, groups=groups, times=time, progress=progress)
-        if linear is None:
-            regressor, left_out = learn_inflation(regressor, chosen, left, folds, groups, time, progress)
-        else:
-            left_out, of_law = _left_out(regressor, linear, X, Y - level, layout, folds)
-            useless = (left_out.errors**2).sum(axis=0) > CLEARLY * (of_law**2).sum(axis=0)
-            if useless.any():  # what neighbours share and nobody else, a slack's unknown start, is no field
-                regressor = regressor.resting_on(_times(regressor, regressor.statistics_, np.diag(~useless)))
-                left_out = replace(left_out, errors=np.where(useless, of_law, left_out.errors))
-        learned = GPMap(linear, layout.smooth, regressor.predictor_, regressor.statistics_)
-        foretold = None if zero is None else _foretold(wandering, trajectory, folds, zero)
-        return Fitted(learned, replace(left_out, errors=left_out.errors + level), zero, foretold)
+    X, Y = samples.learnable()
+    trajectory, time = samples.trajectory[samples.rows], samples.time[samples.rows]
+    level, linear, groups = np.zeros(Y.shape), None, trajectory
+    zero = None
+    if layout.penalties is not None:
+        first = PolynomialMap.fit(X, Y, 1, layout.penalties)
+        unlevelled = Y - first.mean(X)
+        level, zero = _local_level(unlevelled, trajectory)
+        linear = PolynomialMap.fit(X, Y - level, 1, layout.penalties)
+        groups = _stretches(trajectory)
+    left = Y - level - (0.0 if linear is None else linear.mean(X))
+    inducing = settings.inducing or layout.inducing
+    regressor = SparseGPR(
+        n_inducing=inducing,
+        n_variance=min(inducing, VARIANCE_POINTS if linear else POSE_VARIANCE_POINTS),
+        feature_groups=layout.inputs,
+        output_groups=layout.targets,
+        random_state=settings.seed,
+    )
+    regressor.set_params(n_learn=settings.search_samples or regressor.n_learn)
+    chosen = X[:, layout.smooth]
+    folds, terms = folds_of(trajectory), None if linear is None else _terms(linear, X)
+    regressor.fit_by_parts(chosen, left, folds, terms, groups=groups, times=time, progress=progress)
+    if linear is None:
+        regressor, left_out = learn_inflation(regressor, chosen, left, folds, groups, time, progress)
+    else:
+        left_out, of_law = _left_out(regressor, linear, X, Y - level, layout, folds)
+        useless = (left_out.errors**2).sum(axis=0) > CLEARLY * (of_law**2).sum(axis=0)
+        if useless.any():  # what neighbours share and nobody else, a slack's unknown start, is no field
+            regressor = regressor.resting_on(_times(regressor, regressor.statistics_, np.diag(~useless)))
+            left_out = replace(left_out, errors=np.where(useless, of_law, left_out.errors))
+    learned = GPMap(linear, layout.smooth, regressor.predictor_, regressor.statistics_)
+    foretold = None if zero is None else _foretold(unlevelled, trajectory, folds, zero)
+    return Fitted(learned, replace(left_out, errors=left_out.errors + level), zero, foretold)
 
 
 def _left_out(
@@ -180,12 +166,12 @@ def _foretold(errors: FloatArray, trajectory: IntArray, folds: IntArray, zero: F
     A model goes on from where its zero stood last, and errs by how far it moves from there.
     """
     means = _means(errors, trajectory)
-    told = np.zeros(errors.shape)
+    foretold = np.zeros(errors.shape)
     for fold in np.unique(folds):
         rest = folds != fold
         others = _means(errors[rest], trajectory[rest])
-        told[~rest] = others.mean(axis=0) - means.mean(axis=0) + local_level(errors[rest], trajectory[rest]).last
-    return np.where(zero != 0, told, 0.0)
+        foretold[~rest] = others.mean(axis=0) - means.mean(axis=0) + _local_level(errors[rest], trajectory[rest])[1]
+    return np.where(zero != 0, foretold, 0.0)
 
 
 def _means(errors: FloatArray, trajectory: IntArray) -> FloatArray:
@@ -204,42 +190,20 @@ def _times(regressor: SparseGPR, statistics: Sequence[Statistics], factor: Float
     return found
 
 
-@dataclass(frozen=True, eq=False)
-class LocalLevel:
-    """How a level moved from trajectory to trajectory.
+def _local_level(errors: FloatArray, trajectory: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return the part of errors `(n, m)` that moves between trajectories, and where it stands last, from its mean.
 
-    Parameters
-    ----------
-    samples : (n, m) array
-        At each sample, smoothed from both sides.
-    last : (m,) array
-        Where it stands in the end, relative to its mean.
-    """
-
-    samples: FloatArray
-    last: FloatArray
-
-
-def local_level(errors: FloatArray, trajectory: IntArray) -> LocalLevel:
-    """Return the part of errors that moves with time: a local level model of each trajectory's mean.
-
-    In its steady form (Durbin and Koopman 2012, Sec. 2.1) that is exponential smoothing, whose gain is chosen by how
-    well it predicts the next trajectory. A level that holds still gets gain 0.
-
-    Parameters
-    ----------
-    errors : (n, m) array
-        Of trajectories in recorded order.
-    trajectory : (n,) int array
-        Their numbers.
+    A local level model of each trajectory's mean: in its steady form (Durbin and Koopman 2012, Sec. 2.1) that is
+    exponential smoothing, whose gain is chosen by how well it predicts the next trajectory; 0 for a level that holds
+    still.
     """
     means, number = _means(errors, trajectory), in_order(trajectory)
     if len(means) < FEWEST_LEVELS:
-        return LocalLevel(np.zeros(errors.shape), np.zeros(errors.shape[1]))
+        return np.zeros(errors.shape), np.zeros(errors.shape[1])
     columns = [(column, _gain(column)) for column in (means - means.mean(axis=0)).T]
     paths = [(_levels(column, gain), _levels(column[::-1], gain)[::-1]) for column, gain in columns]
     smooth = np.column_stack([(ahead + back) / 2 for ahead, back in paths])
-    return LocalLevel(smooth[number], np.array([ahead[-1] for ahead, _ in paths]))
+    return smooth[number], np.array([ahead[-1] for ahead, _ in paths])
 
 
 def _gain(means: FloatArray) -> float:
@@ -269,5 +233,4 @@ def _stretches(trajectory: IntArray) -> IntArray:
     begins = np.diff(trajectory, prepend=trajectory[:1] - 1) != 0
     place = np.arange(len(trajectory))
     inside = (place - np.maximum.accumulate(np.where(begins, place, 0))) % longest == 0
-    labels: IntArray = np.cumsum(begins | inside)
-    return labels
+    return np.cumsum(begins | inside)

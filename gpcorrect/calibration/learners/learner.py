@@ -8,9 +8,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from gpcorrect.calibration.dataset import Layout, Samples
+from gpcorrect.calibration.dataset import Layout, Samples, folds_of
 from gpcorrect.calibration.settings import FitSettings
-from gpcorrect.calibration.split import folds_of
 from gpcorrect.gpr import LeftOut
 from gpcorrect.types import FloatArray, Progress
 
@@ -24,12 +23,11 @@ class TargetMap(Protocol):
         ...
 
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return means and standard deviations `(n, m)` and novelties `(n,)` at inputs `(n, d)`.
+        """Return means and standard deviations `(n, m)` and novelties `(n,)`.
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
+        X : (n, d) array, inputs
         """
         ...
 
@@ -40,13 +38,11 @@ class Fitted:
 
     Parameters
     ----------
-    learned : TargetMap or CableModel
-        From inputs, or a whole path, to targets.
+    learned : TargetMap or CableModel, from inputs, or a whole path, to targets
     left_out : LeftOut
         Errors, standard deviations and novelties at the samples that may be learned from, each predicted without its
         own fold, zeros that move over time taken for still.
-    zero : (m,) array or None
-        Where zeros that move over time stood last; None for those that hold still.
+    zero : (m,) array or None, where zeros that move over time stood last; None for those that hold still
     foretold : (n, m) array or None
         Where the other folds say that they stood at these samples; None for those that hold still.
     """
@@ -62,29 +58,19 @@ class Fitted:
         return left_out if self.foretold is None else replace(left_out, errors=left_out.errors - self.foretold)
 
 
-class Learner(Protocol):
-    """A way to learn targets from inputs; a registry names each."""
+Learner = Callable[[Samples, Layout, FitSettings, Progress], Fitted]
+"""Learns from the usable samples; raises DataError where they are too few, or the task lacks what it needs."""
 
-    def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-        """Return what was learned of the usable samples.
 
-        Parameters
-        ----------
-        samples : Samples
-            Those usable are learned from.
-        layout : Layout
-            How inputs and targets are grouped.
-        settings : FitSettings
-            The user's settings.
-        progress : Progress
-            Receives the progress of the fit.
+def fitted(learn: Callable[[Samples], TargetMap], samples: Samples, folds: int) -> Fitted:
+    """Return a map of all usable samples, with predictions by maps that were not fitted to them.
 
-        Raises
-        ------
-        DataError
-            There are too few samples, or the task lacks what the learner needs.
-        """
-        ...
+    Parameters
+    ----------
+    learn, samples, folds
+        As for :func:`cross_predicted`.
+    """
+    return Fitted(learn(samples), cross_predicted(learn, samples, folds))
 
 
 def cross_predicted(learn: Callable[[Samples], TargetMap], samples: Samples, folds: int) -> LeftOut:
@@ -92,10 +78,8 @@ def cross_predicted(learn: Callable[[Samples], TargetMap], samples: Samples, fol
 
     Parameters
     ----------
-    learn : callable
-        From samples to a map.
-    samples : Samples
-        Whose usable rows are predicted, neighbouring trajectories left out together.
+    learn : callable, from samples to a map
+    samples : Samples, whose usable rows are predicted, neighbouring trajectories left out together
     folds : int
         How many parts are left out in turn; with 1 only the last of four is, and the errors are of that part alone.
     """

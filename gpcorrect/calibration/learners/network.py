@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
 from gpcorrect.calibration.dataset import Layout, Samples
-from gpcorrect.calibration.learners.learner import Fitted, cross_predicted
+from gpcorrect.calibration.learners.learner import Fitted, fitted
 from gpcorrect.calibration.learners.polynomial import Scaler
 from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.types import FloatArray, Progress
@@ -24,12 +24,9 @@ class NetworkMap:
 
     Parameters
     ----------
-    scaler, output : Scaler
-        Of inputs and targets.
-    weights, biases : tuples of arrays
-        Of each layer.
-    std : (m,) array
-        Standard deviation of what is left in training.
+    scaler, output : Scaler, of inputs and targets
+    weights, biases : tuples of arrays, of each layer
+    std : (m,) array, standard deviation of what is left in training
     """
 
     scaler: Scaler
@@ -37,6 +34,7 @@ class NetworkMap:
     biases: tuple[FloatArray, ...]
     output: Scaler
     std: FloatArray
+    extrapolates: ClassVar[bool] = True
 
     @classmethod
     def fit(cls, X: FloatArray, Y: FloatArray, layers: tuple[int, ...], epochs: int, seed: int) -> Self:
@@ -44,15 +42,12 @@ class NetworkMap:
 
         Parameters
         ----------
-        X, Y : (n, d) and (n, m) arrays
-            Inputs and targets.
+        X, Y : (n, d) and (n, m) arrays, inputs and targets
         layers : tuple of int
             Widths; (600, 500, 400) is the larger network of Peng et al. 2020, whose batch normalisation scikit-learn
             does not have: scaled inputs and outputs and weight decay take its place.
-        epochs : int
-            Passes over the data.
-        seed : int
-            Of first weights and order.
+        epochs : int, passes over the data
+        seed : int, of first weights and order
         """
         from sklearn.exceptions import ConvergenceWarning
         from sklearn.neural_network import MLPRegressor
@@ -84,19 +79,8 @@ class NetworkMap:
         learned = cls(scaler, weights, biases, output, np.zeros(Y.shape[1]))
         return cls(scaler, weights, biases, output, (Y - learned.predict(X)[0]).std(axis=0))
 
-    @property
-    def extrapolates(self) -> bool:
-        """True: it extrapolates outside its training inputs."""
-        return True
-
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return means and standard deviations `(n, m)` and novelties `(n,)` at inputs `(n, d)`.
-
-        Parameters
-        ----------
-        X : (n, d) array
-            Inputs.
-        """
+        """See :class:`TargetMap`."""
         layer = self.scaler.apply(X)
         for W, b in zip(self.weights[:-1], self.biases[:-1], strict=True):
             layer = 0.5 * (1.0 + np.tanh(0.5 * (layer @ W + b)))
@@ -104,13 +88,13 @@ class NetworkMap:
         return mean, np.broadcast_to(self.std, mean.shape), np.zeros(len(X))
 
 
-class Network:
-    """The learner of :class:`NetworkMap`; one fold is left out, for training takes long."""
+def learn_network(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
+    """Learn a :class:`NetworkMap`; one fold is left out, for training takes long.
 
-    def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-        """See :class:`Learner`."""
-
-        def _learn(part: Samples) -> NetworkMap:
-            return NetworkMap.fit(*part.learnable(), settings.layers, settings.epochs, settings.seed)
-
-        return Fitted(_learn(samples), cross_predicted(_learn, samples, 1))
+    Parameters
+    ----------
+    samples, layout, settings, progress
+        See :data:`Learner`.
+    """
+    layers, epochs, seed = settings.layers, settings.epochs, settings.seed
+    return fitted(lambda part: NetworkMap.fit(*part.learnable(), layers, epochs, seed), samples, 1)

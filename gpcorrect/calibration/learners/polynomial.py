@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
 from gpcorrect.calibration.dataset import Layout, Samples
-from gpcorrect.calibration.learners.learner import Fitted, cross_predicted
+from gpcorrect.calibration.learners.learner import Fitted, fitted
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, Progress
@@ -30,8 +30,7 @@ class Scaler:
 
         Parameters
         ----------
-        values : (n, d) array
-            Columns to be scaled.
+        values : (n, d) array, columns to be scaled
         """
         spread = values.std(axis=0)
         return cls(values.mean(axis=0), np.where(spread > 0, spread, 1.0))
@@ -41,11 +40,9 @@ class Scaler:
 
         Parameters
         ----------
-        values : (..., d) array
-            In the units of the training.
+        values : (..., d) array, in the units of the training
         """
-        scaled: FloatArray = (values - self.centre) / self.spread
-        return scaled
+        return (values - self.centre) / self.spread
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,20 +51,17 @@ class PolynomialMap:
 
     Parameters
     ----------
-    degree : int
-        0, 1 or 2.
-    scaler : Scaler
-        Of the inputs.
-    weights : (terms, m) array
-        Of 1, the inputs, and their products.
-    std : (m,) array
-        Of what is left in training.
+    degree : int, 0, 1 or 2
+    scaler : Scaler, of the inputs
+    weights : (terms, m) array, of 1, the inputs, and their products
+    std : (m,) array, of what is left in training
     """
 
     degree: int
     scaler: Scaler
     weights: FloatArray
     std: FloatArray
+    extrapolates: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         if self.weights.ndim != 2 or self.std.shape != self.weights.shape[1:]:
@@ -79,12 +73,8 @@ class PolynomialMap:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
-        Y : (n, m) array
-            Targets.
-        degree : int
-            0, 1 or 2.
+        X, Y : (n, d) and (n, m) arrays, inputs and targets
+        degree : int, 0, 1 or 2
         penalties : (d, m) array, optional
             Penalties on squared weights of a linear law, in units of the samples and for unit spreads.
         """
@@ -103,60 +93,39 @@ class PolynomialMap:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
+        X : (n, d) array, inputs
         """
-        values: FloatArray = _terms(self.scaler.apply(X), self.degree) @ self.weights
-        return values
+        return _terms(self.scaler.apply(X), self.degree) @ self.weights
 
     def weights_under(self, scaler: Scaler) -> FloatArray:
         """Return the weights `(1 + d, m)` of the same linear law in inputs scaled otherwise.
 
         Parameters
         ----------
-        scaler : Scaler
-            Of the inputs.
+        scaler : Scaler, of the inputs
         """
         first, others = self.weights[0], self.weights[1:]
         shifted = first + self.scaler.apply(scaler.centre) @ others
         return np.vstack([shifted, (scaler.spread / self.scaler.spread)[:, None] * others])
 
-    @property
-    def extrapolates(self) -> bool:
-        """True: it extrapolates outside its training inputs."""
-        return True
-
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return means and standard deviations `(n, m)` and novelties `(n,)` at inputs `(n, d)`.
-
-        Parameters
-        ----------
-        X : (n, d) array
-            Inputs.
-        """
+        """See :class:`TargetMap`."""
         mean = self.mean(X)
         return mean, np.broadcast_to(self.std, mean.shape), np.zeros(len(X))
 
 
-@dataclass(frozen=True)
-class Polynomial:
-    """The learner of :class:`PolynomialMap`.
+def learn_polynomial(
+    degree: int, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress
+) -> Fitted:
+    """Learn a :class:`PolynomialMap`.
 
     Parameters
     ----------
-    degree : int
-        0, 1 or 2.
+    degree : int, 0, 1 or 2
+    samples, layout, settings, progress
+        See :data:`Learner`.
     """
-
-    degree: int
-
-    def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-        """See :class:`Learner`."""
-
-        def _learn(part: Samples) -> PolynomialMap:
-            return PolynomialMap.fit(*part.learnable(), self.degree)
-
-        return Fitted(_learn(samples), cross_predicted(_learn, samples, LIMITS.folds))
+    return fitted(lambda part: PolynomialMap.fit(*part.learnable(), degree), samples, LIMITS.folds)
 
 
 def _terms(X: FloatArray, degree: int) -> FloatArray:

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from gpcorrect.calibration.dataset import Layout, Samples
-from gpcorrect.calibration.learners.learner import Fitted, cross_predicted
+from gpcorrect.calibration.learners.learner import Fitted, fitted
 from gpcorrect.calibration.learners.polynomial import PolynomialMap
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.errors import DataError
@@ -32,24 +32,15 @@ class TreesMap:
 
     Parameters
     ----------
-    linear : PolynomialMap or None
-        Of degree 1.
-    feature : (k,) int array
-        Input that a node looks at; -1 in leaves.
-    threshold : (k,) array
-        Inputs up to it go left, those above go right.
-    left, right : (k,) int arrays
-        Next nodes; a leaf's are itself.
-    value : (k,) array
-        Of leaves, m or rad.
-    roots : (t,) int array
-        First node of each tree.
-    target : (t,) int array
-        Which target a tree adds to.
-    base : (m,) array
-        Sum of no trees.
-    std : (m,) array
-        Standard deviation of what is left in training.
+    linear : PolynomialMap or None, of degree 1
+    feature : (k,) int array, input that a node looks at; -1 in leaves
+    threshold : (k,) array, inputs up to it go left, those above go right
+    left, right : (k,) int arrays, next nodes; a leaf's are itself
+    value : (k,) array, of leaves, m or rad
+    roots : (t,) int array, first node of each tree
+    target : (t,) int array, which target a tree adds to
+    base : (m,) array, sum of no trees
+    std : (m,) array, standard deviation of what is left in training
     """
 
     linear: PolynomialMap | None
@@ -79,12 +70,9 @@ class TreesMap:
 
         Parameters
         ----------
-        X, Y : (n, d) and (n, m) arrays
-            Inputs and targets.
-        seed : int
-            Of the samples that bins are made from.
-        penalties : (d, m) array, optional
-            Of a linear law that comes before; none without.
+        X, Y : (n, d) and (n, m) arrays, inputs and targets
+        seed : int, of the samples that bins are made from
+        penalties : (d, m) array, optional, of a linear law that comes before; none without
         """
         from sklearn.ensemble import HistGradientBoostingRegressor
 
@@ -133,8 +121,7 @@ class TreesMap:
 
         Parameters
         ----------
-        X : (n, d) array
-            Inputs.
+        X : (n, d) array, inputs
         """
         if X.shape[1] <= self.feature.max():
             raise DataError(f"the trees look at {self.feature.max() + 1} inputs, got {X.shape[1]}.")
@@ -169,22 +156,16 @@ def _add_leaves(
             mean[i, target[t]] += value[at]
 
 
-@dataclass(frozen=True)
-class Trees:
-    """The learner of :class:`TreesMap`.
+def learn_trees(
+    samples: Samples, layout: Layout, settings: FitSettings, progress: Progress, *, after_law: bool = True
+) -> Fitted:
+    """Learn a :class:`TreesMap`.
 
     Parameters
     ----------
-    after_law : bool
-        Whether the trees take what the task's linear law leaves.
+    samples, layout, settings, progress
+        See :data:`Learner`.
+    after_law : bool, whether the trees take what the task's linear law leaves
     """
-
-    after_law: bool = True
-
-    def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-        """See :class:`Learner`."""
-
-        def _learn(part: Samples) -> TreesMap:
-            return TreesMap.fit(*part.learnable(), settings.seed, layout.penalties if self.after_law else None)
-
-        return Fitted(_learn(samples), cross_predicted(_learn, samples, LIMITS.folds))
+    penalties = layout.penalties if after_law else None
+    return fitted(lambda part: TreesMap.fit(*part.learnable(), settings.seed, penalties), samples, LIMITS.folds)

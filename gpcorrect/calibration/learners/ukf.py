@@ -23,14 +23,11 @@ from gpcorrect.types import BoolArray, FloatArray, Progress
 
 GAPS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.15)
 """Half gap over half the range, to choose from: up to the slack of the dVRK wrist recorded in `dvrk_random`."""
-PROCESS = (0.01, 0.1, 1.0)
-"""Standard deviation a step over that of the play's residual, to choose from; chosen by hand."""
-TUNING_ROWS = 1500
-"""Samples that the process noise is tuned on: a pass of the filter over them takes a second."""
+PROCESS = (0.01, 0.1, 1.0)  # standard deviation a step over that of the play's residual, to choose from; chosen by hand
+TUNING_ROWS = 1500  # samples that the process noise is tuned on: a pass of the filter over them takes a second
 LEAST_EXPLAINED = 0.05
 """Part of the stretch's variance that the effort must explain to be a measurement; chosen by hand."""
-TINY = 1e-9
-"""m or rad: keeps variances positive, far below the resolution of any encoder."""
+TINY = 1e-9  # m or rad: keeps variances positive, far below the resolution of any encoder
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +36,9 @@ class CableModel:
 
     Parameters
     ----------
-    motor : PolynomialMap
-        From positions to the error that coupling, gain and offset make.
-    gap : (d,) array
-        Half gap, rad or m.
-    stretch_per_effort, stretch_at_rest : (d,) arrays
-        Stretch m - q for an effort: `compliance tau + rest`.
+    motor : PolynomialMap, from positions to the error that coupling, gain and offset make
+    gap : (d,) array, half gap, rad or m
+    stretch_per_effort, stretch_at_rest : (d,) arrays, stretch m - q for an effort: `compliance tau + rest`
     process, measurement : (d,) arrays
         Standard deviations of the joint's step, and of the stretch that the effort shows; infinite where it shows
         nothing.
@@ -69,8 +63,7 @@ class CableModel:
 
         Parameters
         ----------
-        samples : Samples
-            n samples, in order, with their path of d joints.
+        samples : Samples, n samples, in order, with their path of d joints
         """
         motor, stretch = self.inputs(samples.path, samples.effort)
         parts = [
@@ -85,10 +78,8 @@ class CableModel:
 
         Parameters
         ----------
-        q : (n, d) array
-            Joints, rad or m.
-        effort : (n, d) array or None
-            N m or N.
+        q : (n, d) array, joints, rad or m
+        effort : (n, d) array or None, N m or N
         """
         motor = np.full(q.shape, np.nan)
         known = np.isfinite(q).all(axis=1)
@@ -104,22 +95,25 @@ class CableModel:
         return [CableFilter(*parts) for parts in noises]
 
 
-class Cable:
-    """The learner of :class:`CableModel`: so few numbers a joint that errors in training stand for left-out ones."""
+def learn_cable(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
+    """Learn a :class:`CableModel`: so few numbers a joint that errors in training stand for left-out ones.
 
-    def fit(self, samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-        """See :class:`Learner`."""
-        if samples.path.shape[1] != samples.target.shape[1]:
-            raise DataError("the cable model (ukf) is of joints.", hint="Use: gpcorrect joint fit --method ukf")
-        samples.learnable()
-        rows = samples.rows
-        motor = PolynomialMap.fit(samples.path[rows], samples.target[rows], 1)
-        path = CableModel(motor, *np.zeros((5, samples.path.shape[1]))).inputs(samples.path, None)[0]
-        left = samples.path + samples.target - path
-        parts = [_tuned(samples, path[:, j], left[:, j], j) for j in range(path.shape[1])]
-        learned = CableModel(motor, *(np.array(column) for column in zip(*parts, strict=True)))
-        mean, std = learned.errors(samples)
-        return Fitted(learned, LeftOut((samples.target - mean)[rows], std[rows], np.zeros(len(rows))))
+    Parameters
+    ----------
+    samples, layout, settings, progress
+        See :data:`Learner`.
+    """
+    if samples.path.shape[1] != samples.target.shape[1]:
+        raise DataError("the cable model (ukf) is of joints.", hint="Use: gpcorrect joint fit --method ukf")
+    samples.learnable()
+    rows = samples.rows
+    motor = PolynomialMap.fit(samples.path[rows], samples.target[rows], 1)
+    path = CableModel(motor, *np.zeros((5, samples.path.shape[1]))).inputs(samples.path, None)[0]
+    left = samples.path + samples.target - path
+    parts = [_tuned(samples, path[:, j], left[:, j], j) for j in range(path.shape[1])]
+    learned = CableModel(motor, *(np.array(column) for column in zip(*parts, strict=True)))
+    mean, std = learned.errors(samples)
+    return Fitted(learned, LeftOut((samples.target - mean)[rows], std[rows], np.zeros(len(rows))))
 
 
 def _tuned(data: Samples, motor: FloatArray, left: FloatArray, joint: int) -> tuple[float, float, float, float, float]:
@@ -185,8 +179,7 @@ class CableFilter:
 
     Parameters
     ----------
-    gap : float
-        Half gap, rad or m.
+    gap : float, half gap, rad or m
     process, measurement : float
         Standard deviations of the joint's step, and of the stretch that the effort shows; infinite where it shows
         nothing.
@@ -209,12 +202,9 @@ class CableFilter:
 
         Parameters
         ----------
-        motor : float
-            Corrected position of the motor, rad or m.
-        stretch : float
-            Stretch that the effort shows, rad or m; NaN where it shows none.
-        new : bool
-            Whether a path begins here.
+        motor : float, corrected position of the motor, rad or m
+        stretch : float, stretch that the effort shows, rad or m; NaN where it shows none
+        new : bool, whether a path begins here
         """
         ukf = self._ukf
         if not np.isfinite(motor):
@@ -232,5 +222,4 @@ class CableFilter:
         return np.clip(x, self._motor - self._drag, self._motor + self._drag)
 
     def _stretch(self, x: FloatArray) -> FloatArray:
-        stretch: FloatArray = self._motor - x
-        return stretch
+        return self._motor - x
