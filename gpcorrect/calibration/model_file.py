@@ -49,22 +49,35 @@ Header = dict[str, Any]
 
 
 def require_model_place(path: str | Path) -> None:
-    """Refuse, before the work, a place that cannot be written, or where another file is than a model file.
+    """Check, before the work, that a model file can be written, and replaces nothing but a model file.
 
     Parameters
     ----------
-    path : str or Path, the file to come
+    path : str or Path
+        The file to come.
+
+    Raises
+    ------
+    GpCorrectError
+        The folder cannot be written, or another file is there.
     """
     require_own(path, BEGINS, "model file")
 
 
 def save(corrector: Corrector, path: str | Path) -> None:
-    """Write the model file atomically; raises as :func:`require_model_place`.
+    """Write the model file atomically.
 
     Parameters
     ----------
-    corrector : Corrector, of any task
-    path : str or Path, file to write
+    corrector : Corrector
+        Of any task.
+    path : str or Path
+        File to write.
+
+    Raises
+    ------
+    GpCorrectError
+        The folder cannot be written, or what is there is no model file.
     """
     require_model_place(path)
     model, arrays = pack(corrector, "model")
@@ -104,11 +117,17 @@ def load(path: str | Path, kind: type[Any] = CommandCorrector) -> Any:
 
 
 def load_any(path: str | Path) -> Any:
-    """Read a model file of whatever task; raises as :func:`load`.
+    """Read a model file of whatever task; parameters and errors as for :func:`load`.
 
     Parameters
     ----------
-    path : str or Path, model file
+    path : str or Path
+        Model file.
+
+    Raises
+    ------
+    ArtifactError
+        As for :func:`load`.
     """
     return load_with_hash(path)[0]
 
@@ -116,12 +135,22 @@ def load_any(path: str | Path) -> Any:
 def load_with_hash(path: str | Path, kind: type[Corrector] | None = None) -> tuple[Any, str]:
     """Return a model and the hash of the very bytes that it was built from, though the file be replaced meanwhile.
 
-    The hash is that of :func:`model_hash`; raises as :func:`load`.
-
     Parameters
     ----------
-    path : str or Path, model file
-    kind : type, optional, task that it must be of; any by default
+    path : str or Path
+        Model file.
+    kind : type, optional
+        Task that it must be of; any by default.
+
+    Returns
+    -------
+    tuple
+        The model, and the SHA-256 as :func:`model_hash` returns it.
+
+    Raises
+    ------
+    ArtifactError
+        As for :func:`load`.
     """
     content = _read(path)
     header, arrays = _parts(path, content)

@@ -124,12 +124,18 @@ class SideBySide:
 
 
 def refuse_unlike(one: Corrector, other: Corrector, names: tuple[str, str]) -> None:
-    """Refuse, with a DataError, two models of different tasks, directions, joints or arms.
+    """Refuse two models whose errors cannot stand beside each other.
 
     Parameters
     ----------
     one, other : Corrector
-    names : (str, str), of the models, for the message
+    names : (str, str)
+        Of the models, for the message.
+
+    Raises
+    ------
+    DataError
+        They are of different tasks, directions, joints or arms.
     """
     pairs: list[tuple[str, Any, Any]] = [("corrects", one.TASK.replace("_", " "), other.TASK.replace("_", " "))]
     if isinstance(one, JointCorrector) and isinstance(other, JointCorrector):
@@ -187,15 +193,24 @@ def _interval(sums: FloatArray) -> tuple[float, float] | None:
 
 
 def compare(one: Any, other: Any) -> dict[str, Any]:
-    """Return in what two models of one task differ: what they say of themselves, their errors, their commands.
-
-    `made` and `held_out` are the last step of each and the last measured errors (JSON-able, None where not known);
-    `differs` holds by name what the one and the other say, `commands` distances (mm, deg) on the recorded check queries
-    of both, for models of poses.
+    """Return in what two models differ: what they say of themselves, their errors, how far apart their commands are.
 
     Parameters
     ----------
     one, other : Corrector
+        Models of one task.
+
+    Returns
+    -------
+    dict
+        `made` and `held_out`: the last step of each and the last measured errors (JSON-able, None where not known);
+        `differs`: by name, what the one and the other say; `commands`: distances (mm, deg) on the recorded check
+        queries of both, for models of poses.
+
+    Raises
+    ------
+    DataError
+        They are not of one task.
     """
     if one.TASK != other.TASK:
         raise DataError(f"one model corrects {one.TASK}, the other {other.TASK}: they cannot be compared.")

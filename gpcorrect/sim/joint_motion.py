@@ -38,11 +38,21 @@ def joint_motion_log(
     Parameters
     ----------
     model : Model
-    trajectories : int, how many, over all sessions
-    seconds : float, length of each
-    seed : int, of targets, homings, noise and faults
-    sessions : int, the arm is homed anew between sessions
-    payloads : sequence of float, payloads at the tip, kg, taken in turn; the model's own when empty
+        Any machine.
+    trajectories : int
+        How many, over all sessions.
+    seconds : float
+        Length of each.
+    seed : int
+        Of targets, homings, noise and faults.
+    sessions : int
+        The arm is homed anew between sessions.
+    payloads : sequence of float
+        Payloads at the tip, kg, taken in turn; the model's own when empty.
+
+    Returns
+    -------
+    CalibrationLog
 
     Raises
     ------

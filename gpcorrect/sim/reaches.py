@@ -45,18 +45,26 @@ def debridement_log(
     position_only: bool = False,
     model: Model | None = None,
 ) -> CalibrationLog:
-    """Simulate the debridement recording: 303 reaches of a RAVEN-II to fragments, a trajectory each, at 100 Hz.
-
-    The tracker frame is the nominal base frame, registered by hand: the raw error between `tracker_cp` and
-    `setpoint_cp` means something. The column `fault` holds the truth about tracker faults.
+    """Simulate the debridement recording: 303 reaches of a RAVEN-II to fragments.
 
     Parameters
     ----------
-    seed : int, of fragments, noise and faults
-    reaches : int, how many; the study had 303
-    faults : bool, whether the tracker fails now and then
-    position_only : bool, leave the tracker's orientations out
-    model : Model, optional, another machine than the packaged `raven2_debridement`; all six joints of an arm
+    seed : int
+        Of fragments, noise and faults.
+    reaches : int
+        How many; the study had 303.
+    faults : bool
+        Whether the tracker fails now and then.
+    position_only : bool
+        Leave the tracker's orientations out.
+    model : Model, optional
+        Another machine than the packaged `raven2_debridement`; all six joints of an arm.
+
+    Returns
+    -------
+    CalibrationLog
+        One trajectory a reach, 100 Hz. The tracker frame is the nominal base frame, registered by hand: the raw error
+        between `tracker_cp` and `setpoint_cp` means something. The column `fault` holds the truth about tracker faults.
     """
     machine = machine_of(preset(DEBRIDEMENT_PRESET) if model is None else model)
     if not faults:

@@ -114,17 +114,24 @@ SESSION_BREAK = 600.0  # s between the end of one session and the start of the n
 
 
 def simulate(machine: Machine, plan: Plan, seed: int = 0, *, position_only: bool = False) -> CalibrationLog:
-    """Let a machine follow a plan and record it, sessions and runs one after the other.
-
-    The `extra` column `fault` says of each tracked sample what was done to it (:class:`Fault`), where the machine's
-    tracker has faults.
+    """Let a machine follow a plan and record it.
 
     Parameters
     ----------
     machine : Machine
-    plan : Plan, desired paths; only their recorded samples become rows
-    seed : int, of noise and faults; the same seed gives the same log
-    position_only : bool, leave the tracker's orientations out
+        Arm, drives, effects and sensors.
+    plan : Plan
+        Desired paths; only their recorded samples become rows.
+    seed : int
+        Of noise and faults; the same seed gives the same log.
+    position_only : bool
+        Leave the tracker's orientations out.
+
+    Returns
+    -------
+    CalibrationLog
+        Sessions and runs one after the other. Its `extra` column `fault` says of each tracked sample what the simulator
+        did to it (:class:`~gpcorrect.sim.record.Fault`), when the machine's tracker has faults.
     """
     rng = np.random.default_rng(seed)
     outcome = run(machine, plan)

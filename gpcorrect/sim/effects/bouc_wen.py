@@ -30,10 +30,18 @@ def bouc_wen(path: FloatArray, width: float, sharpness: float, memory: Memory | 
     Parameters
     ----------
     path : (n, ...) array
-    width : float, largest value of the output, w, in the unit of the path
+        Input, each column on its own.
+    width : float
+        Largest value of the output, w, in the unit of the path.
     sharpness : float
         Exponent n > 0; the larger, the more it is like the part that a play of radius w takes off.
     memory : dict, optional
+        Moved on; see the module.
+
+    Returns
+    -------
+    (n, ...) array
+        Output, between -w and w.
 
     Raises
     ------

@@ -32,8 +32,16 @@ def play(path: FloatArray, radius: float, memory: Memory | None = None) -> Float
     Parameters
     ----------
     path : (n, ...) array
-    radius : float, half width of the gap, in the unit of the path
+        Input, each column on its own.
+    radius : float
+        Half width of the gap, in the unit of the path.
     memory : dict, optional
+        Moved on; see the module.
+
+    Returns
+    -------
+    (n, ...) array
+        Output.
 
     Raises
     ------
@@ -85,11 +93,20 @@ def lag(
     Parameters
     ----------
     path : (n, ...) array
-    time : array of the path's shape, s; steps may be uneven
-    time_constant : float, T >= 0, s
+        Input, each column on its own.
+    time : array of the path's shape
+        s; steps may be uneven.
+    time_constant : float
+        T >= 0, s.
     session : (N,) int array, optional
         Session of each column; without it the columns know nothing of each other.
     memory : dict, optional
+        Moved on; see the module.
+
+    Returns
+    -------
+    (n, ...) array
+        Output.
 
     Raises
     ------
@@ -119,10 +136,20 @@ def ring(
     Parameters
     ----------
     path : (n, ...) array
-    time : array of the path's shape, s; steps may be uneven
-    frequency_hz : float, undamped natural frequency, w / (2 pi), > 0; infinite follows at once
-    damping_ratio : float, d >= 0
+        Input, each column on its own.
+    time : array of the path's shape
+        s; steps may be uneven.
+    frequency_hz : float
+        Undamped natural frequency, w / (2 pi), > 0; infinite follows at once.
+    damping_ratio : float
+        d >= 0.
     memory : dict, optional
+        Moved on; see the module.
+
+    Returns
+    -------
+    (n, ...) array
+        Output.
 
     Raises
     ------
