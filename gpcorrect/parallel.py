@@ -54,8 +54,8 @@ def each(
     jobs = effective_n_jobs()
     size = 1 if jobs == 1 else max(1, math.ceil(len(todo) / (CHUNKS * jobs)))
     chunks = [todo[k : k + size] for k in range(0, len(todo), size)]
-    results = chain.from_iterable(_run(partial(_results, function), chunks, "generator"))
-    for done, result in enumerate(results, start=1):
+    # The work has no name here: a traceback would keep it running beyond the context that it runs in.
+    for done, result in enumerate(chain.from_iterable(_run(partial(_results, function), chunks, "generator")), start=1):
         if progress is not None:
             progress.step(stage, done / len(todo))
         yield result

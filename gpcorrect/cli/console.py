@@ -200,7 +200,7 @@ def digests(*paths: Path) -> list[tuple[str, str]]:
 def fitted(
     log: CalibrationLog, settings: FitSettings, output: Path, page: Path | None, *, quiet: bool, **how: Any
 ) -> Experiment:
-    """Fit a model and measure it; write its file, its page and cleaning.csv.
+    """Fit a model and measure it; write its file and, where a page is asked for, that and cleaning.csv.
 
     Parameters
     ----------

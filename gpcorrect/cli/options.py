@@ -244,7 +244,7 @@ def one_of(chosen: str | None, choices: tuple[Any, ...], what: str) -> Any:
 
 
 def ros_distro_of(chosen: str | None, domain: int | None) -> RosDistro:
-    """Return the ROS distribution that was named, or the usual one; DataError where there is no domain for it.
+    """Return the ROS distribution that was named, or the usual; DataError for no such name, or no domain for it.
 
     Parameters
     ----------

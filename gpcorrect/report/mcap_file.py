@@ -35,8 +35,8 @@ def write_mcap(evaluation: Evaluation, log: CalibrationLog, folder: Path) -> Non
 
     Raises
     ------
-    DataError
-        The model corrects no poses, the log has no clock, or the folder exists already.
+    DataError, GpCorrectError
+        The model corrects no poses, or the log has no clock; the folder exists already or cannot be made.
     """
     if not isinstance(evaluation.corrector, CommandCorrector) or log.setpoint_cp is None:
         raise DataError(

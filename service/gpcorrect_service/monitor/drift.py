@@ -59,7 +59,7 @@ class DriftWatch:
     alarm : bool
         Whether it ever reached the threshold since the model was loaded.
     votes : int
-        Seconds that were counted.
+        How many there were, each of `vote_seconds` at least.
     """
 
     settings: DriftSettings = DriftSettings()

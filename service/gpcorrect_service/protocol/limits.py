@@ -102,7 +102,7 @@ def checked_pose(pose: Sequence[float], limit: float) -> FloatArray:
 
 
 def checked_twist(twist: Sequence[float] | None) -> FloatArray | None:
-    """Return a twist (6,), or None where none was sent; BAD_INPUT where it is incomplete, not finite, or too fast.
+    """Return a twist (6,), or None where none was sent; BAD_INPUT for a wrong length, NaN, or too fast a one.
 
     Parameters
     ----------
