@@ -229,7 +229,8 @@ def directed(
     """
     given, wanted = (signal, "external_jp") if direction == "estimate" else ("external_jp", signal)
     source = joint_signal(log, given)
-    truth = joint_signal(log, wanted) if needs_truth or getattr(log, wanted) is not None else None
+    checked = needs_truth or (direction == "estimate" and log.external_jp is not None)
+    truth = joint_signal(log, wanted) if checked else getattr(log, wanted)
     if truth is not None and truth.shape != source.shape:
         raise LogError(
             f"{given} has {source.shape[1]} joints, {wanted} {truth.shape[1]}.",

@@ -176,7 +176,7 @@ class ExactGPR(GaussianProcess):
     n_restarts : int, further searches for the hyperparameters, from random starts
     kernel : "rbf", "matern52" or "auto"
         Correlation function; "auto" takes, for each group of outputs, the one of greater evidence.
-    random_state : int, randomState or None, seed of the subset and the restarts
+    random_state : int, RandomState or None, seed of the subset and the restarts
 
     See Also
     --------

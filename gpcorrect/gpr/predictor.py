@@ -19,6 +19,8 @@ BLOCK = 2048  # rows predicted at once: memory stays flat however many are asked
 class SharedPredictor:
     """Everything a prediction needs, as read-only arrays: it changes nothing, so threads may share it.
 
+    P and c are those of `compiled.py`: `w = P k`, and the latent variance of output o is `s_o (1 - sum_j c_oj w_j^2)`.
+
     Parameters
     ----------
     kernel : Kernel, Correlation, in the inputs' units

@@ -41,7 +41,7 @@ class SparseGPR(GaussianProcess):
     inflation : sequence of float, optional
         For each group of outputs, how many neighbouring samples count as one, because they err together; 1 by default.
         :func:`gpcorrect.gpr.learn_inflation` learns it.
-    random_state : int, randomState or None, seed of the subset, the restarts and the inducing points
+    random_state : int, RandomState or None, seed of the subset, the restarts and the inducing points
 
     Attributes
     ----------

@@ -89,7 +89,7 @@ class Evidence:
 
     @cached_property
     def arm(self) -> RemoteCentreArm | None:
-        """The arm that robot and arm of the meta data name together, such as RAVEN-II and left; None for none."""
+        """The arm that robot and arm of the meta data name, together or one of them; None when neither is known."""
         meta = self.log.meta
         words = set(re.findall(r"[a-z]+", f"{meta.robot} {meta.arm}".lower()))
         side = words & {"left", "right"}

@@ -204,9 +204,8 @@ def _columns(
     if isinstance(reference, PoseSignal) or isinstance(observed, PoseSignal):
         raise LogError(f"cannot compare {names[1]} with {names[0]}: one is a pose, the other joints.")
     # Joints that move, each in units of its own span, so that radians and metres weigh alike.
-    dof = min(reference.shape[1], observed.shape[1])
+    dof, known = min(reference.shape[1], observed.shape[1]), np.isfinite(reference).all(axis=1)
     reference, observed = reference[:, :dof], observed[:, :dof]
-    known = np.isfinite(reference).all(axis=1)
     if not known.any():
         return reference, None, observed
     span: FloatArray = np.ptp(reference[known], axis=0)
