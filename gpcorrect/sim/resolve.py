@@ -140,14 +140,15 @@ def _drive(model: Model, body: Body, robot: Robot | None) -> Drive:
     else:
         omega = 2 * np.pi * BANDWIDTH_HZ
         moved = inertia if robot is None else inertia + mean_inertia(body, robot.arm.home[columns][None, None])
-        drive = Drive(moved * omega**2, 2 * DAMPING_RATIO * omega * moved, inertia)
+        kp, kd = moved * omega**2, 2 * DAMPING_RATIO * omega * moved
+        if robot is None:
+            return Drive(kp, kd, inertia)
+        servo, known = robot.drives.servo[columns], robot.drives
+        kp, kd = np.where(servo, known.kp[columns], kp), np.where(servo, 0.0, kd)
+        drive = Drive(kp, kd, inertia, 1.0 / robot.step, kv=np.where(servo, known.kv[columns], 0.0))
     if robot is None:
         return drive
     known = robot.drives
-    if controller is None:
-        servo = known.servo[columns]
-        kp, kd = np.where(servo, known.kp[columns], drive.kp), np.where(servo, 0.0, drive.kd)
-        drive = replace(drive, kp=kp, kd=kd, kv=np.where(servo, known.kv[columns], 0.0), rate_hz=1.0 / robot.step)
     friction, damping, limit = known.friction[columns], known.damping[columns], known.limit[columns]
     return replace(drive, friction=friction, damping=damping, limit=limit)
 

@@ -79,7 +79,7 @@ class Sensors:
 
         Parameters
         ----------
-        motion : Motion, A stretch of n samples of N runs
+        motion : Motion, a stretch of n samples of N runs
         torque, q : (n, N, dof) arrays, commanded torque, and true joints when outside sensors see them
         T_base_tip : (n, N, 4, 4) array or None
             True tool poses; None for bare joints, and where the tracker is not asked.

@@ -162,7 +162,7 @@ def follow(
     Parameters
     ----------
     drive : Drive
-    reference, clock : Reference, clock, what the loop is given, and its steps
+    reference, clock : Reference and Clock, what the loop is given, and its steps
     joints : tuple of int, joint numbers of the columns
     effects : sequence of Effect
 

@@ -86,7 +86,6 @@ def calibrate_rig(rig: Rig, progress: Progress | None = None) -> CalibrationRepo
     ----------
     rig : Rig
     progress : Progress, optional
-    settings : CalibrationSettings
 
     Raises
     ------
@@ -136,7 +135,8 @@ def _calibrated(row: RigCamera, rig: Rig) -> CameraReport:
         intrinsics, corner_rms, used, given = lens.intrinsics, lens.rms_px, len(lens.corners), len(row.boards)
     else:
         intrinsics, without, corner_rms, used, given = row.lens, (), None, 0, 0
-    at = row.T_tracker_board  # first phase: where the board at its known place says that the camera stands
+    # First phase: where the board at its known place says that the camera stands.
+    at = None if row.board_at is None else row.T_tracker_board
     rough = [] if at is None else poses_from_board(_place_corners(row, rig.board), rig.board, at, intrinsics)
     seen = _markers(row, rig, intrinsics, rough)
     if not seen and not rough:

@@ -226,7 +226,7 @@ def _targets(outcomes: Sequence[CaseOutcome]) -> list[Target]:
     """Return the lines of which there are cases: sets, honesty of the probabilities and intervals, gaps and times."""
     rows = []
     for m in MEASURES:
-        part = [o for o in outcomes if o.group == m.group and m.ratio in (None, _nearest(o.ratio))]
+        part = [o for o in outcomes if o.group == m.group and (m.ratio is None or _nearest(o.ratio) == m.ratio)]
         words = m.group.replace("_", " ") + ("" if m.ratio is None else f", effect/noise {m.ratio:g}")
         rows += _fraction(f"{words}: {m.what}", [m.hit(o) for o in part], m.low, m.high)
     sure = [right for o in outcomes for p, right in o.probabilities if SURE[0] <= p <= SURE[1]]
@@ -271,8 +271,7 @@ def _limits(outcomes: Sequence[CaseOutcome]) -> dict[str, float | None]:
     """Smallest ratio of each effect such that at it and above, enough are exact."""
     tried: defaultdict[str, defaultdict[float, list[bool]]] = defaultdict(lambda: defaultdict(list))
     for o in outcomes:
-        ratio = _nearest(o.ratio)
-        if o.group == "single" and ratio is not None:
+        if o.group == "single" and (ratio := _nearest(o.ratio)) is not None:
             tried[o.truth[0]][ratio].append(o.exact)
     limits: dict[str, float | None] = dict.fromkeys(sorted(tried))
     for name in limits:
