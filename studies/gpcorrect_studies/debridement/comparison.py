@@ -100,7 +100,7 @@ def compare(
     correctors : sequence of Corrects, one an arm, in the order of the stations
     seed : int, of the camera's noise; the same for every condition
     fast, slow : float, speeds of the open loop and with pictures, m/s
-    margins, mode, See :class:`OpenLoop`
+    margins, mode : as of :class:`OpenLoop`
     progress : Progress, optional, receives how far each condition is
 
     Returns

@@ -88,7 +88,8 @@ class Run:
 
     Parameters
     ----------
-    direction, sparsity, Of the zig-zag
+    direction : str, of the zig-zag
+    sparsity : int, n of its sparsity 1/n
     homings_seen : int, how many homings after the first are in the training, a zig-zag each
     state : bool, whether the model sees the whole state instead of positions and efforts
     end_to_end : bool, whether it learns positions themselves, not their error

@@ -128,9 +128,9 @@ class Stage:
         Parameters
         ----------
         seed : int
-        places, radius, colours, See the class; the end effector's balls by default
-        pieces, colourful, See :func:`backdrop`
-        noise, blur, light, See :class:`Studio`
+        places, radius, colours : as of the class; the end effector's balls by default
+        pieces, colourful : as of :func:`backdrop`
+        noise, blur, light : as of :class:`Studio`
         """
         rng = np.random.default_rng(seed)
         lenses = four_cameras(rng)
