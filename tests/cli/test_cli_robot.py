@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 from command_line import assert_refused
-from crtk_support import PATIENT, living_arm
+from crtk_support import PATIENT, living_arm, wait_for
 
 from gpcorrect.logs import read_log
 from gpcorrect_service.crtk import Bus, BusSettings
@@ -163,11 +163,22 @@ def test_a_killed_recorder_leaves_what_it_heard(gpcorrect, arm, tmp_path):
     """Killed outright: the journal holds what came, is not overwritten by the next recording, and becomes a log."""
     run, at = tmp_path / "run.csv", ("--endpoint", arm)
     left = tmp_path / "run.csv.unfinished"
+    early, first = tmp_path / "early.unfinished", tmp_path / "early.csv"
+
+    def half_is_enough() -> bool:
+        """Whether every signal has come for a while already when half of the journal was written."""
+        if not left.exists():
+            return False
+        heard = left.read_bytes()
+        early.write_bytes(heard[: len(heard) // 2])
+        first.unlink(missing_ok=True)
+        told = gpcorrect("robot", "recover", early, "-o", first, "--json")
+        return (
+            told.code == 0 and told.json["samples"] > 20 and {"measured_jp", "setpoint_jp"} <= set(told.json["signals"])
+        )
+
     with subprocess.Popen([sys.executable, "-m", "gpcorrect", "robot", "record", "-o", str(run), *at]) as recording:
-        deadline = time.monotonic() + PATIENT
-        while not (left.exists() and left.stat().st_size > 50_000):
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+        wait_for(half_is_enough)
         recording.kill()
     assert not run.exists()
     assert_refused(gpcorrect("robot", "record", "-o", run, *at), "robot recover", "run.csv.unfinished")
