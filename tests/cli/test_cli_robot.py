@@ -16,6 +16,7 @@ from gpcorrect.logs import read_log
 from gpcorrect_service.crtk import Bus, BusSettings
 from gpcorrect_studies.debridement import rehearsal
 
+pytestmark = pytest.mark.slow
 # Tests that need no arm of this module come first: it takes half a core from its first test to the last.
 
 
@@ -30,7 +31,6 @@ def test_options_that_cannot_be_meant_are_refused(gpcorrect, tmp_path):
     assert_refused(gpcorrect("robot", "extract", "no.csv", "-o", tmp_path / "x.csv"), "no.csv")
 
 
-@pytest.mark.slow
 def test_debridement_with_served_corrections(gpcorrect, tmp_path, monkeypatch):
     """The correction that another process serves makes the open loop work, which without it removes nothing."""
     monkeypatch.setattr(rehearsal, "INDUCING", 100)

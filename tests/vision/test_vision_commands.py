@@ -23,6 +23,7 @@ from gpcorrect.vision import read_cameras, write_cameras
 from gpcorrect.vision.opencv import cv2
 from gpcorrect_studies.rendering import Ball, Stage, Studio, backdrop, four_cameras, marker_points
 
+pytestmark = pytest.mark.slow
 Vision = Callable[..., Outcome]
 SEED = 405
 FRAMES = 8
