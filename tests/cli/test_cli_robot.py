@@ -1,6 +1,7 @@
 """The robot tools and the debridement task as a user runs them, other processes included."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -163,23 +164,25 @@ def test_a_killed_recorder_leaves_what_it_heard(gpcorrect, arm, tmp_path):
     """Killed outright: the journal holds what came, is not overwritten by the next recording, and becomes a log."""
     run, at = tmp_path / "run.csv", ("--endpoint", arm)
     left = tmp_path / "run.csv.unfinished"
-    early, first = tmp_path / "early.unfinished", tmp_path / "early.csv"
 
     def half_is_enough() -> bool:
-        """Whether every signal has come for a while already when half of the journal was written."""
+        """Whether half of what is written makes a log: every signal has come for a while."""
         if not left.exists():
             return False
-        heard = left.read_bytes()
-        early.write_bytes(heard[: len(heard) // 2])
-        first.unlink(missing_ok=True)
-        told = gpcorrect("robot", "recover", early, "-o", first, "--json")
+        heard, folder = left.read_bytes(), tmp_path / "early"
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        (folder / "half.unfinished").write_bytes(heard[: len(heard) // 2])
+        told = gpcorrect("robot", "recover", folder / "half.unfinished", "-o", folder / "half.csv", "--json")
         return (
             told.code == 0 and told.json["samples"] > 20 and {"measured_jp", "setpoint_jp"} <= set(told.json["signals"])
         )
 
     with subprocess.Popen([sys.executable, "-m", "gpcorrect", "robot", "record", "-o", str(run), *at]) as recording:
-        wait_for(half_is_enough)
-        recording.kill()
+        try:
+            wait_for(half_is_enough)
+        finally:
+            recording.kill()
     assert not run.exists()
     assert_refused(gpcorrect("robot", "record", "-o", run, *at), "robot recover", "run.csv.unfinished")
     assert gpcorrect("robot", "recover", left, "-o", run, "--json").json["samples"] > 20
