@@ -15,6 +15,9 @@ BIN := $(VENV)/bin
 # Tests wait for other processes a sixth of their time: with a worker more than cores no core does.
 WORKERS := $(shell expr $$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2) + 1)
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
+# Nothing is compiled at installation: without bytecode on disk every process that a test starts would compile all it
+# imports anew, three seconds of it. Images of containers often forbid it.
+unexport PYTHONDONTWRITEBYTECODE
 
 help:
 	@sed -n 's/^# make/make/p' Makefile

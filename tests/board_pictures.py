@@ -40,16 +40,15 @@ class Board:
         places: FloatArray = (self.origin + steps).reshape(-1, 3)
         return places
 
-    def colours(self, lens: Lens, u: FloatArray, v: FloatArray) -> FloatArray:
-        """Grey levels `(...)` seen along the rays through pixels; NaN beside the board.
+    def colours(self, lens: Lens, d: FloatArray) -> FloatArray:
+        """Grey levels `(...)` seen along rays; NaN beside the board.
 
         Parameters
         ----------
         lens : Lens
-        u, v : arrays of one shape
-            Pixels to the right and down.
+        d : (..., 3) array
+            Directions of the rays from the lens, of any length.
         """
-        d = lens.directions(u, v)
         normal = np.cross(self.x, self.y)
         with np.errstate(divide="ignore", invalid="ignore"):
             depth = ((self.origin - lens.position) @ normal) / (d @ normal)
@@ -71,10 +70,12 @@ def board_picture(studio: Studio, board: Board) -> np.ndarray[tuple[int, ...], n
     """
     left, top, right, bottom = _box(studio.lens, board)
     v, u = np.mgrid[top:bottom, left:right].astype(np.float64)
+    d = studio.lens.directions(u, v)
+    a_row, a_column = np.gradient(d, axis=(0, 1))  # bent less within a pixel than can be seen
     total, covered = np.zeros(u.shape), np.zeros(u.shape)
     for du in (-1 / 3, 0.0, 1 / 3):
         for dv in (-1 / 3, 0.0, 1 / 3):
-            grey = board.colours(studio.lens, u + du, v + dv)
+            grey = board.colours(studio.lens, d + du * a_column + dv * a_row)
             seen = np.isfinite(grey)
             total += np.where(seen, grey, 0.0) / 9.0
             covered += seen / 9.0

@@ -140,7 +140,8 @@ def estimate_ageing(
         raise DataError(f"worn out must mean more than 1 times the score at the fit, got {limit:g}.")
     worn, newest = limit * float(baseline.mean()), float(ages.max())
     slope, level = _line(baseline, scores, ages, newest)
-    drawn = np.array([_line(*_resampled(baseline, scores, ages, logs, rng), newest) for _ in range(RESAMPLES)])
+    by_log = [np.flatnonzero(logs == name) for name in np.unique(logs)]
+    drawn = np.array([_line(*_resampled(baseline, scores, ages, by_log, rng), newest) for _ in range(RESAMPLES)])
     lines = np.array([slope, level]) + _inflation(logs) * (drawn - drawn.mean(axis=0))
     low, high = np.percentile(lines[:, 0], [TAIL, 100 - TAIL])
     known = Ageing(bool(low > 0), slope, (float(low), float(high)), worn, None, None, level)
@@ -172,14 +173,12 @@ def _line(baseline: FloatArray, scores: FloatArray, ages: FloatArray, newest: fl
 
 
 def _resampled(
-    baseline: FloatArray, scores: FloatArray, ages: FloatArray, logs: IntArray, rng: np.random.Generator
+    baseline: FloatArray, scores: FloatArray, ages: FloatArray, by_log: list[IntArray], rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Draw baseline scores and whole logs, or trajectories where logs are few, with replacement."""
-    names = np.unique(logs)
-    if len(names) >= ENOUGH_LOGS:
-        rows = np.concatenate([np.flatnonzero(logs == name) for name in rng.choice(names, len(names))])
+    if len(by_log) >= ENOUGH_LOGS:
+        rows = np.concatenate([by_log[k] for k in rng.choice(len(by_log), len(by_log))])
     else:
         # Within each log, so that every draw holds every age.
-        by_log = [np.flatnonzero(logs == name) for name in names]
         rows = np.concatenate([rng.choice(own, len(own)) for own in by_log])
     return rng.choice(baseline, len(baseline)), scores[rows], ages[rows]

@@ -30,6 +30,7 @@ from gpcorrect.gpr import SparseGPR
 from gpcorrect.logs import read_log
 from gpcorrect.types import CalibrationLog, FloatArray
 
+pytestmark = pytest.mark.slow
 LOG = joint_log(1, trajectories=6)
 
 
@@ -242,7 +243,6 @@ def test_missing_numbers_are_passed_over() -> None:
         assert np.isfinite(rmse(experiment)).all()
 
 
-@pytest.mark.slow
 def test_real_wrist_is_better_than_every_reference() -> None:
     """On a real arm, last fifth held out, every joint beats linear models with history and a plain regression."""
     log = read_log(real_data("dvrk_random.csv"))

@@ -26,7 +26,8 @@ from gpcorrect.cleaning import CleaningReport, CleaningSettings, FittedCleaner, 
 from gpcorrect.sim import debridement_log
 from gpcorrect.types import BoolArray, CalibrationLog, PoseSignal
 
-WORLD = World(reaches=30)
+pytestmark = pytest.mark.slow
+WORLD = World(reaches=20)
 SEEDS = (0, 1)
 HELD_OUT = 0.7  # share of trajectories before the held-out ones
 

@@ -25,7 +25,6 @@ def days(tmp_path: Path) -> list[Path]:
     return [written(part, tmp_path / f"day{number}.csv") for number, part in enumerate(parts)]
 
 
-@pytest.mark.slow
 def test_update_writes_another_model_and_leaves_the_first(
     gpcorrect: CommandLine, model: Path, days: list[Path], tmp_path: Path
 ) -> None:

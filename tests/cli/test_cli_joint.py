@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import io
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import CommandLine, assert_refused, written
+from command_line import CommandLine, assert_refused, exit_status, written
 from joint_logs import joint_log
 from support import few_trees
 
@@ -15,9 +17,19 @@ from gpcorrect.logs import read_log
 from gpcorrect.types import LogMeta
 
 
-@pytest.fixture
-def joints(tmp_path: Path) -> Path:
-    return written(joint_log(1, trajectories=6), tmp_path / "joints.csv")
+@pytest.fixture(scope="module")
+def joints(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a recording; no test may write to it."""
+    return written(joint_log(1, trajectories=6), tmp_path_factory.mktemp("joints") / "joints.csv")
+
+
+@pytest.fixture(scope="module")
+def linear(joints: Path) -> Path:
+    """Return its linear model; no test may write to it."""
+    model = joints.parent / "linear.gpc"
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        assert exit_status("joint", "fit", joints, "--method", "linear", "--output", model) == 0
+    return model
 
 
 def test_fit_and_evaluate_say_what_other_programs_rely_on(gpcorrect: CommandLine, joints: Path, tmp_path: Path) -> None:
@@ -47,11 +59,10 @@ def test_compare_has_a_row_for_every_method(gpcorrect: CommandLine, tmp_path: Pa
     assert all(len(row["errors"]) == 3 for row in result["methods"])
 
 
-def test_rezero_writes_a_model_with_the_new_zero(gpcorrect: CommandLine, joints: Path, tmp_path: Path) -> None:
+def test_rezero_writes_a_model_with_the_new_zero(gpcorrect: CommandLine, linear: Path, tmp_path: Path) -> None:
     """A shift of joint 2 is reported, and in the new model."""
-    gpcorrect("joint", "fit", joints, "--method", "linear", "--output", tmp_path / "m.gpc")
     minute = written(joint_log(2, trajectories=2, shift=0.05), tmp_path / "minute.csv")
-    zeros = gpcorrect("joint", "rezero", tmp_path / "m.gpc", minute, "--output", tmp_path / "n.gpc", "--json").json
+    zeros = gpcorrect("joint", "rezero", linear, minute, "--output", tmp_path / "n.gpc", "--json").json
     assert zeros["zeros"][1]["shift"] == pytest.approx(2.865, abs=0.5)
     assert zeros["zeros"][1]["moved"]
     history = gpcorrect("info", tmp_path / "n.gpc", "--json").json["history"]
@@ -104,25 +115,25 @@ def test_bad_recordings_are_refused_by_name(gpcorrect: CommandLine, tmp_path: Pa
     )
 
 
-def test_a_homing_is_noticed_and_mixed_ones_set_no_zero(gpcorrect: CommandLine, joints: Path, tmp_path: Path) -> None:
+def test_a_homing_is_noticed_and_mixed_ones_set_no_zero(
+    gpcorrect: CommandLine, joints: Path, linear: Path, tmp_path: Path
+) -> None:
     """Evaluation names the session and the joint that moved; a zero is taken from one session only."""
-    gpcorrect("joint", "fit", joints, "--method", "linear", "--output", tmp_path / "m.gpc")
     after = written(joint_log(2, trajectories=2, shift=0.05), tmp_path / "after.csv")
-    outcome = gpcorrect("joint", "evaluate", tmp_path / "m.gpc", joints, after, "--json")
+    outcome = gpcorrect("joint", "evaluate", linear, joints, after, "--json")
     moved = {(row["session"], row["joint"]) for row in outcome.json["zeros"] if row["moved"]}
     assert moved == {(1, 2)}
     assert "session 1: the zero of joint 2" in outcome.said
-    both = gpcorrect("joint", "rezero", tmp_path / "m.gpc", joints, after, "--output", tmp_path / "n.gpc")
+    both = gpcorrect("joint", "rezero", linear, joints, after, "--output", tmp_path / "n.gpc")
     assert_refused(both, "2 sessions")
 
 
-def test_drift_watches_joint_models_too(gpcorrect: CommandLine, joints: Path, tmp_path: Path) -> None:
+def test_drift_watches_joint_models_too(gpcorrect: CommandLine, linear: Path, tmp_path: Path) -> None:
     """A day like the training raises no alarm, one whose zero has moved does."""
-    gpcorrect("joint", "fit", joints, "--method", "linear", "--output", tmp_path / "m.gpc")
     same = written(joint_log(5, trajectories=6), tmp_path / "same.csv")
     other = written(joint_log(6, trajectories=6, shift=0.05), tmp_path / "other.csv")
-    watch = ("drift", tmp_path / "m.gpc", same, other, "--false-alarms", 20, "--report", tmp_path / "d.html", "--json")
+    watch = ("drift", linear, same, other, "--false-alarms", 20, "--report", tmp_path / "d.html", "--json")
     outcome = gpcorrect(*watch)
     assert outcome.code == 0, outcome.err
     assert outcome.json["alarm_log"] == str(other)
-    assert gpcorrect("drift", tmp_path / "m.gpc", same, "--json").json["alarm"] is False
+    assert gpcorrect("drift", linear, same, "--json").json["alarm"] is False

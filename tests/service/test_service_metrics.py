@@ -30,6 +30,7 @@ from gpcorrect_service.ops.metrics import SILENT_SECONDS
 from gpcorrect_service.server.queues import WorkerQueue
 from gpcorrect_service.server.service import Server
 
+pytestmark = pytest.mark.slow
 EXAMPLES = ROOT / "examples" / "monitoring"
 PROMETHEUS = "text/plain;version=0.0.4"  # what Prometheus asks for where OpenMetrics is not known
 
@@ -221,7 +222,6 @@ def found(port: int, expression: str) -> list[dict[str, Any]]:
     return [series for series in answer["data"]["result"] if series["value"][1] != "NaN"]
 
 
-@pytest.mark.slow
 def test_prometheus_scrapes_a_server(small_model: Path, tmp_path: Path) -> None:
     """Prometheus itself counts what was asked, and has an answer to the query of every panel of the dashboard."""
     query = load(small_model).check_queries[0]

@@ -105,34 +105,44 @@ def test_a_disk_that_takes_nothing_changes_nothing(
     assert not list(store.folder.glob(".store*"))
 
 
+# One process reads the libraries; each step is another's, a copy of it that is killed there.
 KILLED = """
 import os, sys
 from pathlib import Path
 from gpcorrect.calibration import ModelStore
-step, folder = sys.argv[1], sys.argv[2]
 def die(*_): os._exit(9)
-if step == "before the write": Path.write_bytes = die
-if step == "before the sync": os.fsync = die
-if step == "before the rename": Path.replace = die
-if step == "after the rename":
-    rename = Path.replace
-    Path.replace = lambda *paths: (rename(*paths), die())
-store = ModelStore(folder)
-store.activate(store.find("tuesday"))
+def activate(step, folder):
+    if step == "before the write": Path.write_bytes = die
+    if step == "before the sync": os.fsync = die
+    if step == "before the rename": Path.replace = die
+    if step == "after the rename":
+        rename = Path.replace
+        Path.replace = lambda *paths: (rename(*paths), die())
+    store = ModelStore(folder)
+    store.activate(store.find("tuesday"))
+for folder in map(Path, sys.argv[1:]):
+    child = os.fork()
+    if not child:
+        activate(folder.name, folder)
+        os._exit(0)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 9, folder.name
 """
 
 
-def test_a_kill_at_any_step_leaves_a_whole_store(store: ModelStore) -> None:
+def test_a_kill_at_any_step_leaves_a_whole_store(store: ModelStore, tmp_path: Path) -> None:
     """Killed at each step of an activation, the store holds the old or the new state, and works on."""
     monday, _ = store.models()
     store.activate(monday)
-    for step in ("before the write", "before the sync", "before the rename", "after the rename"):
-        ended = subprocess.run([sys.executable, "-c", KILLED, step, str(store.folder)], timeout=120)
-        assert ended.returncode == 9
-        assert names(store) == (["monday", "tuesday"] if step == "after the rename" else ["monday"])
-        assert len(store.models()) == 2
-    store.rollback()
-    assert names(store) == ["monday"]
+    steps = ("before the write", "before the sync", "before the rename", "after the rename")
+    folders = [shutil.copytree(store.folder, tmp_path / step) for step in steps]
+    subprocess.run([sys.executable, "-c", KILLED, *folders], timeout=120, check=True)
+    for folder in folders:
+        left = ModelStore(folder)
+        assert names(left) == (["monday", "tuesday"] if folder.name == "after the rename" else ["monday"])
+        assert len(left.models()) == 2
+        left.activate(left.models()[1])
+        left.rollback()
+        assert names(left) == ["monday"]
 
 
 def test_models_are_compared_by_what_they_command(store: ModelStore) -> None:

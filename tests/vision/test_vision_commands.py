@@ -23,6 +23,7 @@ from gpcorrect.vision import read_cameras, write_cameras
 from gpcorrect.vision.opencv import cv2
 from gpcorrect_studies.rendering import Ball, Stage, Studio, backdrop, four_cameras, marker_points
 
+pytestmark = pytest.mark.slow
 Vision = Callable[..., Outcome]
 SEED = 405
 FRAMES = 8
@@ -31,6 +32,7 @@ FRAMES = 8
 @dataclass(frozen=True, eq=False)
 class _Recorded:
     folder: Path
+    stage: Stage
     views: list[Path]
     poses: FloatArray
 
@@ -46,11 +48,21 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> _Recorded:
     """Return a recording of four cameras; the second one is covered in two frames."""
     folder = tmp_path_factory.mktemp("recorded")
     stage, poses = Stage.standard(SEED), path_of(SEED, FRAMES)
-    return _Recorded(folder, record(folder, stage, poses, lambda i: {1: [COVER]} if i in (3, 4) else {}), poses)
+    views = record(folder, stage, poses, lambda i: {1: [COVER]} if i in (3, 4) else {})
+    return _Recorded(folder, stage, views, poses)
 
 
 def _track(recorded: _Recorded, output: Path, *more: object) -> list[object]:
     return ["track", *recorded.views, "--cameras", recorded.folder / "cameras.json", "--output", output, *more]
+
+
+def _beginnings(recorded: _Recorded, folder: Path, frames: int) -> list[Path]:
+    """Return folders with copies of the first frames of each camera."""
+    for view in recorded.views:
+        (folder / view.name).mkdir()
+        for i in range(frames):
+            shutil.copy(view / f"{i:04d}.png", folder / view.name)
+    return [folder / view.name for view in recorded.views]
 
 
 def test_a_recording_becomes_a_log(vision: Vision, recorded: _Recorded, tmp_path: Path) -> None:
@@ -103,11 +115,7 @@ def test_another_rig_s_calibration_is_named(vision: Vision, recorded: _Recorded,
 
 def test_wrong_colours_and_wrong_sizes_are_named(vision: Vision, recorded: _Recorded, tmp_path: Path) -> None:
     """A colour that is nowhere (with those that are there), balls of other sizes or distances: no camera is blamed."""
-    for view in recorded.views:
-        (tmp_path / view.name).mkdir()
-        for i in range(3):
-            shutil.copy(view / f"{i:04d}.png", tmp_path / view.name)
-    first = replace(recorded, views=[tmp_path / view.name for view in recorded.views])
+    first = replace(recorded, views=_beginnings(recorded, tmp_path, 1))
     target = tmp_path / "target.toml"
     target.write_text('[[ball]]\nname = "violet"\nhue = 285.0\nhue_tolerance = 8.0\n')
     assert_refused(
@@ -130,8 +138,7 @@ def test_a_recording_that_breaks_off_is_named_and_kept(vision: Vision, recorded:
     for i in range(5, FRAMES):
         (views[3] / f"{i:04d}.png").unlink()
     (views[2] / "0002.png").write_bytes((views[2] / "0002.png").read_bytes()[:300])
-    broken = _Recorded(recorded.folder, views, recorded.poses)
-    outcome = vision(*_track(broken, tmp_path / "log.csv"))
+    outcome = vision(*_track(replace(recorded, views=views), tmp_path / "log.csv"))
     assert outcome.code == 0, outcome.err
     assert "view3 ends after 5 of 8 frames" in outcome.said
     assert "view2: 1 pictures cannot be read, the first is number 3" in outcome.said
@@ -167,15 +174,15 @@ def _video(view: Path, path: Path) -> Path:
     return path
 
 
-def test_a_ball_out_of_sight_leaves_rows_empty(vision: Vision, tmp_path: Path) -> None:
+def test_a_ball_out_of_sight_leaves_rows_empty(vision: Vision, recorded: _Recorded, tmp_path: Path) -> None:
     """Without one of its balls the tool has no pose: those rows are coasted and marked, then empty."""
-    stage, poses = Stage.standard(SEED + 1), path_of(SEED + 1, 6)
-    views = record(tmp_path, stage, poses)
+    views = _beginnings(recorded, tmp_path, 2)
+    stage = recorded.stage
     bare = Stage(stage.lenses, stage.studios, {n: p for n, p in stage.places.items() if n != "yellow"})
     for i in range(2, 6):
-        for view, image in zip(views, bare.frame(poses[i]), strict=True):
+        for view, image in zip(views, bare.frame(recorded.poses[i]), strict=True):
             cv2.imwrite(str(view / f"{i:04d}.png"), image)
-    words = ["track", *views, "--cameras", tmp_path / "cameras.json", "--output", tmp_path / "log.csv", "--fps", 4]
+    words = ["track", *views, "--cameras", recorded.folder / "cameras.json", "-o", tmp_path / "log.csv", "--fps", 4]
     outcome = vision(*words)
     assert outcome.code == 0, outcome.err
     assert "Ball yellow is seen by fewer than two cameras" in outcome.said
@@ -184,7 +191,7 @@ def test_a_ball_out_of_sight_leaves_rows_empty(vision: Vision, tmp_path: Path) -
     assert log.extra["tracking_status"].tolist() == [0, 0, 1, 1, 2, 2]
     assert np.isfinite(log.tracker_cp.position).all(axis=1).tolist() == [True] * 4 + [False] * 2
     assert np.isnan(log.extra["ball_yellow_x"][2:]).all()
-    outcome = vision(*words[:-2], "--fps", 4, "--measured-only")
+    outcome = vision(*words, "--measured-only")
     measured = read_log(tmp_path / "log.csv").tracker_cp
     assert measured is not None
     assert np.isfinite(measured.position).all(axis=1).tolist() == [True] * 2 + [False] * 4

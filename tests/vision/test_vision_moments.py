@@ -17,6 +17,7 @@ from gpcorrect.vision.opencv import Image, cv2
 from gpcorrect.vision.settings import ClockSettings
 from gpcorrect_studies.rendering import Ball, Stage, single_ball
 
+pytestmark = pytest.mark.slow
 SEED, RATE, FINE = 406, 30.0, 1000.0
 
 

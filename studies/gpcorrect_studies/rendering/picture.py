@@ -126,39 +126,47 @@ class Studio:
         if box is None:
             return
         left, top, right, bottom = box
-        u, v = _grid(left, top, right, bottom, self.samples)
-        colour, hit = _seen(ball, self.lens, self.light, u, v)
-        shape = (bottom - top, self.samples, right - left, self.samples)
-        fraction = hit.reshape(shape).mean(axis=(1, 3))
-        paint = (colour * hit[..., None]).reshape(*shape, 3).mean(axis=(1, 3))
-        patch = image[top:bottom, left:right]
-        image[top:bottom, left:right] = patch * (1.0 - fraction[..., None]) + paint
+        v, u = (row.ravel() for row in np.mgrid[top:bottom, left:right])
+        near = _touched(ball, self.lens, u, v)
+        u, v = u[near], v[near]
+        offsets = (np.arange(self.samples) + 0.5) / self.samples - 0.5
+        down, across = (row.ravel() for row in np.meshgrid(offsets, offsets, indexing="ij"))
+        colour, hit = _seen(ball, self.lens, self.light, u[:, None] + across, v[:, None] + down)
+        image[v, u] = image[v, u] * (1.0 - hit.mean(axis=1))[:, None] + colour.mean(axis=1)
 
 
-def _grid(left: int, top: int, right: int, bottom: int, samples: int) -> tuple[FloatArray, FloatArray]:
-    offsets = (np.arange(samples) + 0.5) / samples - 0.5
-    columns = (np.arange(left, right)[:, None] + offsets).ravel()
-    rows = (np.arange(top, bottom)[:, None] + offsets).ravel()
-    u, v = np.meshgrid(columns, rows)
-    return u, v
+def _rays(ball: Ball, lens: Lens, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return unit directions of rays, the vectors from lens to ball as each row sees it, and these along the rays."""
+    d = lens.directions(u, v)
+    d = d / np.sqrt(np.einsum("...i,...i", d, d))[..., None]
+    to_centre = ball.centre - lens.position + (v - ball.row)[..., None] * np.array(ball.drift)
+    return d, to_centre, np.einsum("...i,...i", d, to_centre)
+
+
+def _touched(ball: Ball, lens: Lens, u: NDArray[Any], v: NDArray[Any]) -> NDArray[np.bool_]:
+    """Find the pixels that a ball may touch: their middle's ray passes it within its radius and two pixels."""
+    _, to_centre, along = _rays(ball, lens, u, v)
+    beside2 = np.einsum("...i,...i", to_centre, to_centre) - along**2
+    near: NDArray[np.bool_] = beside2 < (ball.radius + 2.0 * along / min(lens.focal)) ** 2
+    return near
 
 
 def _seen(ball: Ball, lens: Lens, light: Light, u: FloatArray, v: FloatArray) -> tuple[FloatArray, NDArray[Any]]:
-    """Colours `(h, w, 3)` of a ball along rays, and which rays meet it."""
-    d = lens.directions(u, v)
-    d = d / np.linalg.norm(d, axis=-1, keepdims=True)
-    to_centre = ball.centre - lens.position + (v - ball.row)[..., None] * np.array(ball.drift)
-    along = (d * to_centre).sum(axis=-1)
-    depth2 = ball.radius**2 - ((to_centre**2).sum(axis=-1) - along**2)
+    """Colours `(..., 3)` of a ball along rays, black beside it, and which rays meet it."""
+    d, to_centre, along = _rays(ball, lens, u, v)
+    depth2 = ball.radius**2 - (np.einsum("...i,...i", to_centre, to_centre) - along**2)
     hit = depth2 > 0.0
-    distance = along - np.sqrt(np.maximum(depth2, 0.0))
-    normal = (distance[..., None] * d - to_centre) / ball.radius
+    d, to_centre = d[hit], to_centre[hit]
+    distance = along[hit] - np.sqrt(depth2[hit])
+    normal = (distance[:, None] * d - to_centre) / ball.radius
     toward = np.asarray(light.towards) / np.linalg.norm(light.towards)
     facing = normal @ toward
-    mirrored = 2.0 * facing[..., None] * normal - toward
-    sparkle = ball.gloss * np.maximum(-(mirrored * d).sum(axis=-1), 0.0) ** light.shine * (facing > 0)
+    mirrored = 2.0 * facing[:, None] * normal - toward
+    sparkle = ball.gloss * np.maximum(-np.einsum("ni,ni->n", mirrored, d), 0.0) ** light.shine * (facing > 0)
     diffuse = light.ambient + (1.0 - light.ambient) * np.maximum(facing, 0.0)
-    return diffuse[..., None] * np.asarray(ball.colour) + 255.0 * sparkle[..., None], hit
+    colours = np.zeros((*hit.shape, 3))
+    colours[hit] = diffuse[:, None] * np.asarray(ball.colour) + 255.0 * sparkle[:, None]
+    return colours, hit
 
 
 def _blurred(image: Raster, sigma: float) -> Raster:
@@ -195,14 +203,17 @@ def backdrop(
     fine = gaussian_filter(rng.standard_normal((height, width)), 2.0)
     level = 110.0 + 25.0 * ground / ground.std() + 4.0 * fine / fine.std()
     image = level[..., None] * np.array([1.0, 0.98, 0.95])
-    v, u = np.mgrid[:height, :width]
     for _ in range(pieces):
         a, b = rng.uniform(5, 60, 2)
         turn = rng.uniform(0, np.pi)
-        du, dv = u - rng.uniform(0, width), v - rng.uniform(0, height)
+        x, y = rng.uniform(0, width), rng.uniform(0, height)
+        left, top, reach = max(int(x - a - b), 0), max(int(y - a - b), 0), int(2 * (a + b)) + 2
+        part = image[top : top + reach, left : left + reach]
+        rows, columns = np.mgrid[: part.shape[0], : part.shape[1]]
+        du, dv = columns + (left - x), rows + (top - y)
         p, q = du * np.cos(turn) + dv * np.sin(turn), dv * np.cos(turn) - du * np.sin(turn)
         inside = (np.abs(p) < a) & (np.abs(q) < b) if rng.random() < 0.6 else (p / a) ** 2 + (q / b) ** 2 < 1
         grey = rng.uniform(20, 230)
-        image[inside] = (1 - colourful) * grey + colourful * rng.uniform(0, 255, 3)
+        part[inside] = (1 - colourful) * grey + colourful * rng.uniform(0, 255, 3)
     clipped: FloatArray = np.clip(image, 0, 255)
     return clipped
