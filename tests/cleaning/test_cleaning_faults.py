@@ -27,7 +27,7 @@ from gpcorrect.sim import debridement_log
 from gpcorrect.types import BoolArray, CalibrationLog, PoseSignal
 
 pytestmark = pytest.mark.slow
-WORLD = World(reaches=20)
+WORLD = World(reaches=30)
 SEEDS = (0, 1)
 HELD_OUT = 0.7  # share of trajectories before the held-out ones
 

@@ -51,7 +51,7 @@ def test_fit_and_evaluate_say_what_other_programs_rely_on(gpcorrect: CommandLine
 
 def test_compare_has_a_row_for_every_method(gpcorrect: CommandLine, tmp_path: Path) -> None:
     """Raw and every learner, each with every joint."""
-    short = written(joint_log(1, trajectories=5, seconds=12.0), tmp_path / "short.csv")
+    short = written(joint_log(1, trajectories=5, seconds=6.0), tmp_path / "short.csv")
     with few_trees():
         result = gpcorrect("joint", "compare", short, "--json").json
     names = [row["method"] for row in result["methods"]]
