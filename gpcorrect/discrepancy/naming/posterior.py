@@ -53,6 +53,8 @@ class Alternative:
         Canonical name and class of the effect; empty for nothing and unknown.
     joint : int, str or None
         Where.
+    source : int or None
+        The joint that drives it, of a coupling or a cable that another joint pays out.
     """
 
     explanation: Explanation
@@ -61,6 +63,7 @@ class Alternative:
     name: str = ""
     joint: int | str | None = None
     family: str = ""
+    source: int | None = None
 
     @classmethod
     def of(cls, candidate: Candidate, probability: float) -> Alternative:
@@ -73,7 +76,7 @@ class Alternative:
             Posterior among the alternatives.
         """
         c = candidate
-        return cls(Explanation.EFFECT, probability, c.label, c.name, c.joint, c.family)
+        return cls(Explanation.EFFECT, probability, c.label, c.name, c.joint, c.family, dict(c.fixed).get("source"))
 
     @property
     def is_effect(self) -> bool:
@@ -139,8 +142,13 @@ def posterior(candidate: Candidate, weighed: Weighed, cost: float) -> list[Alter
     nats = np.array([own.nats, cost, _unknown_nats(weighed, cost), *(r.nats for r in rivals)]) - cost
     counts = np.full(len(nats), between_effects(own, weighed.unknown, cost))
     counts[1:3] = own.overdispersion
-    extra = [candidate.extra, 0, 0, *(candidate.extra if r.is_general else r.candidate.extra for r in rivals)]
-    odds = (nats - nats[0]) / counts - SEARCH.complexity * (np.array(extra) - candidate.extra)
+    more = [0 if r.is_general else r.candidate.extra - candidate.extra for r in rivals]
+    price = SEARCH.complexity * np.array([0.0, -candidate.extra, -candidate.extra, *more])
+    lead = (nats - nats[0]) / counts
+    least = np.array([0.0, 0.0, 0.0, *(min(c, r.shape_nats) for c, r in zip(price[3:], rivals, strict=True))])
+    # A fuller law is charged for what the data say of its shape, no more than to a draw: it is not ruled out.
+    doubt = np.where([False] * 3 + [r.shape_nats < np.inf for r in rivals], np.minimum(0.0, lead - least), -np.inf)
+    odds = np.maximum(lead - price, doubt)
     weight = np.exp(odds - odds.max())
     mine, nothing, unknown, *others = (weight / weight.sum()).tolist()
     return [

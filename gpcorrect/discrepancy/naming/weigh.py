@@ -19,7 +19,7 @@ from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.linearisation import held_out, linearise
 from gpcorrect.discrepancy.search.state import Search, penalty
 from gpcorrect.discrepancy.search.stepwise import rank
-from gpcorrect.discrepancy.settings import NAMING
+from gpcorrect.discrepancy.settings import NAMING, SEARCH
 from gpcorrect.types import BoolArray, FloatArray
 
 
@@ -34,11 +34,15 @@ class Rival:
     is_general : bool
         Whether the effect is a special case of it: its nats are then an evidence in which its further numbers are
         paid for.
+    shape_nats : float
+        What the data say of its shape, where it is a fuller law of the effect's family that says something else here;
+        infinite elsewhere.
     """
 
     fit: FittedEffect
     nats: float
     is_general: bool = False
+    shape_nats: float = np.inf
 
     @property
     def candidate(self) -> Candidate:
@@ -219,7 +223,8 @@ def _rivals(view: View, own: Own, fit: FittedEffect, margin: float) -> list[Riva
     found: list[Rival] = []
     for place, leader in enumerate(ranked):
         enough = sum(not r.candidate.called_like(fit.candidate) for r in found) >= NAMING.rivals
-        if (enough or place >= NAMING.tried) and not _is_simpler(leader.candidate, fit.candidate):
+        fuller = _is_fuller(leader.candidate, fit.candidate)
+        if (enough or place >= NAMING.tried) and not (fuller or _is_simpler(leader.candidate, fit.candidate)):
             continue
         if any(leader.candidate.called_like(r.candidate) for r in found):
             continue
@@ -229,7 +234,10 @@ def _rivals(view: View, own: Own, fit: FittedEffect, margin: float) -> list[Riva
         fitted = search.refit((*rest, leader.fit), leader.candidate, worth)
         if not fitted[-1].at_edge:
             gains = _gains(view, reference, fitted, leader.candidate)
-            found.append(Rival(fitted[-1], float(gains[0].sum() + gains[1].sum())))
+            other = reference[0] - view.whitened_residuals(fitted)[0]
+            differs = float(np.sum((other - change) ** 2)) > NAMING.shape_error**2 * float(change @ change)
+            paid = _shape_nats(search, fitted) if fuller and differs else np.inf
+            found.append(Rival(fitted[-1], float(gains[0].sum() + gains[1].sum()), shape_nats=paid))
     return found
 
 
@@ -237,6 +245,40 @@ def _is_simpler(rival: Candidate, candidate: Candidate) -> bool:
     """Whether a rival is a look-alike in the catalogue, on the same joint, with fewer numbers: it may say the same."""
     alike = candidate.kind.about.neighbours
     return rival.name in alike and rival.joint == candidate.joint and rival.extra < candidate.extra
+
+
+def _is_fuller(rival: Candidate, candidate: Candidate) -> bool:
+    """Whether a rival is a law of the same family, on the same joint, that says the same and more."""
+    about = rival.kind.about
+    same = about.family == candidate.kind.about.family and rival.joint == candidate.joint
+    return same and candidate.name in about.neighbours and rival.extra > candidate.extra
+
+
+def _shape_nats(search: Search, fitted: Sequence[FittedEffect]) -> float:
+    """Return what the shape of a set's last effect costs in evidence: how much narrower the data make what it may be.
+
+    Occam's factor of a normal posterior (MacKay 2003, Information Theory, Inference, and Learning Algorithms, Eq. 28.6).
+    Infinite where the shape is at the end of its range: there a fuller law says what its special case says.
+    """
+    fit, candidate = fitted[-1], fitted[-1].candidate
+    near = search.parted(fitted, candidate)[1]
+    slopes = search.linearise_near(fitted, candidate).slopes
+    prior = np.array([c.prior_weight for f in near for c in f.candidate.coordinates])
+    known = np.linalg.pinv(slopes.T @ slopes + np.diag(prior**2), hermitian=True)
+    sizes = sum(places[0] in candidate.sizes for places in candidate.places.values())
+    nats, own = SEARCH.complexity * (sizes - 1), columns_of(near, fit)
+    for i, c in enumerate(candidate.coordinates):
+        if i in candidate.sizes:
+            continue
+        low, high = c.bounds
+        if not low + SEARCH.edge * (high - low) < fit.u[i] < high - SEARCH.edge * (high - low):
+            return np.inf
+        spread = float(np.sqrt(known[own[i], own[i]]))
+        if c.prior_weight:  # normal, around what is typical
+            nats += 0.5 * (c.prior_weight * fit.u[i]) ** 2 - np.log(c.prior_weight * spread)
+        else:  # anything within its bounds
+            nats += max(0.0, np.log(c.width / (np.sqrt(2.0 * np.pi) * spread)))
+    return nats
 
 
 def _likeness(a: FloatArray, b: FloatArray, slopes: FloatArray) -> float:

@@ -83,7 +83,7 @@ def _place(verdict: PlaceVerdict) -> dict[str, Any]:
 
 
 def _alternative(entry: Alternative) -> dict[str, Any]:
-    return {**_fields(entry, "label", "name", "joint"), "class": entry.family, "probability": entry.probability}
+    return {**_fields(entry, "label", "name", "joint", "source", "probability"), "class": entry.family}
 
 
 def _finding(finding: Finding) -> dict[str, Any]:

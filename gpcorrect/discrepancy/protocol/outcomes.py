@@ -122,7 +122,7 @@ def _flat(effect: Mapping[str, Any]) -> dict[str, Any]:
 
 def _key(effect: Mapping[str, Any]) -> Key:
     """Return what an effect is, whatever its numbers: name, place, and the joint that it is driven by."""
-    return (f"{effect['name']} {effect.get('source', '')}".strip(), effect["joint"])
+    return (f"{effect['name']} {effect.get('source') or ''}".strip(), effect["joint"])
 
 
 def _possible(effect: Mapping[str, Any]) -> set[Key]:
