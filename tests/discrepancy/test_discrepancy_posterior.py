@@ -29,11 +29,21 @@ def catalogue() -> dict[str, Candidate]:
     return {c.name: c for c in reversed(all_candidates(scene))}  # the plainest of each name
 
 
-def _weighed(own: float, rival: Candidate, nats: float, *, beside: float = 0.0, instead: float = 0.0) -> Weighed:
+def _weighed(
+    own: float,
+    rival: Candidate,
+    nats: float,
+    *,
+    beside: float = 0.0,
+    instead: float = 0.0,
+    shape_nats: float = np.inf,
+) -> Weighed:
     fit = FittedEffect(rival, np.array(rival.start))
     nothing = np.zeros(0)
     gain = Own((), (nothing, nothing), np.array([own]), np.zeros(1), 1.0)
-    return Weighed(gain, np.ones(2, dtype=np.bool_), (Rival(fit, nats),), Unknown(instead, beside))
+    return Weighed(
+        gain, np.ones(2, dtype=np.bool_), (Rival(fit, nats, shape_nats=shape_nats),), Unknown(instead, beside)
+    )
 
 
 def test_probabilities_sum_to_one_and_follow_the_evidence(catalogue: dict[str, Candidate]) -> None:
@@ -70,3 +80,14 @@ def test_a_lead_that_an_error_of_our_own_signatures_could_make_leaves_the_rival(
     for nats, stays in ((1e3, False), (1e5, True)):
         found = posterior(own, _weighed(nats, rival, nats - 80.0), COST)
         assert (found[-1].probability >= SETTINGS.naming.stable) is stays
+
+
+def test_a_fuller_law_whose_shape_the_data_leave_open_is_not_ruled_out_and_never_leads(
+    catalogue: dict[str, Candidate],
+) -> None:
+    """Numbers of which the data say nothing cost nothing, up to a draw; those that they say cost what is said."""
+    own, fuller = catalogue["backlash"], catalogue["pulley_eccentricity"]
+    for lead, shape_nats, odds in ((0.0, 0.5, -0.5), (3.0, 0.5, 0.0), (-1.0, 1.0, -2.0), (0.0, 60.0, -8.0)):
+        mine, *_, rival = posterior(own, _weighed(100.0, fuller, 100.0 + lead, shape_nats=shape_nats), COST)
+        assert fuller.extra - own.extra == 2
+        assert rival.probability / mine.probability == pytest.approx(np.exp(odds))

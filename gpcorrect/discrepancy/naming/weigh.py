@@ -257,7 +257,8 @@ def _is_fuller(rival: Candidate, candidate: Candidate) -> bool:
 def _shape_nats(search: Search, fitted: Sequence[FittedEffect]) -> float:
     """Return what the shape of a set's last effect costs in evidence: how much narrower the data make what it may be.
 
-    Occam's factor of a normal posterior (MacKay 2003, Information Theory, Inference, and Learning Algorithms, Eq. 28.6).
+    Occam's factor of a normal posterior (MacKay 2003, Information Theory, Inference and Learning, Eq. 28.6); sizes
+    beyond the first cost what they always do.
     Infinite where the shape is at the end of its range: there a fuller law says what its special case says.
     """
     fit, candidate = fitted[-1], fitted[-1].candidate
