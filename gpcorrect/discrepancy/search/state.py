@@ -105,15 +105,19 @@ class Search:
     def parted(
         self, fitted: Sequence[FittedEffect], candidate: Candidate
     ) -> tuple[list[FittedEffect], list[FittedEffect]]:
-        """Return the effects that show in no channel of a candidate, and those that do (the latest, where many do).
+        """Return the effects that show in no channel of a candidate, and those that do.
+
+        Of many that do, its own fit and the latest of the others; the rest of them stand among the first.
 
         Parameters
         ----------
         fitted : sequence of FittedEffect
         candidate : Candidate
         """
-        near = [f for f in fitted if self.alike(f.candidate, candidate)][-SEARCH.free_together :]
-        return [f for f in fitted if not any(f is n for n in near)], near
+        near = [i for i, f in enumerate(fitted) if self.alike(f.candidate, candidate)]
+        last = sorted(near, key=lambda i: (fitted[i].candidate.key == candidate.key, i))
+        free = set(last[-SEARCH.free_together :])
+        return [f for i, f in enumerate(fitted) if i not in free], [fitted[i] for i in sorted(free)]
 
     def linearise_near(self, fitted: Sequence[FittedEffect], candidate: Candidate) -> Linearisation:
         """Return a set with tangents of those effects that show in a candidate's channels.
