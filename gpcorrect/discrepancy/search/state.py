@@ -51,6 +51,8 @@ class Search:
         What was found so far, and the steps taken.
     without_trace : tuple of Candidate
         One of each label whose candidates leave no trace in these channels.
+    whitened_by : tuple of FittedEffect
+        The set whose rest the noise was estimated from last: sets change more often.
     """
 
     whitener: DatasetWhitener
@@ -58,6 +60,7 @@ class Search:
     fitted: tuple[FittedEffect, ...] = ()
     without_trace: tuple[Candidate, ...] = ()
     waterfall: tuple[Step, ...] = ()
+    whitened_by: tuple[FittedEffect, ...] = ()
 
     @property
     def dataset(self) -> Dataset:
@@ -158,7 +161,8 @@ class Search:
     def refreshed(self) -> Search:
         """Estimate the noise anew from what the set leaves, and whiten with that."""
         residual = self.residual(self.fitted)
-        return replace(self, whitener=whitener_on(self.dataset, residual, self.dataset.discovery))
+        whitener = whitener_on(self.dataset, residual, self.dataset.discovery)
+        return replace(self, whitener=whitener, whitened_by=self.fitted)
 
     def overdispersion(self, z: FloatArray, channels: BoolArray) -> float:
         """Return the mean square of a residual in units of the noise, 1 at least: evidence is divided by it.
