@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import sys
 import threading
 import time
+import warnings
 from functools import partial
 from pathlib import Path
 
@@ -98,6 +100,22 @@ def test_an_error_of_a_call_is_the_errors_own(jobs: int) -> None:
     """Message and hint come through, wherever the call ran."""
     with workers(jobs=jobs), pytest.raises(DataError, match=r"the third is bad\. Leave it out"):
         list(each(refuse, range(6)))
+
+
+def test_work_that_is_broken_off_ends_inside_its_context(tmp_path: Path) -> None:
+    """What stops the results stops the calls too, while their workers are there, though its traceback is kept."""
+
+    class Broken(Progress):
+        def step(self, stage: str, done: float) -> None:
+            raise KeyboardInterrupt
+
+    with warnings.catch_warnings(record=True) as said, workers(jobs=2):
+        warnings.simplefilter("always")
+        with pytest.raises(KeyboardInterrupt) as kept:
+            list(each(partial(slow, tmp_path, 0.05), range(40), Broken(), "slowly"))
+        assert any(re.search("cancelled|not used", str(w.message)) for w in said)  # joblib of calls that it gives up
+    assert kept.tb is not None
+    assert len(list(tmp_path.iterdir())) < 40
 
 
 def test_a_cluster_that_is_not_there_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -121,11 +121,16 @@ class Loop:
         Raises
         ------
         DataError
-            The gains, or a stop's stiffness, make the sampled loop unstable.
+            A joint has no inertia, or the gains, or a stop's stiffness, make its sampled loop unstable.
         """
         stops, column = np.zeros(len(inertia)), np.repeat(np.arange(len(inertia)), np.diff(self._laws.torque_of))
         np.add.at(stops, column, self._laws.torque[:, TorqueLaw._fields.index("stiffness")])
         for j, (kp, kd, mass) in enumerate(zip(self._drive.kp + stops, self._drive.kd, inertia, strict=True)):
+            if not mass > 0.0:
+                raise DataError(
+                    f"column {j + 1} has no inertia: nothing says how its motor moves.",
+                    hint="Give motor_inertia (armature in a robot file), or links that weigh something.",
+                )
             speed = np.array([-step * kp / mass, 1.0 - step * kd / mass])
             loop = np.array([[1.0, 0.0] + step * speed, speed])
             if np.abs(np.linalg.eigvals(loop)).max() > 1.0 + 1e-9:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -67,3 +69,15 @@ def _moving() -> CalibrationLog:
     q = np.array([0.6, 1.6, 0.32]) + np.array([0.3, 0.3, 0.06]) * np.sin(phase)
     session = np.zeros(len(t), dtype=np.int64)
     return CalibrationLog(time=t, trajectory=trajectory, session=session, setpoint_jp=q, measured_jp=q, external_jp=q)
+
+
+@pytest.mark.filterwarnings("ignore:(divide by zero|invalid value) encountered:RuntimeWarning")  # speeds of no time
+@pytest.mark.parametrize("held", [3, 600], ids=["most steps", "all"])
+def test_no_loop_is_run_on_a_clock_that_stands_still(held: int) -> None:
+    """Stamps that come several times, or are all one, are no steps of a servo loop: it is not run, which is said."""
+    log, model = _moving().select(slice(0, 600)), model_from_dict(RAVEN)
+    still = replace(log, time=log.time[np.arange(600) // held * held])
+    running, standing = (build.build_scene(each, model, np.ones(600, dtype=np.bool_)) for each in (log, still))
+    assert running.plan is not None
+    assert standing.plan is None
+    assert any("uneven in time" in remark for remark in standing.remarks)

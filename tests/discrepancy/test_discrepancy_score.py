@@ -112,6 +112,16 @@ def test_the_target_table_counts_each_set() -> None:
     assert "at most 1 %" in text
 
 
+@pytest.mark.parametrize("group", ["null", "single"])
+def test_a_ratio_of_zero_is_near_no_target(group: str) -> None:
+    """A case whose effect to noise is 0 counts in its set where that has one line, and at no ratio's line."""
+    case = {"a": label(*[BACKLASH] * (group == "single"), group=group, ratio=0.0)}
+    found = score_reports(case, [("a", report("NONE"))])
+    assert not [t for t in found.targets if "effect/noise" in t.what and not t.what.startswith("gap closed")]
+    assert [t.n for t in found.targets if t.what == "null: any name"] == [1] * (group == "null")
+    assert found.limits == {}
+
+
 def test_the_wilson_interval_holds_the_fraction_and_shrinks() -> None:
     """The interval lies inside 0 to 1, holds the fraction, and is narrower for more cases; of none it is undefined."""
     few, many = Proportion(9, 10).interval, Proportion(900, 1000).interval

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +13,16 @@ from discrepancy_support import finding, named, outside, result, rival
 
 from gpcorrect.discrepancy import run as workflow
 from gpcorrect.discrepancy.evidence.variables import Quantity, Span, Variable
+from gpcorrect.discrepancy.naming.selection import name_effects
 from gpcorrect.discrepancy.outcome.result import Evidence
-from gpcorrect.discrepancy.outcome.store import StageStore, inputs_key
+from gpcorrect.discrepancy.outcome.store import Names, StageStore, inputs_key
 from gpcorrect.discrepancy.run import find_discrepancy
-from gpcorrect.discrepancy.search.state import Step
+from gpcorrect.discrepancy.search.prepared import PreparedData
+from gpcorrect.discrepancy.search.state import Search, Step
+from gpcorrect.discrepancy.search.stepwise import search
 from gpcorrect.sim import model_from_dict
-from gpcorrect.sim.effects import HomingOffset
+from gpcorrect.sim.effects import HomingOffset, TransmissionRatio
+from gpcorrect.types import Progress
 
 
 def test_a_stage_comes_back_for_the_same_inputs_only(tmp_path: Path) -> None:
@@ -72,6 +77,28 @@ def test_a_run_killed_after_the_naming_goes_on_to_the_same_report(
         del report["provenance"]["seconds"]
     assert first["verdict"]["effects"]
     assert json.dumps(first) == json.dumps(second)
+
+
+def test_what_a_naming_searched_for_anew_comes_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run that goes on after a naming with a search of its own has its steps, its noise and its report."""
+    log, model = joint_log(3, TransmissionRatio(2, 0.02)), model_from_dict({"arm": "joints", "joints": [1, 2]})
+
+    def name_after_a_search(done: Search, known: PreparedData, *, progress: Progress) -> Names:
+        again = search(replace(done, fitted=()), rounds=1)
+        state, names, dropped = name_effects(again, known, progress=progress)
+        noisy = replace(state, fitted=()).refreshed()  # as they are where the set has changed since
+        return replace(noisy, fitted=state.fitted), names, dropped
+
+    monkeypatch.setattr(workflow, "name_effects", name_after_a_search)
+    first = find_discrepancy(model, log, stages=tmp_path)
+    (tmp_path / "result.json").unlink()
+    for stage in ("search", "name_effects"):
+        monkeypatch.setattr(workflow, stage, None)
+    second = find_discrepancy(model, log, stages=tmp_path)
+    assert len(first.evidence.waterfall) == 2
+    assert second.evidence.waterfall == first.evidence.waterfall
+    assert second.provenance.noise == first.provenance.noise
+    assert second.to_report() | {"provenance": None} == first.to_report() | {"provenance": None}
 
 
 def test_a_finished_result_comes_back_whole(tmp_path: Path) -> None:

@@ -237,6 +237,19 @@ def test_streams_meet_on_one_clock():
         stream_offset(tracker, Stream("setpoint_jp", t, path(t)))
 
 
+def test_joints_are_weighed_where_the_reference_is_whole():
+    """Numbers that a joint gives while another one is unknown, as before homing, say nothing of how far it moves."""
+    rng = np.random.default_rng(8)
+    path = wandering(rng)
+    t, s = np.arange(0, 30, 0.01), np.arange(0, 30, 1 / 60)
+    commanded, seen = path(t), path(s - 0.3)[:, :2]
+    commanded[:, 0] = seen[:, 0] = 0.1  # the first joint rests
+    commanded[:100, 0], commanded[:100, 2] = 2.0**31, np.nan
+    found = stream_offset(Stream("external_jp", s, seen), Stream("setpoint_jp", t, commanded))
+    assert found.observable, found.reason
+    assert abs(found.offset - 0.3) < TWO_MS
+
+
 def test_bad_requests_are_refused():
     """A search width of zero, an absent signal, a pose against joints: each says what is wrong."""
     log = CalibrationLog(

@@ -227,3 +227,17 @@ def test_a_live_robot_of_a_robot_file_goes_to_joints_and_poses(tmp_path):
     np.testing.assert_allclose(robot.setpoint, goal)
     with pytest.raises(DataError, match="beyond its limits"):
         robot.move_jp(np.full(4, 9.0))
+
+
+def test_servos_of_a_file_need_no_gains_of_ours(tmp_path):
+    """A file's servos stay where neither rotor nor links have inertia to choose gains by; a payload makes it move.
+
+    Without one there is nothing to accelerate, which is said.
+    """
+    rotors = [(f' armature="{value}"', "") for value in ("0.1", "0.08", "2", "0.02")]
+    keys = {"robot": write_mjcf(tmp_path, *rotors).name, "tool": "tip", "links": {"mass": [0.0], "com": [[0, 0, 0]]}}
+    massless, loaded = (model_from_dict({**keys, "payload": kg}, folder=tmp_path) for kg in (0.0, 0.5))
+    np.testing.assert_allclose(machine_of(massless).drive.kp, [900.0, 800.0, 4000.0, 60.0])
+    assert len(joint_motion_log(loaded, 1, 1.0)) == 100
+    with pytest.raises(DataError, match="column 1 has no inertia"):
+        joint_motion_log(massless, 1, 1.0)

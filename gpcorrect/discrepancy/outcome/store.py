@@ -21,6 +21,7 @@ from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.state import Search, Step
 from gpcorrect.sim.model import model_from_dict
 
+FORM = 2  # of what is stored: stages of another one are of other inputs
 ARRAYS = ("before", "after", "motor", "direction", "test", "correlation")
 APART = ("model", "evidence", "advised_plans", "read_back")  # of a result: with a form of their own, or without one
 ALTERNATIVES = TypeAdapter(tuple[Alternative, ...])
@@ -35,7 +36,7 @@ def inputs_key(*parts: object) -> str:
     *parts : object
         Hashes of the data, the model, seed, versions; each as its text.
     """
-    text = json.dumps([str(p) for p in parts])
+    text = json.dumps([str(p) for p in (FORM, *parts)])
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -162,12 +163,10 @@ def load_or_search(
     """
     stored = None if store is None else store.load("search")
     if stored is not None:
-        fitted = tuple(_fit_of(f, candidates) for f in stored["fitted"])
-        return replace(state, fitted=fitted, waterfall=tuple(Step(**s) for s in stored["waterfall"])).refreshed()
+        return _state_of(stored, state, candidates)
     done = run(state)
     if store is not None:
-        fits = [_plain_fit(f, candidates) for f in done.fitted]
-        store.save("search", {"fitted": fits, "waterfall": [asdict(step) for step in done.waterfall]})
+        store.save("search", _plain_state(done, candidates))
     return done
 
 
@@ -186,12 +185,26 @@ def load_or_name(
     stored = None if store is None else store.load("naming")
     if stored is not None:
         named, dropped = (tuple(_named_of(n, candidates) for n in stored[part]) for part in ("named", "dropped"))
-        return replace(state, fitted=tuple(n.fit for n in named)), named, dropped
+        done = _state_of(stored["state"], state, candidates)
+        return replace(done, fitted=tuple(n.fit for n in named)), named, dropped
     state, named, dropped = run(state)
     if store is not None:
         parts = {"named": named, "dropped": dropped}
-        store.save("naming", {part: [_plain_named(n, candidates) for n in names] for part, names in parts.items()})
+        plain = {part: [_plain_named(n, candidates) for n in names] for part, names in parts.items()}
+        store.save("naming", {**plain, "state": _plain_state(state, candidates)})  # it searches too
     return state, named, dropped
+
+
+def _plain_state(state: Search, candidates: Sequence[Candidate]) -> dict[str, Any]:
+    """Return the sets of a state and the steps to them; all else follows from where its search starts."""
+    sets = {name: [_plain_fit(f, candidates) for f in getattr(state, name)] for name in ("fitted", "whitened_by")}
+    return {**sets, "waterfall": [asdict(step) for step in state.waterfall]}
+
+
+def _state_of(stored: dict[str, Any], start: Search, candidates: Sequence[Candidate]) -> Search:
+    fitted, whitened_by = (tuple(_fit_of(f, candidates) for f in stored[name]) for name in ("fitted", "whitened_by"))
+    whitened = replace(start, fitted=whitened_by).refreshed()
+    return replace(whitened, fitted=fitted, waterfall=tuple(Step(**s) for s in stored["waterfall"]))
 
 
 def _plain_named(named: Named, candidates: Sequence[Candidate]) -> dict[str, Any]:

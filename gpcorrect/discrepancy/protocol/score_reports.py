@@ -254,8 +254,8 @@ def _quantile(what: str, values: Sequence[float], level: float, low: float, high
 
 
 def _nearest(ratio: float | None) -> float | None:
-    """Return the ratio among the targets that is nearest."""
-    return None if ratio is None else min(EXACT_TARGETS, key=lambda r: abs(np.log(r / ratio)))
+    """Return the ratio among the targets that is nearest; None where no effect stands out of the noise at all."""
+    return None if not ratio else min(EXACT_TARGETS, key=lambda r: abs(np.log(r / ratio)))
 
 
 def _confusion(outcomes: Sequence[CaseOutcome]) -> dict[str, dict[str, int]]:

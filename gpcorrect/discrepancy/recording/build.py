@@ -187,7 +187,7 @@ def _loop_remarks(log: CalibrationLog, model: Model, label: IntArray, source: st
         why = "the model has no controller: effects inside the servo loop leave no trace and cannot be named"
     elif log.setpoint_jp is None:
         why = "the closed loop needs setpoint_jp: effects inside it cannot be named"
-    elif len(steps) == 0 or not np.abs(steps / np.median(steps) - 1.0).max() < EVEN:  # a clock that stands still too
+    elif len(steps) == 0 or not (np.abs(steps - np.median(steps)) < EVEN * np.median(steps)).all():
         why = "samples are uneven in time: the closed loop is not run, effects inside it cannot be named"
     if why:
         remarks.append(why)

@@ -51,6 +51,8 @@ class Search:
         What was found so far, and the steps taken.
     without_trace : tuple of Candidate
         One of each label whose candidates leave no trace in these channels.
+    whitened_by : tuple of FittedEffect
+        The set whose rest the noise was estimated from last: sets change more often.
     """
 
     whitener: DatasetWhitener
@@ -58,6 +60,7 @@ class Search:
     fitted: tuple[FittedEffect, ...] = ()
     without_trace: tuple[Candidate, ...] = ()
     waterfall: tuple[Step, ...] = ()
+    whitened_by: tuple[FittedEffect, ...] = ()
 
     @property
     def dataset(self) -> Dataset:
@@ -105,15 +108,19 @@ class Search:
     def parted(
         self, fitted: Sequence[FittedEffect], candidate: Candidate
     ) -> tuple[list[FittedEffect], list[FittedEffect]]:
-        """Return the effects that show in no channel of a candidate, and those that do (the latest, where many do).
+        """Return the effects that show in no channel of a candidate, and those that do.
+
+        Of many that do, its own fit and the latest of the others; the rest of them stand among the first.
 
         Parameters
         ----------
         fitted : sequence of FittedEffect
         candidate : Candidate
         """
-        near = [f for f in fitted if self.alike(f.candidate, candidate)][-SEARCH.free_together :]
-        return [f for f in fitted if not any(f is n for n in near)], near
+        near = [i for i, f in enumerate(fitted) if self.alike(f.candidate, candidate)]
+        last = sorted(near, key=lambda i: (fitted[i].candidate.key == candidate.key, i))
+        free = set(last[-SEARCH.free_together :])
+        return [f for i, f in enumerate(fitted) if i not in free], [fitted[i] for i in sorted(free)]
 
     def linearise_near(self, fitted: Sequence[FittedEffect], candidate: Candidate) -> Linearisation:
         """Return a set with tangents of those effects that show in a candidate's channels.
@@ -154,7 +161,8 @@ class Search:
     def refreshed(self) -> Search:
         """Estimate the noise anew from what the set leaves, and whiten with that."""
         residual = self.residual(self.fitted)
-        return replace(self, whitener=whitener_on(self.dataset, residual, self.dataset.discovery))
+        whitener = whitener_on(self.dataset, residual, self.dataset.discovery)
+        return replace(self, whitener=whitener, whitened_by=self.fitted)
 
     def overdispersion(self, z: FloatArray, channels: BoolArray) -> float:
         """Return the mean square of a residual in units of the noise, 1 at least: evidence is divided by it.
