@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from typing import Any, Self
@@ -15,6 +15,7 @@ from gpcorrect.errors import DataError, GpCorrectError
 from gpcorrect.types import FloatArray
 from gpcorrect_service.crtk.bus import Bus, BusSettings
 from gpcorrect_service.crtk.messages import Event, JointState, OperatingState, Pose, Text
+from gpcorrect_service.crtk.pacing import Pacing
 
 # State commands, and whether a state obeys them.
 OPERATIONS: dict[str, Callable[[OperatingState], bool]] = {
@@ -30,8 +31,6 @@ PATIENCE = 10.0  # chosen by hand: s for a robot to say or obey, on a machine th
 NO_TRAJECTORY = -1  # in events: between trajectories
 POLL = 0.002  # s, chosen by hand
 NEAR = 1e-6  # chosen by hand: rad or m from a goal that count as there
-LONGEST_STEP = 0.08  # chosen by hand: s of a path between two commands
-LONGEST_LEAD = 0.2  # chosen by hand: s of a path from the robot's setpoint to a command; our arm refuses 0.3
 STALLED = 5.0  # chosen by hand: s of wall time without a state message after which a robot counts as gone
 
 
@@ -181,9 +180,7 @@ class Robot:
     def follow(self, times: FloatArray, q: FloatArray, trajectory: int = 0) -> None:
         """Go to the start of a path of the first joints, then stream it on the robot's own clock; the others stay.
 
-        States that wait while this process is held up (a busy machine, a garbage collection) come all at once after it.
-        A command for each would reach the robot as a jump, so none goes further from its latest setpoint than the path
-        goes in `LONGEST_LEAD`.
+        A path takes longer, and is not cut short, where this process or the robot is held up: :class:`Pacing`.
 
         Parameters
         ----------
@@ -200,13 +197,11 @@ class Robot:
         q = np.hstack([q, np.tile(here[q.shape[1] :], (len(q), 1))])
         self.move_jp(q[0])
         self._mark(trajectory)
-        longest = LONGEST_LEAD * np.abs(np.diff(q, axis=0) / np.diff(times)[:, None]).max(axis=0, initial=0.0) + NEAR
-
-        def _joints(time: float) -> FloatArray:
-            return np.array([np.interp(time, times, q[:, j]) for j in range(q.shape[1])])
-
-        for moment in self._paced(times, lambda t: bool((np.abs(_joints(t) - self.setpoint) <= longest).all())):
-            self.servo_jp(_joints(moment))
+        pacing = Pacing(times, self.time, q)
+        self.servo_jp(pacing.joints)
+        while not pacing.is_over:
+            self._advance(pacing)
+            self.servo_jp(pacing.joints)
         # The last sample is streamed once more, to be there before the mark that ends the trajectory.
         self._until(lambda: self._is_at(q[-1]), self._patience, "reach the path's end")
         self._mark(NO_TRAJECTORY)
@@ -221,28 +216,19 @@ class Robot:
         poses : (n, 7) array
         frame : str
         """
-        for since in self._paced(times):
-            self.servo_cp(poses[max(0, int(np.searchsorted(times, since, side="right")) - 1)], frame)
+        pacing, last = Pacing(times, self.time), 0
+        self.servo_cp(poses[0], frame)
+        while not pacing.is_over:
+            self._advance(pacing)
+            last = max(0, int(np.searchsorted(times, pacing.moment, side="right")) - 1)
+            self.servo_cp(poses[last], frame)
 
-    def _paced(self, times: FloatArray, may_go: Callable[[float], bool] = lambda _: True) -> Iterator[float]:
-        """Yield moments of a path as the robot's clock goes, one a state message, and the end at last.
-
-        A tool that its machine held up goes on where it was: the path takes longer, and nothing jumps. A moment that
-        the path may not go to yet is waited for, at the one before.
-        """
-        clock, moment = self.time, float(times[0])
-        yield moment
-        while moment < times[-1]:
-            self._await_fresh()
-            passed, clock = self.time - clock, self.time
-            further = min(moment + min(passed, LONGEST_STEP), float(times[-1]))
-            if may_go(further):
-                moment = further
-            yield moment
-
-    def _await_fresh(self) -> None:
+    def _advance(self, pacing: Pacing) -> None:
+        """Wait for the robot's next state, and go on by it."""
         before = self.time
         self._until(lambda: self.time > before, None, "go on")
+        state: JointState = self._latest["setpoint_js"]
+        pacing.advance(state.stamp, np.array(state.position))
 
     def _mark(self, trajectory: int) -> None:
         self.bus.publish("event", Event(self.time, trajectory))
