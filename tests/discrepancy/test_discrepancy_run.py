@@ -42,11 +42,13 @@ def test_noise_gets_no_name(tail: float, sessions: int, seed: int) -> None:
         CableCoupling(2, source=1, coefficient=-0.011),
         Backlash(1, 0.0037),
         TransmissionRatio(1, 0.013, home=0.5),
+        TransmissionRatio(2, 1.0),  # a gear entered twice
+        TransmissionRatio(2, -0.5),
         CableCoupling(2, source=1, coefficient=-0.011, home=-0.7),
     ],
 )
 def test_the_hidden_effect_is_named_with_its_number(hidden: Effect) -> None:
-    """One effect about as large as the noise: its name, its joint and a number near the true one; the gap is closed."""
+    """One effect, most about as large as the noise: its name, its joint and a number near the true one; the gap is closed."""
     found = find_discrepancy(nominal(), joint_log(3, hidden))
     assert names(found) == {(hidden.about.name, hidden.joint)}
     parameter = hidden.about.parameters[0].name

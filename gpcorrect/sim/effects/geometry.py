@@ -73,7 +73,8 @@ class TransmissionRatio(JointEffect):
         equation="reported = q + error (q - home)",
         source="RAVEN-II control software, motor-to-joint map q = C^-1 m / N",
         parameters=(
-            Parameter("error", "relative error of the ratio", Range("1", -0.2, 0.2, 0.02), positive=False),
+            # A wrong pulley or gear is seldom off by more than a factor of two, which lies inside.
+            Parameter("error", "relative error of the ratio", Range("1", -0.6, 1.5, 0.02), positive=False),
             Parameter(
                 "home",
                 "where the joint was homed",
