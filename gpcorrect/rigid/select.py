@@ -14,7 +14,7 @@ from gpcorrect.rigid.handeye import fit_marker, fit_separate, require_observable
 from gpcorrect.rigid.model import RigidKind, RigidModel, pose_residual
 from gpcorrect.rigid.observability import Observability, rotation_observability
 from gpcorrect.rigid.registration import check_pair, evenly_spaced, fit_balanced, fit_pose, fit_robustly
-from gpcorrect.robust import MAD_TO_STD
+from gpcorrect.robust import MAD_TO_STD, medians_of
 from gpcorrect.types import FloatArray, IntArray, PoseSignal
 
 MarkerOption = Literal["none", "solve", "auto"]
@@ -273,13 +273,9 @@ def _errors(
 
 def _median_errors(
     model: RigidModel, observed: PoseSignal, command: PoseSignal, units: list[IntArray]
-) -> tuple[list[float], list[float]]:
+) -> tuple[FloatArray, FloatArray]:
     """Return the median position and rotation error in each unit, given by its rows."""
-    rows = np.concatenate(units)
+    rows, label = np.concatenate(units), np.repeat(np.arange(len(units)), [len(unit) for unit in units])
     residual = pose_residual(model.apply(observed[rows]), command[rows])
-    parts = np.split(residual, np.cumsum([len(unit) for unit in units])[:-1])
-    position, rotation = (
-        [float(np.median(np.linalg.norm(part[:, columns], axis=1))) for part in parts]
-        for columns in (slice(None, 3), slice(3, None))
-    )
+    position, rotation = (medians_of(np.linalg.norm(part, axis=1), label) for part in (residual[:, :3], residual[:, 3:]))
     return position, rotation
