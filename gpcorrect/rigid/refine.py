@@ -16,7 +16,7 @@ SCALE_ROUNDS = 5  # of robust scales, chosen by hand
 MAX_STEPS = 60  # Gauss-Newton ends by its tolerance before
 MAX_HALVINGS = 12  # a step 4000 times shorter that does not help is no descent
 STEP_TOLERANCE = 1e-11  # rad and m: below what any sensor sees
-COARSE_TOLERANCE = 1e-6  # the same while the scales still change: a scale is known to parts in a thousand
+COARSE_TOLERANCE = 1e-6  # the same while the scales still change, or kinds are compared: below any noise
 LEAST_SCALE = 1e-6  # of the spread of the points, and rad: keeps exact positions from silencing rotations
 CONDITION = 1e-14  # of the normal equations: weaker directions are not determined and stay as they are
 
@@ -55,7 +55,7 @@ class Samples:
     R_cmd: FloatArray | None = None  # (n, 3, 3) commanded rotations
 
 
-def refine(samples: Samples, start: MarkerState) -> tuple[MarkerState, float]:
+def refine(samples: Samples, start: MarkerState, tolerance: float) -> tuple[MarkerState, float]:
     """State of least Cauchy loss near `start`, and the loss.
 
     Positions and rotations are each measured in units of their own robust scale, which follows the fit.
@@ -64,10 +64,11 @@ def refine(samples: Samples, start: MarkerState) -> tuple[MarkerState, float]:
     ----------
     samples : Samples
     start : MarkerState
+    tolerance : float, step that ends it, rad and m
     """
     state = start
-    for tolerance in (*[COARSE_TOLERANCE] * (SCALE_ROUNDS - 1), STEP_TOLERANCE):
-        state = _descend(samples, state, _scales(samples, state), tolerance)
+    for ends in (*[COARSE_TOLERANCE] * (SCALE_ROUNDS - 1), tolerance):
+        state = _descend(samples, state, _scales(samples, state), ends)
     return state, _loss(samples, state, _scales(samples, state))
 
 
