@@ -91,15 +91,15 @@ class ArmKinematics:
         _, left = kinematics.chain.nearest(T, q, length)
         return replace(kinematics, reach=float(left.max()))
 
-    def reaching(self, poses: PoseSignal) -> Self:
-        """Return the kinematics that takes poses as far from its reach as these are, with headroom.
+    def reaching(self, poses: PoseSignal) -> tuple[Self, FloatArray]:
+        """Return the kinematics that takes poses as far from its reach as these are, with headroom, and their joints.
 
         Parameters
         ----------
         poses : PoseSignal, n poses in the command's frame
         """
-        left = self._inverse(poses)[1]
-        return replace(self, reach=HEADROOM * max(self.reach, float(np.nanmax(left, initial=0.0))) + NOISE_FLOOR)
+        q, left = self._inverse(poses)
+        return replace(self, reach=HEADROOM * max(self.reach, float(np.nanmax(left, initial=0.0))) + NOISE_FLOOR), q
 
     def inverse(self, poses: PoseSignal) -> FloatArray:
         """Return the joints `(n, d)` nearest to poses; NaN where the arm comes not near.

@@ -40,6 +40,9 @@ HOPELESS = 0.05
 """Of the error of poses alone that a linear law of joints may have more, the mean of position and rotation; by hand. It
 is 8 % more for 60 reaches and 13 % more for 303 of a simulated RAVEN-II, whose joints, fitted all the same, ended at 6
 and 12 % more, and 41 and 18 % less for a simulated and the real dVRK, which ended at 41 and 25 % less."""
+UNSEARCHED = 0.1
+"""The same before the play of joints is searched for, which takes most of the time and then 2 to 5 points away: 15 to 17 %
+more for four simulated RAVEN-II, 15 to 18 % less for the real dVRK whichever fifth is held out."""
 REACHED = ("position", "memory", "lags")
 """What the model that moves commands knows of them. Not their velocities: commands that it moves by a degree within a
 millisecond would look fast to it, and be moved back (103 changes of more than half a degree within a millisecond in
@@ -67,7 +70,13 @@ class PoseJoints:
     command: PoseSignal
 
     @classmethod
-    def of(cls, log: CalibrationLog, pair: tuple[PoseSignal, PoseSignal], kinematics: ArmKinematics) -> Self:
+    def of(
+        cls,
+        log: CalibrationLog,
+        pair: tuple[PoseSignal, PoseSignal],
+        kinematics: ArmKinematics,
+        wanted: FloatArray | None = None,
+    ) -> Self:
         """Return the samples of a log.
 
         Parameters
@@ -75,8 +84,10 @@ class PoseJoints:
         log : CalibrationLog, n samples
         pair : two PoseSignal, their references and commands
         kinematics : ArmKinematics, of the arm
+        wanted : (n, d) array, optional, joints of the references, where they are known already
         """
-        wanted, asked = (kinematics.inverse(poses) for poses in pair)
+        wanted = kinematics.inverse(pair[0]) if wanted is None else np.array(wanted)
+        asked = kinematics.inverse(pair[1])
         wanted[~(np.abs(wanted - asked) <= SAME_BRANCH).all(axis=1)] = np.nan
         joints = CalibrationLog(
             time=log.time,
@@ -154,20 +165,24 @@ class JointRoute:
         LogError, DataError, DegenerateError
             The log's joints cannot be learned from, or promise nothing.
         """
-        kinematics = kinematics.reaching(pair[0])
-        joints = PoseJoints.of(log, pair, kinematics)
+        kinematics, wanted = kinematics.reaching(pair[0])
+        joints = PoseJoints.of(log, pair, kinematics, wanted)
+
+        def require_promise(samples: Samples, layout: Layout, most: float = UNSEARCHED) -> None:
+            if alone is None or samples.target.shape[1] != joints.asked.shape[1]:
+                return
+            first = cross_predicted(
+                lambda s: PolynomialMap.fit(*s.learnable(), 1, layout.penalties), samples, LIMITS.folds
+            )
+            rows = samples.rows
+            commanded = joints.asked[rows] - first.errors
+            moved = kinematics.carried(joints.reference[rows], joints.wanted[rows], commanded)
+            change = changes(replace(first, errors=pose_residual(moved, joints.command[rows])), alone)
+            if change.mean() > most:
+                raise DegenerateError(f"a linear law of them promises too little, {changes_text(change)}.")
 
         def promising(samples: Samples, layout: Layout) -> tuple[Law, LeftOut]:
-            if alone is not None and samples.target.shape[1] == joints.asked.shape[1]:
-                first = cross_predicted(
-                    lambda s: PolynomialMap.fit(*s.learnable(), 1, layout.penalties), samples, LIMITS.folds
-                )
-                rows = samples.rows
-                commanded = joints.asked[rows] - first.errors
-                moved = kinematics.carried(joints.reference[rows], joints.wanted[rows], commanded)
-                change = changes(replace(first, errors=pose_residual(moved, joints.command[rows])), alone)
-                if change.mean() > HOPELESS:
-                    raise DegenerateError(f"a linear law of them promises too little, {changes_text(change)}.")
+            require_promise(samples, layout, HOPELESS)
             return learn_law(samples, layout)
 
         own = replace(settings, direction="command", features=(), input_signal="setpoint_jp", end_to_end=False)
@@ -178,7 +193,8 @@ class JointRoute:
             assert isinstance(outcome.corrector, JointCorrector)
             return replace(outcome.corrector, trained=motion)
 
-        outcome = JointCorrector.learn(joints.log, joints.known, cleaner, own, promising)
+        look_first = None if alone is None else require_promise
+        outcome = JointCorrector.learn(joints.log, joints.known, cleaner, own, promising, look_first)
         route = cls(kinematics, corrector_of(outcome), IntervalCalibration(np.ones(6)))
         first = route.commands(joints, outcome.samples, outcome.left_out)
         route, left_out = route.calibrated(joints, outcome.samples, outcome.left_out, first)

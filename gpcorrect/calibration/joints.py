@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.joint_features import JointFeatures
 from gpcorrect.calibration.joint_path import joint_path, usual_steps
@@ -231,9 +232,23 @@ class JointCorrector(ViewCorrector):
 
     @classmethod
     def learn(
-        cls, log: CalibrationLog, keep: BoolArray, cleaner: FittedCleaner, settings: FitSettings, learn_law: LearnLaw
+        cls,
+        log: CalibrationLog,
+        keep: BoolArray,
+        cleaner: FittedCleaner,
+        settings: FitSettings,
+        learn_law: LearnLaw,
+        look_first: Callable[[Samples, Layout], None] | None = None,
     ) -> Outcome:
-        """See :class:`Corrector`."""
+        """See :class:`Corrector`.
+
+        Parameters
+        ----------
+        log, keep, cleaner, settings, learn_law
+            See :meth:`Corrector.learn`.
+        look_first : callable, optional
+            Shown the samples before the play is searched for; it may raise, so that no time is spent in vain.
+        """
         remarks = list(_remarks(log))
         signal = _input_signal(log, settings)
         source, truth, rows = _complete(log, signal, settings.direction, keep)
@@ -249,18 +264,22 @@ class JointCorrector(ViewCorrector):
         if stops is not None:
             remarks += stops.remarks(truth if settings.direction == "command" else source, types)
             source = stops.reached(source)
-        features = JointFeatures.learn(kinds, path, error, rows)
-        remarks += features.remarks((moving + 1).tolist())
         view = JointView(
             direction=settings.direction,
             input_signal=signal,
             types=types,
             moving=moving,
             rest=np.median(source[rows], axis=0),
-            features=features,
+            features=JointFeatures.learn(kinds, path, error, rows, searched=look_first is None),
             end_to_end=settings.end_to_end and settings.method != "ukf",
             stops=stops,
         )
+        if look_first is not None:
+            layout = joint_layout(view.features, len(moving), owned=True, inducing=INDUCING)
+            look_first(view.samples(path, log.trajectory, log.session, error, keep), layout)
+            view = replace(view, features=JointFeatures.learn(kinds, path, error, rows))
+        features = view.features
+        remarks += features.remarks((moving + 1).tolist())
         samples = view.samples(path, log.trajectory, log.session, error, keep)
         law, left_out = learn_law(samples, joint_layout(features, len(moving), owned=True, inducing=INDUCING))
         usual, shortest = usual_steps(path)
