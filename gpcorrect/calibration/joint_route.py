@@ -41,7 +41,7 @@ HOPELESS = 0.05
 is 8 % more for 60 reaches and 13 % more for 303 of a simulated RAVEN-II, whose joints, fitted all the same, ended at 6
 and 12 % more, and 41 and 18 % less for a simulated and the real dVRK, which ended at 41 and 25 % less."""
 UNSEARCHED = 0.1
-"""The same before the play of joints is searched for, which takes most of the time and then 2 to 5 points away: 15 to 17 %
+"""The same before the play of joints is searched for, which takes most of the time and 2 to 5 points away: 15 to 17 %
 more for four simulated RAVEN-II, 15 to 18 % less for the real dVRK whichever fifth is held out."""
 REACHED = ("position", "memory", "lags")
 """What the model that moves commands knows of them. Not their velocities: commands that it moves by a degree within a

@@ -20,7 +20,7 @@ from gpcorrect.gpr.kernels import Kernel
 from gpcorrect.gpr.learning import KernelOption, Learned
 from gpcorrect.gpr.linalg import cholesky
 from gpcorrect.gpr.predictor import Predictor, SharedPredictor
-from gpcorrect.gpr.statistics import Points, Statistics, updated
+from gpcorrect.gpr.statistics import Points, Statistics
 from gpcorrect.types import FloatArray, IntArray, Progress
 
 CANDIDATES_PER_POINT = 5  # chosen by hand, as is the next: more candidates cost time in proportion
@@ -49,6 +49,7 @@ class SparseGPR(GaussianProcess):
         What had to be added to the inducing points' correlations (of unit variance) for their factorisation;
         the largest of the groups of outputs.
     unseen_ : float, mean share of prior variance that the inducing points cannot see at the training samples; likewise
+    points_ : tuple of Points, what each group of outputs rests on, its covariance factored
     statistics_ : tuple of Statistics, what the posterior of each group of outputs rests on; data can be added to it
 
     See Also
@@ -78,6 +79,7 @@ class SparseGPR(GaussianProcess):
         self.kernel = kernel
         self.random_state = random_state
 
+    points_: tuple[Points, ...]
     statistics_: tuple[Statistics, ...]
     by_part_: tuple[tuple[Statistics, ...], ...]
     _parts: tuple[list[IntArray], FloatArray] | None = None
@@ -131,7 +133,8 @@ class SparseGPR(GaussianProcess):
         """
         other = copy(self)
         other.statistics_ = tuple(statistics)
-        other.predictor_ = Predictor(tuple(map(updated, self.predictor_.parts, other.statistics_)))
+        pairs = zip(self.points_, other.statistics_, strict=True)
+        other.predictor_ = Predictor(tuple(points.posterior(own, self.n_variance) for points, own in pairs))
         return other
 
     def collected(self, X: FloatArray, Y: FloatArray, terms: FloatArray | None = None) -> tuple[Statistics, ...]:
@@ -141,11 +144,11 @@ class SparseGPR(GaussianProcess):
         ----------
         X, Y, terms : (n, d), (n, m) and (n, k) arrays
         """
-        pairs = zip(self.predictor_.parts, self.learned_, strict=True)
-        return tuple(Points.of(part).collect(X, Y[:, own.columns], Progress(), terms) for part, own in pairs)
+        pairs = zip(self.points_, self.learned_, strict=True)
+        return tuple(points.collect(X, Y[:, own.columns], Progress(), terms) for points, own in pairs)
 
     def _predictor(self, X: FloatArray, Y: FloatArray, rng: np.random.Generator, progress: Progress) -> Predictor:
-        self.jitter_, self.unseen_, self.statistics_, self.by_part_ = 0.0, 0.0, (), ()
+        self.jitter_, self.unseen_, self.points_, self.statistics_, self.by_part_ = 0.0, 0.0, (), (), ()
         return super()._predictor(X, Y, rng, progress)
 
     def _posterior(
@@ -157,6 +160,7 @@ class SparseGPR(GaussianProcess):
         points = Points(kernel, basis, L, learned.scaling.y_centre, learned.signal, learned.noise)
         inflation = 1.0 if self.inflation is None else self.inflation[len(self.statistics_)]
         statistics = replace(self._collect(points, X, Y, progress), inflation=inflation)
+        self.points_ = (*self.points_, points)
         self.statistics_ = (*self.statistics_, statistics)
         self.jitter_ = max(self.jitter_, jitter)
         self.unseen_ = max(self.unseen_, statistics.unseen(len(basis)))

@@ -60,7 +60,9 @@ def fit_marker(observed: PoseSignal, command: PoseSignal, near: RigidModel | Non
         R_cmd=None if command.quaternion is None else se3.matrix_from_quaternion(command.quaternion),
     )
     if near is not None:
-        starts = [MarkerState(near.R_position, near.t - centre_u + near.R_position @ centre_p, near.R_right, near.offset)]
+        starts = [
+            MarkerState(near.R_position, near.t - centre_u + near.R_position @ centre_p, near.R_right, near.offset)
+        ]
     elif samples.R_cmd is not None:
         starts = [_with_lever_arm(samples, *_start_rotations(samples.R_obs, samples.R_cmd))]
     else:  # without a lever arm, and from a linear solution

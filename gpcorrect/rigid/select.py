@@ -303,5 +303,7 @@ def _median_errors(
     """Return the median position and rotation error in each unit, given by its rows."""
     rows, label = np.concatenate(units), np.repeat(np.arange(len(units)), [len(unit) for unit in units])
     residual = pose_residual(model.apply(observed[rows]), command[rows])
-    position, rotation = (medians_of(np.linalg.norm(part, axis=1), label) for part in (residual[:, :3], residual[:, 3:]))
+    position, rotation = (
+        medians_of(np.linalg.norm(part, axis=1), label) for part in (residual[:, :3], residual[:, 3:])
+    )
     return position, rotation
