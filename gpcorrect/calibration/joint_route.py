@@ -17,7 +17,7 @@ from gpcorrect.calibration.aim import Aim
 from gpcorrect.calibration.arm_kinematics import ArmKinematics
 from gpcorrect.calibration.dataset import Layout, Samples, folds_of
 from gpcorrect.calibration.domain import Bounds
-from gpcorrect.calibration.joints import JointCorrector
+from gpcorrect.calibration.joints import JointCorrector, JointTask
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import PolynomialMap
 from gpcorrect.calibration.learners.learner import cross_predicted
@@ -43,6 +43,7 @@ and 12 % more, and 41 and 18 % less for a simulated and the real dVRK, which end
 UNSEARCHED = 0.1
 """The same before the play of joints is searched for, which takes most of the time and 2 to 5 points away: 15 to 17 %
 more for four simulated RAVEN-II, 15 to 18 % less for the real dVRK whichever fifth is held out."""
+MOST_LOOKED_AT = 6000  # samples, likewise; chosen by hand
 REACHED = ("position", "memory", "lags")
 """What the model that moves commands knows of them. Not their velocities: commands that it moves by a degree within a
 millisecond would look fast to it, and be moved back (103 changes of more than half a degree within a millisecond in
@@ -165,27 +166,17 @@ class JointRoute:
         LogError, DataError, DegenerateError
             The log's joints cannot be learned from, or promise nothing.
         """
+        own = replace(settings, direction="command", features=(), input_signal="setpoint_jp", end_to_end=False)
+        if alone is not None:
+            _look_first(kinematics, log, pair, own, alone)
         kinematics, wanted = kinematics.reaching(pair[0])
         joints = PoseJoints.of(log, pair, kinematics, wanted)
 
-        def require_promise(samples: Samples, layout: Layout, most: float = UNSEARCHED) -> None:
-            if alone is None or samples.target.shape[1] != joints.asked.shape[1]:
-                return
-            first = cross_predicted(
-                lambda s: PolynomialMap.fit(*s.learnable(), 1, layout.penalties), samples, LIMITS.folds
-            )
-            rows = samples.rows
-            commanded = joints.asked[rows] - first.errors
-            moved = kinematics.carried(joints.reference[rows], joints.wanted[rows], commanded)
-            change = changes(replace(first, errors=pose_residual(moved, joints.command[rows])), alone)
-            if change.mean() > most:
-                raise DegenerateError(f"a linear law of them promises too little, {changes_text(change)}.")
-
         def promising(samples: Samples, layout: Layout) -> tuple[Law, LeftOut]:
-            require_promise(samples, layout, HOPELESS)
+            if alone is not None:
+                _require_promise(kinematics, joints, samples, layout, alone, HOPELESS)
             return learn_law(samples, layout)
 
-        own = replace(settings, direction="command", features=(), input_signal="setpoint_jp", end_to_end=False)
         anywhere = np.full(kinematics.chain.dof, np.inf)  # poses are looked at where they come in
         motion = TrainingMotion(-anywhere, anywhere, np.ones(kinematics.chain.dof), np.nan)
 
@@ -193,8 +184,7 @@ class JointRoute:
             assert isinstance(outcome.corrector, JointCorrector)
             return replace(outcome.corrector, trained=motion)
 
-        look_first = None if alone is None else require_promise
-        outcome = JointCorrector.learn(joints.log, joints.known, cleaner, own, promising, look_first)
+        outcome = JointCorrector.learn(joints.log, joints.known, cleaner, own, promising)
         route = cls(kinematics, corrector_of(outcome), IntervalCalibration(np.ones(6)))
         first = route.commands(joints, outcome.samples, outcome.left_out)
         route, left_out = route.calibrated(joints, outcome.samples, outcome.left_out, first)
@@ -335,6 +325,38 @@ class JointRoute:
             std[known] = np.sqrt((spread @ np.nan_to_num(in_joints.std[known])[..., None] ** 2)[..., 0])
         intervals = self.intervals.interval95(std)
         return Correction(position, quaternion, None, std, intervals, in_joints.reasons).because(Reason.LIMITED, cut)
+
+
+def _look_first(
+    kinematics: ArmKinematics,
+    log: CalibrationLog,
+    pair: tuple[PoseSignal, PoseSignal],
+    settings: FitSettings,
+    alone: LeftOut,
+) -> None:
+    """Refuse joints that promise nothing to a linear law of some samples and of a usual play, not searched for."""
+    few = np.arange(0, len(log), -(-len(log) // MOST_LOOKED_AT))
+    shown = (pair[0][few], pair[1][few])
+    kinematics, wanted = kinematics.reaching(shown[0])
+    joints = PoseJoints.of(log.select(few), shown, kinematics, wanted)
+    task = JointTask.of(joints.log, joints.known, settings, searched=False)
+    errors, std, novelty = (part[few] for part in (alone.errors, alone.std, alone.novelty))
+    _require_promise(kinematics, joints, task.samples, task.layout, LeftOut(errors, std, novelty), UNSEARCHED)
+
+
+def _require_promise(
+    kinematics: ArmKinematics, joints: PoseJoints, samples: Samples, layout: Layout, alone: LeftOut, most: float
+) -> None:
+    """Refuse joints whose linear law leaves clearly more at left-out trajectories than poses alone."""
+    rows = samples.rows
+    if samples.target.shape[1] != joints.asked.shape[1]:
+        return
+    first = cross_predicted(lambda s: PolynomialMap.fit(*s.learnable(), 1, layout.penalties), samples, LIMITS.folds)
+    commanded = joints.asked[rows] - first.errors
+    moved = kinematics.carried(joints.reference[rows], joints.wanted[rows], commanded)
+    change = changes(replace(first, errors=pose_residual(moved, joints.command[rows])), alone)
+    if change.mean() > most:
+        raise DegenerateError(f"a linear law of them promises too little, {changes_text(change)}.")
 
 
 class _RouteStream:

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from scipy.linalg import blas, cho_factor, cho_solve, lapack, solve_triangular
+from scipy.linalg import blas, cho_factor, cho_solve, solve_triangular
 
 from gpcorrect.gpr.kernels import Kernel
-from gpcorrect.gpr.linalg import cholesky
+from gpcorrect.gpr.linalg import cholesky, triangular_inverse
 from gpcorrect.gpr.predictor import SharedPredictor
 from gpcorrect.types import FloatArray, Progress
 
@@ -150,7 +150,7 @@ class Points:
         """
         columns = Y - self.offset if terms is None else np.hstack([Y - self.offset, terms])
         G, Vy = np.zeros(self.L.shape, order="F"), np.zeros((len(self.basis), columns.shape[1]))
-        inverse, _ = lapack.dtrtri(self.L, lower=1)
+        inverse = triangular_inverse(self.L)
         for start in range(0, len(X), BLOCK):
             rows = slice(start, start + BLOCK)
             V = blas.dtrmm(1.0, inverse, self.kernel(X[rows], self.basis).T, lower=1, overwrite_b=1)

@@ -11,6 +11,7 @@ from gpcorrect.gpr.linalg import (
     conditioned_mean,
     conditioned_on_others,
     inverse_and_log_determinant,
+    triangular_inverse,
 )
 
 
@@ -50,6 +51,14 @@ def test_inverse_and_log_determinant_agree_with_numpy() -> None:
     np.testing.assert_allclose(triangle, np.triu(np.linalg.inv(C)), atol=1e-12)
     assert log_determinant == pytest.approx(np.linalg.slogdet(C)[1], rel=1e-12)
     np.testing.assert_array_equal(C, kept)
+
+
+def test_a_triangle_times_its_inverse_is_the_identity() -> None:
+    """Of a matrix that is halved more than once, too; the caller's triangle stays as it was."""
+    L, _ = cholesky(covariance(301))
+    kept = L.copy()
+    np.testing.assert_allclose(triangular_inverse(L) @ L, np.eye(301), atol=1e-9)
+    np.testing.assert_array_equal(L, kept)
 
 
 def test_one_factor_leaves_out_each_fold_as_conditioning_on_the_others_does() -> None:
