@@ -94,7 +94,7 @@ def conditioned(
     """
     lower, _ = cholesky(kernel(X, X) + noise * np.eye(len(X)))
     cross = kernel(at, X)
-    explained = (solve_triangular(lower, cross.T, lower=True) ** 2).sum(axis=0)
+    explained = (blas.dtrmm(1.0, triangular_inverse(lower), cross.T, lower=1) ** 2).sum(axis=0)
     return cross @ cho_solve((lower, True), Y), np.sqrt(np.maximum(kernel.diagonal(at) - explained, 0.0) + noise)
 
 

@@ -13,7 +13,7 @@ from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect.rigid.model import RigidModel
 from gpcorrect.rigid.observability import Observability, rotation_observability
-from gpcorrect.rigid.refine import COARSE_TOLERANCE, STEP_TOLERANCE, MarkerState, Samples, refine, residual_norms
+from gpcorrect.rigid.refine import MarkerState, Samples, refine, residual_norms
 from gpcorrect.rigid.registration import cauchy_weights, check_pair, component_scale, evenly_spaced, fit_robustly
 from gpcorrect.types import FloatArray, PoseSignal
 
@@ -68,8 +68,7 @@ def fit_marker(observed: PoseSignal, command: PoseSignal, near: RigidModel | Non
     else:  # without a lever arm, and from a linear solution
         rotations = (fit_robustly(observed, command).R_position, _rotation_from_positions(samples))
         starts = [_with_lever_arm(samples, R, np.eye(3)) for R in rotations]
-    tolerance = STEP_TOLERANCE if near is None else COARSE_TOLERANCE
-    state = min((refine(samples, start, tolerance) for start in starts), key=lambda end: end[1])[0]
+    state = min((refine(samples, start, known=near is not None) for start in starts), key=lambda end: end[1])[0]
     t = state.t + centre_u - state.R @ centre_p
     return RigidModel("marker", R_position=state.R, t=t, offset=state.offset, R_left=state.R, R_right=state.R_right)
 
@@ -179,8 +178,7 @@ def _fit_orientations(
         return _robust_left(R_obs, R_cmd, np.eye(3)), np.eye(3)
     R_left, R_right = _start_rotations(R_obs, R_cmd) if near is None else (near.R_left, near.R_right)
     start = MarkerState(R_left, np.zeros(3), R_right, np.zeros(3))
-    tolerance = STEP_TOLERANCE if near is None else COARSE_TOLERANCE
-    R_left, _, R_right, _ = refine(Samples(R_obs, R_cmd=R_cmd), start, tolerance)[0]
+    R_left, _, R_right, _ = refine(Samples(R_obs, R_cmd=R_cmd), start, known=near is not None)[0]
     if observability.n_axes == 1:  # of the rotations `exp(phi axis) R_right` that of smallest angle, of largest trace
         axis = observability.axes[0]
         sine, cosine = np.trace(se3.hat(axis) @ R_right), np.trace(R_right) - axis @ R_right @ axis

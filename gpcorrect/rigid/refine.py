@@ -12,7 +12,7 @@ from gpcorrect.rigid.registration import cauchy_loss, cauchy_weights, component_
 from gpcorrect.types import FloatArray
 
 GENERATORS = se3.hat(np.eye(3))  # GENERATORS[k] @ v = e_k x v
-SCALE_ROUNDS = 5  # of robust scales, chosen by hand
+SCALE_ROUNDS, KNOWN_ROUNDS = 5, 2  # of robust scales, and from a start that has them nearly right; chosen by hand
 MAX_STEPS = 60  # Gauss-Newton ends by its tolerance before
 MAX_HALVINGS = 12  # a step 4000 times shorter that does not help is no descent
 STEP_TOLERANCE = 1e-11  # rad and m: below what any sensor sees
@@ -55,7 +55,7 @@ class Samples:
     R_cmd: FloatArray | None = None  # (n, 3, 3) commanded rotations
 
 
-def refine(samples: Samples, start: MarkerState, tolerance: float) -> tuple[MarkerState, float]:
+def refine(samples: Samples, start: MarkerState, *, known: bool = False) -> tuple[MarkerState, float]:
     """State of least Cauchy loss near `start`, and the loss.
 
     Positions and rotations are each measured in units of their own robust scale, which follows the fit.
@@ -64,11 +64,13 @@ def refine(samples: Samples, start: MarkerState, tolerance: float) -> tuple[Mark
     ----------
     samples : Samples
     start : MarkerState
-    tolerance : float, step that ends it, rad and m
+    known : bool
+        Whether the start solves nearly the same samples, and the end is only to be compared: few rounds, and steps
+        below any noise end them.
     """
-    state = start
-    for ends in (*[COARSE_TOLERANCE] * (SCALE_ROUNDS - 1), tolerance):
-        state = _descend(samples, state, _scales(samples, state), ends)
+    state, rounds = start, KNOWN_ROUNDS if known else SCALE_ROUNDS
+    for tolerance in (*[COARSE_TOLERANCE] * (rounds - 1), COARSE_TOLERANCE if known else STEP_TOLERANCE):
+        state = _descend(samples, state, _scales(samples, state), tolerance)
     return state, _loss(samples, state, _scales(samples, state))
 
 

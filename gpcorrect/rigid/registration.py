@@ -21,6 +21,7 @@ WIDTH = 3.0  # standard deviations at which a sample counts half
 MAX_SAMPLES = 2000  # a dozen unknowns are no better known from more: neighbours in time repeat each other
 MAX_ROUNDS = 40  # of weights, which end by their tolerance before
 TOLERANCE = 1e-7  # of a weight: less moves nothing
+KNOWN_TOLERANCE = 1e-4  # the same where weights are nearly known, and a model is only compared or weighed anew
 WEIGHT_ROUNDS = 12  # of weighing positions and rotations by their scales
 WEIGHT_TOLERANCE = 0.02  # of the weight: less turns nothing
 FLOOR = 1e-12  # m or rad: exact data leave no scale to divide by
@@ -245,12 +246,13 @@ def _robust_pairs(observed: PoseSignal, command: PoseSignal) -> _Pairs:
 
 def _reweighted(pairs: _Pairs, rotation_weight: float | None, near: RigidModel | None = None) -> RigidModel:
     weights = np.ones(len(pairs.p)) if near is None else _weights(pairs, near)
+    tolerance = TOLERANCE if near is None else KNOWN_TOLERANCE
     for _ in range(1 + MAX_ROUNDS):
         w = weights / weights.sum()
         model = _position(pairs, w) if rotation_weight is None else _pose(pairs, w, rotation_weight)
         previous = weights
         weights = _weights(pairs, model)
-        if np.abs(weights - previous).max() < TOLERANCE:
+        if np.abs(weights - previous).max() < tolerance:
             break
     return model
 
