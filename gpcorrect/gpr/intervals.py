@@ -274,7 +274,9 @@ def _best_inflation(
         points, learned = model.points_[group].first(JUDGES_POINTS), model.learned_[group]
         spread = learned.scaling.y_spread
         left = (Y[rows, learned.columns] - points.offset) / spread
-        asked.append((points, statistics[group].first(JUDGES_POINTS), points.kernel(X[rows], points.basis), left, spread))
+        asked.append(
+            (points, statistics[group].first(JUDGES_POINTS), points.kernel(X[rows], points.basis), left, spread)
+        )
     best, least = INFLATIONS[0], np.inf
     for inflation in INFLATIONS:
         squares = 0.0

@@ -82,7 +82,7 @@ class SparseGPR(GaussianProcess):
     points_: tuple[Points, ...]
     statistics_: tuple[Statistics, ...]
     by_part_: tuple[tuple[Statistics, ...], ...]
-    _parts: tuple[list[IntArray], FloatArray] | None = None
+    _parts: tuple[list[IntArray], FloatArray, int] | None = None
 
     def fit_by_parts(
         self,
@@ -91,6 +91,7 @@ class SparseGPR(GaussianProcess):
         parts: IntArray,
         terms: FloatArray | None = None,
         *,
+        stride: int = 1,
         groups: IntArray | None = None,
         times: FloatArray | None = None,
         progress: Progress | None = None,
@@ -102,15 +103,30 @@ class SparseGPR(GaussianProcess):
         X, Y : (n, d) and (n, m) arrays, inputs and outputs
         parts : (n,) array, which samples are left out together; `by_part_` is in the order of their labels
         terms : (n, k) array, optional, see :meth:`collected`
+        stride : int
+            Every so-manieth sample of a part is summed, and stands for those between, which are like it; see
+            :meth:`with_all`.
         groups, times, progress
             See :meth:`fit`.
         """
         rows = [np.flatnonzero(parts == part) for part in np.unique(parts)]
-        self._parts = rows, np.zeros((len(X), 0)) if terms is None else terms
+        self._parts = rows, np.zeros((len(X), 0)) if terms is None else terms, stride
         try:
             return self.fit(X, Y, groups, times, progress)
         finally:
             self._parts = None
+
+    def with_all(self, X: FloatArray, Y: FloatArray, parts: IntArray) -> Self:
+        """Return a copy that rests on all samples, under the same points and hyperparameters.
+
+        Parameters
+        ----------
+        X, Y, parts
+            As for :meth:`fit_by_parts`.
+        """
+        other = copy(self)
+        other.by_part_ = tuple(self.collected(X[parts == part], Y[parts == part]) for part in np.unique(parts))
+        return other.resting_on([reduce(Statistics.plus, found) for found in zip(*other.by_part_, strict=True)])
 
     def inflated(self, inflation: Sequence[float]) -> Self:
         """Return a copy whose posterior, of the same data and hyperparameters, counts so many samples as one.
@@ -170,8 +186,9 @@ class SparseGPR(GaussianProcess):
         """Return the statistics of all samples; with parts to be left out later, the sum of theirs."""
         if self._parts is None:
             return points.collect(X, Y, progress)
-        parts, terms = self._parts
-        found = [points.collect(X[rows], Y[rows], progress, terms[rows]) for rows in parts]
+        parts, terms, stride = self._parts
+        chosen = [rows[::stride] for rows in parts]
+        found = [points.collect(X[rows], Y[rows], progress, terms[rows]).counted(stride) for rows in chosen]
         self.by_part_ = tuple(
             (*before, own) for before, own in zip(self.by_part_ or [()] * len(found), found, strict=True)
         )

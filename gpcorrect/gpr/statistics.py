@@ -53,6 +53,15 @@ class Statistics:
         """
         return replace(self, G=keep * self.G + other.G, Vy=keep * self.Vy + other.Vy, n=keep * self.n + other.n)
 
+    def counted(self, times: int) -> Statistics:
+        """Return the statistics where each sample stands for so many.
+
+        Parameters
+        ----------
+        times : int
+        """
+        return replace(self, G=times * self.G, Vy=times * self.Vy, n=times * self.n)
+
     def minus(self, other: Self) -> Statistics:
         """Return the statistics without the others, which must be among them.
 
