@@ -184,10 +184,10 @@ def least_median_plane(X: FloatArray, Y: FloatArray, rng: np.random.Generator) -
     def plane(rows: IntArray) -> FloatArray:
         return np.asarray(np.linalg.lstsq(design[rows], Y[rows], rcond=None)[0], dtype=np.float64)
 
-    def planes(drawn: IntArray) -> tuple[FloatArray, FloatArray]:
+    def planes(drawn: IntArray) -> tuple[list[FloatArray], FloatArray]:
         models = np.linalg.pinv(design[drawn]) @ Y[drawn]
         medians = [np.median(np.linalg.norm(Y - design @ part, axis=2), axis=1) for part in _in_parts(models)]
-        return models, np.concatenate(medians)[:, None]
+        return list(models), np.concatenate(medians)[:, None]
 
     return least_median(
         plane,

@@ -265,7 +265,8 @@ def learn_smooth_model(
 def _less_field(left: FloatArray, rows: IntArray, mean: FloatArray) -> FloatArray:
     """Return scaled errors `left` (n, g, w) less the field, whose mean (m, g w) is known at `rows`."""
     index = np.arange(len(left))
-    return left - np.stack([np.interp(index, rows, column) for column in mean.T], axis=1).reshape(left.shape)
+    field: FloatArray = np.stack([np.interp(index, rows, column) for column in mean.T], axis=1).reshape(left.shape)
+    return left - field
 
 
 def _reach(inputs: FloatArray) -> FloatArray:

@@ -270,13 +270,11 @@ def _best_inflation(
     They are tried from the least on, as long as each is better than the one before.
     """
     asked = []
-    for (model, statistics), rows in zip(without, judges, strict=True):
+    for (model, rest), rows in zip(without, judges, strict=True):
         points, learned = model.points_[group].first(JUDGES_POINTS), model.learned_[group]
         spread = learned.scaling.y_spread
         left = (Y[rows, learned.columns] - points.offset) / spread
-        asked.append(
-            (points, statistics[group].first(JUDGES_POINTS), points.kernel(X[rows], points.basis), left, spread)
-        )
+        asked.append((points, rest[group].first(JUDGES_POINTS), points.kernel(X[rows], points.basis), left, spread))
     best, least = INFLATIONS[0], np.inf
     for inflation in INFLATIONS:
         squares = 0.0

@@ -120,13 +120,13 @@ def learn_gp(samples: Samples, layout: Layout, settings: FitSettings, progress: 
     chosen = X[:, layout.smooth]
     folds, terms = folds_of(trajectory), None if linear is None else _terms(linear, X)
     stride = ALIKE if linear is None and len(X) >= ALIKE * ENOUGH_SUMMED else 1
-    search = {"groups": groups, "times": time, "progress": progress}
-    regressor.fit_by_parts(chosen, left, folds, terms, stride=stride, **search)
+    regressor.fit_by_parts(chosen, left, folds, terms, stride=stride, groups=groups, times=time, progress=progress)
     if linear is None:
-        whole = regressor
-        regressor, left_out = learn_inflation(whole, chosen, left, folds, **search)
-        if min(regressor.inflation) < stride:
-            regressor, left_out = learn_inflation(whole.with_all(chosen, left, folds), chosen, left, folds, **search)
+        some = regressor
+        regressor, left_out = learn_inflation(some, chosen, left, folds, groups, time, progress)
+        if min(regressor.inflation or ()) < stride:
+            every = some.with_all(chosen, left, folds)
+            regressor, left_out = learn_inflation(every, chosen, left, folds, groups, time, progress)
     else:
         left_out, of_law = _left_out(regressor, linear, X, Y - level, layout, folds)
         useless = (left_out.errors**2).sum(axis=0) > CLEARLY * (of_law**2).sum(axis=0)
