@@ -340,8 +340,7 @@ def _look_first(
     kinematics, wanted = kinematics.reaching(shown[0])
     joints = PoseJoints.of(log.select(few), shown, kinematics, wanted)
     task = JointTask.of(joints.log, joints.known, settings, searched=False)
-    errors, std, novelty = (part[few] for part in (alone.errors, alone.std, alone.novelty))
-    _require_promise(kinematics, joints, task.samples, task.layout, LeftOut(errors, std, novelty), UNSEARCHED)
+    _require_promise(kinematics, joints, task.samples, task.layout, alone, UNSEARCHED)
 
 
 def _require_promise(

@@ -108,9 +108,9 @@ def novelty_limit(novelty: FloatArray) -> float:
 
     Parameters
     ----------
-    novelty : (n,) array, of left-out training samples
+    novelty : (n,) array, of left-out training samples; NaN where unknown
     """
-    return float(np.quantile(novelty, INSIDE))
+    return float(np.nanquantile(novelty, INSIDE))
 
 
 def _factor(scores: FloatArray, labels: IntArray) -> float:
@@ -188,7 +188,7 @@ class LeftOut:
 
     Parameters
     ----------
-    errors, std : (n, m) arrays, errors, and the standard deviations promised for them
+    errors, std : (n, m) arrays, errors, and the standard deviations promised for them; NaN where nothing was predicted
     novelty : (n,) array
     """
 
@@ -205,6 +205,7 @@ def learn_inflation(
     groups: IntArray | None = None,
     times: FloatArray | None = None,
     progress: Progress | None = None,
+    stride: int = 1,
 ) -> tuple[SparseGPR, LeftOut]:
     """Return a fitted regressor with the inflation that predicts left-out folds best, and what it predicts of them.
 
@@ -217,6 +218,7 @@ def learn_inflation(
         Trajectories and times that it was fitted with. Where there are few trajectories, what is said of a left-out one
         comes from hyperparameters that were not learned from it either.
     progress : Progress, optional, updated after each fold
+    stride : int, every so-manieth sample of a fold is predicted, the others are NaN: where neighbours err alike
 
     Raises
     ------
@@ -234,7 +236,8 @@ def learn_inflation(
     stride = -(-len(X) // JUDGES)
     judges = [np.flatnonzero(folds == name)[::stride] for name in names]
     inflation = tuple(_best_inflation(without, group, X, Y, judges) for group in range(len(regressor.learned_)))
-    return regressor.inflated(inflation), _left_out(without, inflation, X, Y, folds)
+    judged = [np.flatnonzero(folds == name)[::stride] for name in names]
+    return regressor.inflated(inflation), _left_out(without, inflation, X, Y, judged)
 
 
 def _less(regressor: SparseGPR, X: FloatArray, Y: FloatArray, folds: IntArray) -> Iterator[_Without]:
@@ -288,11 +291,10 @@ def _best_inflation(
 
 
 def _left_out(
-    without: Sequence[_Without], inflation: tuple[float, ...], X: FloatArray, Y: FloatArray, folds: IntArray
+    without: Sequence[_Without], inflation: tuple[float, ...], X: FloatArray, Y: FloatArray, judged: Sequence[IntArray]
 ) -> LeftOut:
-    errors, std, novelty = np.empty(Y.shape), np.empty(Y.shape), np.empty(len(X))
-    for fold, (model, statistics) in zip(np.unique(folds), without, strict=True):
-        rows = folds == fold
+    errors, std, novelty = np.full(Y.shape, np.nan), np.full(Y.shape, np.nan), np.full(len(X), np.nan)
+    for rows, (model, statistics) in zip(judged, without, strict=True):
         inflated = [replace(own, inflation=factor) for own, factor in zip(statistics, inflation, strict=True)]
         mean, std[rows], novelty[rows] = model.resting_on(inflated).predictor_.mean_std_batch(X[rows])
         errors[rows] = Y[rows] - mean
