@@ -177,9 +177,6 @@ class _Quantiles:
 INFLATIONS = (1.0, 3.0, 10.0, 30.0)
 FEW = 40  # trajectories: of so few each leaves its mark on the hyperparameters, and left out it is still predicted well
 JUDGES = 4000  # left-out samples that choose: neighbours err alike, so more of them say little more
-JUDGES_POINTS = 350
-"""Inducing points that choose, at an eighth of the time of 700: the same choice for both groups of outputs of six
-simulated debridements and the real wrist, where 250 points chose another one for two of the fourteen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,24 +267,33 @@ def _best_inflation(
 ) -> float:
     """Inflation of least squared error of a group's outputs, each in its own spread, at the judges of left-out folds.
 
-    They are tried from the least on, as long as each is better than the one before.
+    From the middle of the list on larger ones are tried while they are better, or else smaller ones.
     """
     asked = []
     for (model, rest), rows in zip(without, judges, strict=True):
-        points, learned = model.points_[group].first(JUDGES_POINTS), model.learned_[group]
+        points, learned = model.points_[group], model.learned_[group]
         spread = learned.scaling.y_spread
         left = (Y[rows, learned.columns] - points.offset) / spread
-        asked.append((points, rest[group].first(JUDGES_POINTS), points.kernel(X[rows], points.basis), left, spread))
-    best, least = INFLATIONS[0], np.inf
-    for inflation in INFLATIONS:
-        squares = 0.0
+        asked.append((points, rest[group], points.kernel(X[rows], points.basis), left, spread))
+
+    def squares(inflation: float) -> float:
+        total = 0.0
         for points, statistics, K, left, spread in asked:
             weights = replace(statistics, inflation=inflation).mean_weights(points.L, points.noise / points.signal)
-            squares += float(((left - K @ weights / spread) ** 2).sum())
-        if squares >= least:
-            break
-        best, least = inflation, squares
-    return best
+            total += float(((left - K @ weights / spread) ** 2).sum())
+        return total
+
+    middle = len(INFLATIONS) // 2
+    first, least = INFLATIONS[middle], squares(INFLATIONS[middle])
+    for further in (INFLATIONS[middle + 1 :], INFLATIONS[:middle][::-1]):
+        best = first
+        for inflation in further:
+            if (found := squares(inflation)) >= least:
+                break
+            best, least = inflation, found
+        if best != first:
+            return best
+    return first
 
 
 def _left_out(

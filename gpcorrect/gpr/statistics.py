@@ -71,15 +71,6 @@ class Statistics:
         """
         return replace(self, G=self.G - other.G, Vy=self.Vy - other.Vy, n=self.n - other.n)
 
-    def first(self, count: int) -> Statistics:
-        """Return what the first `count` points alone see: those before it decide each row of V.
-
-        Parameters
-        ----------
-        count : int
-        """
-        return replace(self, G=self.G[:count, :count], Vy=self.Vy[:count])
-
     def unseen(self, count: int) -> float:
         """Mean share of prior variance that the first `count` points leave at the samples.
 
@@ -156,15 +147,6 @@ class Points:
         """
         L = cholesky(part.kernel(part.basis, part.basis))[0]
         return cls(part.kernel, part.basis, L, part.offset, part.signal, part.noise)
-
-    def first(self, count: int) -> Self:
-        """Return the first `count` points alone, which are a sound choice too: see :func:`choose_inducing`.
-
-        Parameters
-        ----------
-        count : int
-        """
-        return replace(self, basis=self.basis[:count], L=np.asfortranarray(self.L[:count, :count]))
 
     def collect(self, X: FloatArray, Y: FloatArray, progress: Progress, terms: FloatArray | None = None) -> Statistics:
         """Sum over samples in blocks: memory does not grow with their number.

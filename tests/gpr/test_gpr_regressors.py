@@ -275,13 +275,3 @@ def test_samples_between_those_that_stand_for_them_can_be_taken_in_later() -> No
     whole, third = (clone(make).fit_by_parts(X, Y, parts, stride=stride) for stride in (1, 3))
     assert third.statistics_[0].n == pytest.approx(300, abs=6)
     np.testing.assert_allclose(third.with_all(X, Y, parts).predict(X), whole.predict(X), atol=1e-9)
-
-
-def test_the_first_points_see_what_they_would_see_alone() -> None:
-    """Statistics cut to some points are those that these points collect."""
-    X, Y, _ = planted(100, seed=6)
-    model = SparseGPR(n_inducing=30, n_learn=50).fit(X, Y)
-    [points], [statistics] = model.points_, model.statistics_
-    cut, alone = statistics.first(10), points.first(10).collect(X, Y, Progress())
-    np.testing.assert_allclose(cut.G, alone.G, atol=1e-9)
-    np.testing.assert_allclose(cut.Vy, alone.Vy, atol=1e-9)
