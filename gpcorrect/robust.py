@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy.special import gammaincinv
 
-from gpcorrect.types import FloatArray
+from gpcorrect.types import FloatArray, IntArray
 
 
 def _median_length(dimension: int) -> float:
@@ -30,3 +30,17 @@ def robust_scale(lengths: FloatArray, dimension: int = 1) -> FloatArray:
     dimension : int, components that each vector has
     """
     return np.asarray(np.median(lengths, axis=0) / _median_length(dimension))
+
+
+def medians_of(values: FloatArray, label: IntArray) -> FloatArray:
+    """Return the median `(k,)` of the values of each label; NaN where one of them is, as the median of all is.
+
+    Parameters
+    ----------
+    values : (n,) array
+    label : (n,) int array, 0 to k - 1, of none of which there is nothing
+    """
+    order, counts = np.lexsort((values, label)), np.bincount(label)
+    sorted_values, first = values[order], np.cumsum(counts) - counts
+    middle: FloatArray = (sorted_values[first + (counts - 1) // 2] + sorted_values[first + counts // 2]) / 2.0
+    return np.where(np.isnan(sorted_values[first + counts - 1]), np.nan, middle)

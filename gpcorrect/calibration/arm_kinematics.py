@@ -86,20 +86,20 @@ class ArmKinematics:
         T, q = _pose_matrices(poses[rows]), joints[rows]
         chain = _chain_of(q, T, log.joint_types(q.shape[1]))
         q, length = q[:, : chain.dof], workspace(T)
-        _require_determined(chain, q, length)
-        kinematics = cls(chain, q[np.unique(np.linspace(0, len(q) - 1, STARTS).astype(np.int64))], length)
+        _require_determined(chain, _spread(q, SAMPLES), length)
+        kinematics = cls(chain, _spread(q, STARTS), length)
         _, left = kinematics.chain.nearest(T, q, length)
         return replace(kinematics, reach=float(left.max()))
 
-    def reaching(self, poses: PoseSignal) -> Self:
-        """Return the kinematics that takes poses as far from its reach as these are, with headroom.
+    def reaching(self, poses: PoseSignal) -> tuple[Self, FloatArray]:
+        """Return the kinematics that takes poses as far from its reach as these are, with headroom, and their joints.
 
         Parameters
         ----------
         poses : PoseSignal, n poses in the command's frame
         """
-        left = self._inverse(poses)[1]
-        return replace(self, reach=HEADROOM * max(self.reach, float(np.nanmax(left, initial=0.0))) + NOISE_FLOOR)
+        q, left = self._inverse(poses)
+        return replace(self, reach=HEADROOM * max(self.reach, float(np.nanmax(left, initial=0.0))) + NOISE_FLOOR), q
 
     def inverse(self, poses: PoseSignal) -> FloatArray:
         """Return the joints `(n, d)` nearest to poses; NaN where the arm comes not near.
@@ -160,9 +160,14 @@ def _chain_of(q: FloatArray, T: FloatArray, types: str) -> Chain:
         except DataError as error:
             failed = failed or error
             continue
-        if (np.abs(chain.jacobian(q[:, :count])).max(axis=(0, 1)) > NO_EFFECT).all():
+        if (np.abs(chain.jacobian(_spread(q, SAMPLES)[:, :count])).max(axis=(0, 1)) > NO_EFFECT).all():
             return chain
     raise failed or DegenerateError("no joint of the log moves the tip.")
+
+
+def _spread(q: FloatArray, most: int) -> FloatArray:
+    """Return at most so many postures `(k, d)`, spread evenly over the recording."""
+    return q[np.unique(np.linspace(0, len(q) - 1, most).astype(np.int64))]
 
 
 def _require_determined(chain: Chain, q: FloatArray, length: float) -> None:
@@ -179,7 +184,7 @@ def _pose_matrices(poses: PoseSignal) -> FloatArray:
     return se3.pose(rotations, poses.position)
 
 
-SAMPLES = 1000  # postures in the registration: two dozen unknowns need no more
+SAMPLES = 1000  # postures in the registration, two dozen unknowns of which need no more, and that are looked at
 STEPS = 20  # Gauss-Newton steps of the registration; those of well-determined ones end after five
 AT_REST = 1e-8  # rad: a step that is smaller ends the registration
 FAR = 4.0

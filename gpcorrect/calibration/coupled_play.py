@@ -91,6 +91,16 @@ class CoupledPlay:
         return moved
 
 
+def uncoupled_play(dof: int) -> CoupledPlay:
+    """Return the play that a search begins at: each joint's own, of the usual gap.
+
+    Parameters
+    ----------
+    dof : int, joints
+    """
+    return CoupledPlay(np.eye(dof), np.full(dof, FIRST_GAP))
+
+
 def learn_coupled_play(
     path: FloatArray, errors: FloatArray, new: BoolArray, rows: IntArray, shown: BoolArray
 ) -> CoupledPlay:
@@ -106,10 +116,12 @@ def learn_coupled_play(
     rows : (k,) int array, rows whose errors may be looked at
     shown : (d,) bool array, joints whose slack this path shows; the others neither pull nor are pulled
     """
-    stiffness, gap = np.eye(path.shape[1]), np.full(path.shape[1], FIRST_GAP)
-    if shown.any():
-        found = _learned(*_thinned(path[:, shown], errors, new, rows))
-        stiffness[np.ix_(shown, shown)], gap[shown] = found.stiffness, found.gap
+    play = uncoupled_play(path.shape[1])
+    if not shown.any():
+        return play
+    stiffness, gap = np.array(play.stiffness), np.array(play.gap)
+    found = _learned(*_thinned(path[:, shown], errors, new, rows))
+    stiffness[np.ix_(shown, shown)], gap[shown] = found.stiffness, found.gap
     return CoupledPlay(stiffness, gap)
 
 

@@ -22,6 +22,7 @@ from gpcorrect.cleaning import CleaningReport, Pair, require_segments
 from gpcorrect.errors import LogError
 from gpcorrect.logs.copies import LEAST, marks_of
 from gpcorrect.logs.sync import match_clocks
+from gpcorrect.one_thread import on_one_thread
 from gpcorrect.types import BoolArray, CalibrationLog, Progress
 
 METHODS = CommandCorrector.METHODS
@@ -205,6 +206,7 @@ def _measured(result: FitResult, log: CalibrationLog, held: BoolArray, pair: Pai
     return replace(evaluate_model(result.corrector, log, cleaning, held=held), first=(caution,) if caution else ())
 
 
+@on_one_thread
 def evaluate_model(
     corrector: Corrector, log: CalibrationLog, cleaning: CleaningReport | None = None, *, held: BoolArray | None = None
 ) -> Evaluation:

@@ -8,7 +8,6 @@ from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from gpcorrect.calibration.cartesian import CommandCorrector
 from gpcorrect.calibration.dataset import Layout, Samples, folds_of
@@ -22,6 +21,7 @@ from gpcorrect.cleaning import CleaningReport, Reason, fit_cleaner
 from gpcorrect.gpr import IntervalCalibration, LeftOut, novelty_limit
 from gpcorrect.logs.copies import Marks, marks_of, remembered
 from gpcorrect.logs.sync import Clocks, match_clocks
+from gpcorrect.one_thread import on_one_thread
 from gpcorrect.types import CalibrationLog, Progress
 
 C = TypeVar("C", bound=Corrector)
@@ -73,6 +73,7 @@ def fit_corrector(
     return corrector
 
 
+@on_one_thread
 def fit_model(
     log: CalibrationLog,
     settings: FitSettings | None = None,
@@ -99,20 +100,18 @@ def fit_model(
     pair = task.pair(log, settings)  # refused at once, before any work
     marks = marks_of(log)  # as it came: a sensor that is shifted in time reads other numbers
     progress.step("clean", 0.0)
-    # Many small factorisations: two BLAS pools on few cores fight each other and take ten times as long as one thread.
-    with threadpool_limits(limits=1):
-        log, clocks = match_clocks(log, pair.observed, pair.command, settings.time_offset)
-        cleaner, cleaning = fit_cleaner(
-            log,
-            settings.cleaning,
-            rng=np.random.default_rng(settings.seed),
-            pair=pair,
-            marker=settings.marker if settings.rigid else "none",
-        )
-        progress.step("clean", 1.0)
-        keep = cleaning.keep if settings.clean else cleaning.reason != Reason.MANUAL
-        learn_law = partial(_learn_law, settings=settings, progress=progress)
-        outcome = task.learn(log, keep, cleaner, settings, learn_law)
+    log, clocks = match_clocks(log, pair.observed, pair.command, settings.time_offset)
+    cleaner, cleaning = fit_cleaner(
+        log,
+        settings.cleaning,
+        rng=np.random.default_rng(settings.seed),
+        pair=pair,
+        marker=settings.marker if settings.rigid else "none",
+    )
+    progress.step("clean", 1.0)
+    keep = cleaning.keep if settings.clean else cleaning.reason != Reason.MANUAL
+    learn_law = partial(_learn_law, settings=settings, progress=progress)
+    outcome = task.learn(log, keep, cleaner, settings, learn_law)
     remarks = [*log.remarks, *outcome.remarks, *_too_little(outcome.samples), *clocks.notes]
     summary = _summary(log, outcome, clocks, cleaning, settings, remarks, marks, time.perf_counter() - start)
     return FitResult(

@@ -14,7 +14,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from gpcorrect.calibration.coupled_play import CoupledPlay, learn_coupled_play
+from gpcorrect.calibration.coupled_play import CoupledPlay, learn_coupled_play, uncoupled_play
 from gpcorrect.calibration.joint_path import JointPath, usual_steps
 from gpcorrect.calibration.memory import lagged, left_out_squares, play_states
 from gpcorrect.calibration.settings import LIMITS
@@ -78,7 +78,9 @@ class JointFeatures:
             raise DataError(f"features of {len(self.centre)} joints do not fit together.")
 
     @classmethod
-    def learn(cls, kinds: Sequence[str], path: JointPath, errors: FloatArray, rows: IntArray) -> JointFeatures:
+    def learn(
+        cls, kinds: Sequence[str], path: JointPath, errors: FloatArray, rows: IntArray, *, searched: bool = True
+    ) -> JointFeatures:
         """Learn ranges, and for `memory` the coupled play.
 
         Parameters
@@ -87,6 +89,9 @@ class JointFeatures:
         path : JointPath, n samples of d joints
         errors : (n, m) array, what the slack is to explain; NaN where unknown
         rows : (k,) int array, samples that may be learned from
+        searched : bool
+            Whether the coupled play is searched for, which takes most of the time; else it is a usual one, good enough
+            to see whether joints are where an arm misses.
 
         Raises
         ------
@@ -114,7 +119,9 @@ class JointFeatures:
         scaled = features.scaled(path.q)
         turning = _turns_back(scaled, path.new)
         if "memory" in features.kinds:
-            features = replace(features, play=learn_coupled_play(scaled, errors, path.new, rows, turning))
+            found = (scaled, errors, path.new, rows, turning)
+            play = learn_coupled_play(*found) if searched else uncoupled_play(path.q.shape[1])
+            features = replace(features, play=play)
         shown = {
             "lags": np.tile(_has_many_speeds(path.velocity[rows]), LAGS * features.n_lagged),
             "memory": np.tile(turning, 1 + len(LADDER)),

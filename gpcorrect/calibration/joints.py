@@ -9,9 +9,10 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.joint_features import JointFeatures
-from gpcorrect.calibration.joint_path import joint_path, usual_steps
+from gpcorrect.calibration.joint_path import JointPath, joint_path, usual_steps
 from gpcorrect.calibration.joint_view import (
     InputSignal,
     JointView,
@@ -234,14 +235,78 @@ class JointCorrector(ViewCorrector):
         cls, log: CalibrationLog, keep: BoolArray, cleaner: FittedCleaner, settings: FitSettings, learn_law: LearnLaw
     ) -> Outcome:
         """See :class:`Corrector`."""
+        task = JointTask.of(log, keep, settings)
+        view, samples = task.view, task.samples
+        law, left_out = learn_law(samples, task.layout)
+        usual, shortest = usual_steps(task.path)
+        corrector = cls(
+            law=law,
+            cleaner=cleaner,
+            trained=TrainingMotion.of(task.source, log.time, log.trajectory, keep, joints=True, static=log.static),
+            view=view,
+            offset=task.error[task.rows].mean(axis=0),
+            usual_step=usual,
+            shortest_step=shortest,
+        )
+        report = {
+            "method": settings.method,
+            "features": list(view.features.kinds),
+            "input": view.input_signal,
+            "direction": settings.direction,
+            "uncorrected_joints": list(task.still),
+        }
+        return Outcome(corrector, samples, left_out, law.intervals.interval95(left_out.std), report, task.remarks)
+
+
+@dataclass(frozen=True, eq=False)
+class JointTask:
+    """What is learned from a log of joints, before it is.
+
+    Parameters
+    ----------
+    view : JointView, what is seen of a log
+    path : JointPath, n samples of the k joints that move
+    source : (n, d) array, joints that go in, back at their stops, rad or m
+    error : (n, k) array, what is to be added to those that move
+    rows : (r,) int array, complete samples
+    samples : Samples, the log as a law sees it
+    still : tuple of int, joints that never move, counted from 1
+    remarks : tuple of str
+    """
+
+    view: JointView
+    path: JointPath
+    source: FloatArray
+    error: FloatArray
+    rows: IntArray
+    samples: Samples
+    still: tuple[int, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def layout(self) -> Layout:
+        """How features and targets are grouped."""
+        return joint_layout(self.view.features, len(self.view.moving), owned=True, inducing=INDUCING)
+
+    @classmethod
+    def of(cls, log: CalibrationLog, keep: BoolArray, settings: FitSettings, *, searched: bool = True) -> Self:
+        """Return what a log shows.
+
+        Parameters
+        ----------
+        log : CalibrationLog, n samples
+        keep : (n,) mask, samples that are not rejected
+        settings : FitSettings
+        searched : bool, whether the play is searched for, see :meth:`JointFeatures.learn`
+        """
         remarks = list(_remarks(log))
         signal = _input_signal(log, settings)
         source, truth, rows = _complete(log, signal, settings.direction, keep)
         types = log.joint_types(source.shape[1])
         moving = _moving(source[rows], types)
-        still = [str(j + 1) for j in range(len(types)) if j not in moving]
+        still = tuple(j + 1 for j in range(len(types)) if j not in moving)
         if still:
-            remarks.append(f"joint {', '.join(still)} never moves in training: left uncorrected")
+            remarks.append(f"joint {', '.join(map(str, still))} never moves in training: left uncorrected")
         kinds = settings.features or _default_features(log, settings)
         stops = Stops.of(*((source, truth) if settings.direction == "estimate" else (truth, source)))
         path, error = path_and_error(log, source, truth, stops, moving, settings.direction, kinds)
@@ -249,8 +314,7 @@ class JointCorrector(ViewCorrector):
         if stops is not None:
             remarks += stops.remarks(truth if settings.direction == "command" else source, types)
             source = stops.reached(source)
-        features = JointFeatures.learn(kinds, path, error, rows)
-        remarks += features.remarks((moving + 1).tolist())
+        features = JointFeatures.learn(kinds, path, error, rows, searched=searched)
         view = JointView(
             direction=settings.direction,
             input_signal=signal,
@@ -262,25 +326,8 @@ class JointCorrector(ViewCorrector):
             stops=stops,
         )
         samples = view.samples(path, log.trajectory, log.session, error, keep)
-        law, left_out = learn_law(samples, joint_layout(features, len(moving), owned=True, inducing=INDUCING))
-        usual, shortest = usual_steps(path)
-        corrector = cls(
-            law=law,
-            cleaner=cleaner,
-            trained=TrainingMotion.of(source, log.time, log.trajectory, keep, joints=True, static=log.static),
-            view=view,
-            offset=error[rows].mean(axis=0),
-            usual_step=usual,
-            shortest_step=shortest,
-        )
-        report = {
-            "method": settings.method,
-            "features": list(features.kinds),
-            "input": signal,
-            "direction": settings.direction,
-            "uncorrected_joints": [int(number) for number in still],
-        }
-        return Outcome(corrector, samples, left_out, law.intervals.interval95(left_out.std), report, tuple(remarks))
+        remarks += features.remarks((moving + 1).tolist())
+        return cls(view, path, source, error, rows, samples, still, tuple(remarks))
 
 
 def require_joints(log: CalibrationLog) -> None:

@@ -103,11 +103,12 @@ def _upper(sent: FloatArray, ended: FloatArray) -> float:
         if above - below < FEWEST_BELOW or len(x) - above < FEWEST_BEYOND:
             continue
         usual = float(np.median(error[below:above]))
-        scale = robust_scale(np.abs(error[below:above] - usual))
         further = x[above:] - place
         without, with_stop = np.abs(error[above:] - usual).sum(), np.abs(error[above:] + further - usual).sum()
         gain = float(without - with_stop)
-        sure = gain > best and further.mean() > CLEARLY * scale and with_stop <= LEFT * without
+        if gain <= best or with_stop > LEFT * without:
+            continue
+        sure = further.mean() > CLEARLY * robust_scale(np.abs(error[below:above] - usual))
         if sure and _arrivals(sent > place, ended < 2 * place - x[-1] + usual) >= FEWEST_VISITS:
             best, stop = gain, float(place)
     return stop

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from functools import reduce
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from gpcorrect.calibration.cartesian import CommandCorrector
 from gpcorrect.calibration.dataset import Samples, folds_of, held_out
@@ -29,6 +28,7 @@ from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import IntervalCalibration, LeftOut, Predictor, Statistics
 from gpcorrect.gpr.statistics import Points, updated
 from gpcorrect.logs.copies import marks_of, remembered
+from gpcorrect.one_thread import on_one_thread
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal, Progress
 
 KEEPS = (1.0, 0.5, 0.2, 0.05)  # weights of the old data to choose from; chosen by hand
@@ -73,6 +73,7 @@ class Update:
         return tuple(grown)
 
 
+@on_one_thread
 def update_model(
     corrector: Corrector, log: CalibrationLog, *, holdout: float = 0.2, progress: Progress | None = None
 ) -> Update:
@@ -104,19 +105,18 @@ def update_model(
             hint="Where tracker, base or tool were moved, or the arm was rebuilt, fit anew: gpcorrect fit",
             path=log.name,
         )
-    with threadpool_limits(limits=1):
-        samples = corrector.samples(train, keep)
-        law, weight, unseen, _ = _learn(corrector.law, samples, progress)
-        changed: Corrector = replace(corrector, law=law)
-        if isinstance(corrector, CommandCorrector) and corrector.memory is not None:
-            samples = corrector.samples(train, keep, with_memory=True)
-            law, weight, unseen, _ = _learn(corrector.memory.law, samples, progress)
-            changed = replace(corrector, law=changed.law, memory=replace(corrector.memory, law=law))
-        if isinstance(corrector, CommandCorrector) and corrector.route is not None:
-            pairs = PosePairs.of(train, keep, corrector.velocity_step)
-            pair = (corrector.rigid.apply(pairs.observed), pairs.command)
-            route, samples, weight, unseen = _learn_route(corrector.route, train.select(pairs.rows), pair, progress)
-            changed = replace(corrector, law=changed.law, route=route)
+    samples = corrector.samples(train, keep)
+    law, weight, unseen, _ = _learn(corrector.law, samples, progress)
+    changed: Corrector = replace(corrector, law=law)
+    if isinstance(corrector, CommandCorrector) and corrector.memory is not None:
+        samples = corrector.samples(train, keep, with_memory=True)
+        law, weight, unseen, _ = _learn(corrector.memory.law, samples, progress)
+        changed = replace(corrector, law=changed.law, memory=replace(corrector.memory, law=law))
+    if isinstance(corrector, CommandCorrector) and corrector.route is not None:
+        pairs = PosePairs.of(train, keep, corrector.velocity_step)
+        pair = (corrector.rigid.apply(pairs.observed), pairs.command)
+        route, samples, weight, unseen = _learn_route(corrector.route, train.select(pairs.rows), pair, progress)
+        changed = replace(corrector, law=changed.law, route=route)
     n = len(samples.rows)
     known = {"sha256": log.digest, "recordings": list(log.recordings), "contents": list(log.contents)}
     entry = {"source": log.name, **known, "marks": remembered(marks_of(train)), "n_added": n, "keep": weight}

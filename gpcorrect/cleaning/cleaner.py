@@ -14,6 +14,7 @@ from gpcorrect.cleaning.signals import POSES, Pair, pose_pair, recorded_order, s
 from gpcorrect.cleaning.smooth import Residual, SmoothModel, learn_smooth_model
 from gpcorrect.cleaning.steps import StepThresholds
 from gpcorrect.errors import DataError, LogError
+from gpcorrect.one_thread import on_one_thread
 from gpcorrect.rigid import MarkerOption, RigidModel, register
 from gpcorrect.robust import robust_scale
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
@@ -43,6 +44,7 @@ class FittedCleaner:
     settings: CleaningSettings
 
 
+@on_one_thread
 def fit_cleaner(
     log: CalibrationLog,
     settings: CleaningSettings | None = None,
@@ -107,6 +109,7 @@ def fit_cleaner(
     return cleaner, _report(log, labels.replaced(rows, final), cleaner)
 
 
+@on_one_thread
 def clean_with(cleaner: FittedCleaner, log: CalibrationLog) -> CleaningReport:
     """Label the samples of another log by what training data taught.
 

@@ -19,7 +19,7 @@ import numpy as np
 from gpcorrect.cleaning.least_median import least_median_plane
 from gpcorrect.cleaning.settings import CleaningSettings
 from gpcorrect.cleaning.signals import Samples
-from gpcorrect.gpr import AdditiveRBF, WithLinear, conditioned
+from gpcorrect.gpr import AdditiveRBF, WithLinear, conditioned, conditioned_mean, conditioned_on_others
 from gpcorrect.rigid.registration import evenly_spaced
 from gpcorrect.robust import robust_scale
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
@@ -187,11 +187,10 @@ class SmoothModel:
         mean : (m, g w) array, its mean there
         deviation : (m,) array, its standard deviation there, noise included
         """
-        index = np.arange(len(left))
-        expected = np.stack([np.interp(index, rows, column) for column in mean.T], axis=1).reshape(left.shape)
-        deviation = np.interp(index, rows, deviation / np.sqrt(self.noise))[:, None]
-        distance = (np.linalg.norm(left - expected, axis=2) / (deviation * self.scale)).max(axis=1)
-        remainder = (left - expected) * self.unit[:, None]
+        unexplained = _less_field(left, rows, mean)
+        deviation = np.interp(np.arange(len(left)), rows, deviation / np.sqrt(self.noise))[:, None]
+        distance = (np.linalg.norm(unexplained, axis=2) / (deviation * self.scale)).max(axis=1)
+        remainder = unexplained * self.unit[:, None]
         return Residual(remainder, remainder, distance, self.unit * self.scale * np.median(deviation))
 
 
@@ -259,7 +258,15 @@ def learn_smooth_model(
         reach,
     )
     others = model.beside(left, asked, mean, deviation)
-    return model, replace(others, along=model.residual(samples).left)
+    throughout = conditioned_mean(model.kernel, model.noise, model.inputs, model.outputs, X[asked])
+    return model, replace(others, along=_less_field(left, asked, throughout) * model.unit[:, None])
+
+
+def _less_field(left: FloatArray, rows: IntArray, mean: FloatArray) -> FloatArray:
+    """Return scaled errors `left` (n, g, w) less the field, whose mean (m, g w) is known at `rows`."""
+    index = np.arange(len(left))
+    field: FloatArray = np.stack([np.interp(index, rows, column) for column in mean.T], axis=1).reshape(left.shape)
+    return left - field
 
 
 def _reach(inputs: FloatArray) -> FloatArray:
@@ -308,12 +315,8 @@ def _confirmed(train: _Data, factor: float) -> tuple[_Data, _Hyper]:
 
 def _cross_predict(train: _Data, asked: _Data, hyper: _Hyper) -> tuple[FloatArray, FloatArray]:
     """Mean (n, g w) and deviation (n,) at the asked samples, each from the training samples of the other folds."""
-    mean, deviation = np.zeros(asked.Y.shape), np.ones(len(asked.Y))
     kernel = hyper.kernel(*train.sizes)
-    for fold in np.unique(asked.fold):
-        others, here = train.fold != fold, asked.fold == fold
-        mean[here], deviation[here] = conditioned(kernel, hyper.noise, train.X[others], train.Y[others], asked.X[here])
-    return mean, deviation
+    return conditioned_on_others(kernel, hyper.noise, (train.X, train.Y, train.fold), (asked.X, asked.fold))
 
 
 def _best_hyper(train: _Data) -> _Hyper:

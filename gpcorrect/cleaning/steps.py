@@ -18,7 +18,7 @@ from gpcorrect.cleaning.report import Reason
 from gpcorrect.cleaning.settings import CleaningSettings
 from gpcorrect.cleaning.signals import Samples
 from gpcorrect.cleaning.smooth import Residual
-from gpcorrect.robust import robust_scale
+from gpcorrect.robust import medians_of, robust_scale
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
 # The constants here were chosen by hand on the simulated recordings of bench/cleaning_faults.py.
@@ -196,7 +196,7 @@ class Pieces:
         ----------
         values : (n,) array, A value a sample
         """
-        return np.array([np.median(values[a : b + 1]) for a, b in zip(self.first, self.last, strict=True)])
+        return medians_of(values, self.label)
 
 
 def split_pieces(path: Path) -> Pieces:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from gpcorrect.gpr.features import FeatureMap
     from gpcorrect.gpr.intervals import IntervalCalibration, LeftOut, learn_inflation, novelty_limit
     from gpcorrect.gpr.kernels import AdditiveMatern52, AdditiveRBF, Kernel, WithLinear
-    from gpcorrect.gpr.linalg import conditioned
+    from gpcorrect.gpr.linalg import conditioned, conditioned_mean, conditioned_on_others
     from gpcorrect.gpr.predictor import Predictor, SharedPredictor
     from gpcorrect.gpr.sparse import SparseGPR
     from gpcorrect.gpr.statistics import Statistics
@@ -23,7 +23,7 @@ __getattr__ = imported_on_demand(
         "features": "FeatureMap",
         "intervals": "IntervalCalibration LeftOut learn_inflation novelty_limit",
         "kernels": "AdditiveMatern52 AdditiveRBF Kernel WithLinear",
-        "linalg": "conditioned",
+        "linalg": "conditioned conditioned_mean conditioned_on_others",
         "predictor": "Predictor SharedPredictor",
         "sparse": "SparseGPR",
         "statistics": "Statistics",
@@ -44,6 +44,8 @@ __all__ = [
     "Statistics",
     "WithLinear",
     "conditioned",
+    "conditioned_mean",
+    "conditioned_on_others",
     "learn_inflation",
     "novelty_limit",
 ]

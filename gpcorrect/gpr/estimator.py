@@ -88,6 +88,11 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
         ----------
         X, y, groups, times
             As for :meth:`fit`.
+
+        Raises
+        ------
+        DataError
+            The model was fitted with groups or times and these data have none, or the other way round.
         """
         check_is_fitted(self, "predictor_")
         return copy(self)._fit(X, y, groups, times, Progress(), self.learned_)

@@ -21,13 +21,14 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from gpcorrect.errors import DataError
-from gpcorrect.gpr.linalg import cholesky
-from gpcorrect.gpr.predictor import SharedPredictor
 from gpcorrect.gpr.statistics import Statistics
 from gpcorrect.types import FloatArray, IntArray, Progress, frozen_array
 
 if TYPE_CHECKING:
     from gpcorrect.gpr.sparse import SparseGPR
+
+    _Without = tuple[SparseGPR, Sequence[Statistics]]
+    """A model whose points and hyperparameters stand, and what it rests on without a fold."""
 
 
 LEVEL = 0.95  # what an interval promises
@@ -107,9 +108,9 @@ def novelty_limit(novelty: FloatArray) -> float:
 
     Parameters
     ----------
-    novelty : (n,) array, of left-out training samples
+    novelty : (n,) array, of left-out training samples; NaN where unknown
     """
-    return float(np.quantile(novelty, INSIDE))
+    return float(np.nanquantile(novelty, INSIDE))
 
 
 def _factor(scores: FloatArray, labels: IntArray) -> float:
@@ -119,12 +120,20 @@ def _factor(scores: FloatArray, labels: IntArray) -> float:
     scores, labels = scores[order], labels[order]
     weights = 1.0 / counts[labels]
     folds = labels % min(FOLDS, len(counts))
+    parts = (
+        [
+            (_Quantiles.of(scores[out], weights[out]), _Quantiles.of(scores[~out], weights[~out]))
+            for out in (folds == fold for fold in range(int(folds.max()) + 1))
+        ]
+        if len(counts) > 1
+        else []
+    )
     low, high = LEVEL, 1.0
-    for _ in range(STEPS if len(counts) > 1 else 0):
+    for _ in range(STEPS if parts else 0):
         middle = 0.5 * (low + high)
-        covered = _covered(scores, weights, folds, middle)
+        covered = sum(own.weight_within(others.at(middle)) for own, others in parts) / float(weights.sum())
         low, high = (low, middle) if covered >= LEVEL else (middle, high)
-    return _quantile(scores, weights, low)
+    return _Quantiles.of(scores, weights).at(low)
 
 
 def _needed_by_parts(scores: FloatArray, parts: IntArray) -> FloatArray:
@@ -143,20 +152,26 @@ def _needed_by_parts(scores: FloatArray, parts: IntArray) -> FloatArray:
     return factor
 
 
-def _covered(scores: FloatArray, weights: FloatArray, folds: IntArray, level: float) -> float:
-    """Weighted share of each fold below the quantile of the others, over all folds."""
-    inside = 0.0
-    for fold in range(int(folds.max()) + 1):
-        out = folds == fold
-        limit = _quantile(scores[~out], weights[~out], level)
-        inside += float(weights[out][scores[out] <= limit].sum())
-    return inside / float(weights.sum())
+@dataclass(frozen=True, eq=False)
+class _Quantiles:
+    """Scores `(n,)`, sorted, and the weight of all up to each `(n,)`."""
 
+    scores: FloatArray
+    weight: FloatArray
 
-def _quantile(scores: FloatArray, weights: FloatArray, level: float) -> float:
-    """Smallest score that has at least `level` of the weight at or below it; scores come sorted."""
-    share = np.cumsum(weights) / weights.sum()
-    return float(scores[min(int(np.searchsorted(share, level)), len(scores) - 1)])
+    @classmethod
+    def of(cls, scores: FloatArray, weights: FloatArray) -> Self:
+        return cls(scores, np.cumsum(weights))
+
+    def at(self, level: float) -> float:
+        """Smallest score that has at least `level` of the weight at or below it."""
+        share = self.weight / self.weight[-1]
+        return float(self.scores[min(int(np.searchsorted(share, level)), len(share) - 1)])
+
+    def weight_within(self, limit: float) -> float:
+        """Weight of the scores at or below a limit."""
+        count = int(np.searchsorted(self.scores, limit, side="right"))
+        return float(self.weight[count - 1]) if count else 0.0
 
 
 INFLATIONS = (1.0, 3.0, 10.0, 30.0)
@@ -170,7 +185,7 @@ class LeftOut:
 
     Parameters
     ----------
-    errors, std : (n, m) arrays, errors, and the standard deviations promised for them
+    errors, std : (n, m) arrays, errors, and the standard deviations promised for them; NaN where nothing was predicted
     novelty : (n,) array
     """
 
@@ -187,6 +202,7 @@ def learn_inflation(
     groups: IntArray | None = None,
     times: FloatArray | None = None,
     progress: Progress | None = None,
+    stride: int = 1,
 ) -> tuple[SparseGPR, LeftOut]:
     """Return a fitted regressor with the inflation that predicts left-out folds best, and what it predicts of them.
 
@@ -199,6 +215,7 @@ def learn_inflation(
         Trajectories and times that it was fitted with. Where there are few trajectories, what is said of a left-out one
         comes from hyperparameters that were not learned from it either.
     progress : Progress, optional, updated after each fold
+    stride : int, every so-manieth sample of a fold is predicted, the others are NaN: where neighbours err alike
 
     Raises
     ------
@@ -208,25 +225,24 @@ def learn_inflation(
     if len(names := np.unique(folds)) < 2:
         raise DataError("leaving samples out needs at least two folds.", hint="Number blocks of time as folds.")
     progress = progress or Progress()
-    stride = -(-len(X) // JUDGES)
-    without, squares = [], np.zeros((len(INFLATIONS), len(regressor.learned_)))
     few = groups is not None and len(np.unique(groups)) < FEW
-    models = _afresh(regressor, X, Y, folds, groups, times) if few else _less(regressor, X, Y, folds)
-    for fold, model in zip(names, models, strict=True):
+    without = []
+    for model in _afresh(regressor, X, Y, folds, groups, times) if few else _less(regressor, X, Y, folds):
         without.append(model)
-        judges = np.flatnonzero(folds == fold)[::stride]
-        squares += _squares(model, X[judges], Y[judges])
         progress.step("left-out trajectories", len(without) / len(names))
-    inflation = tuple(INFLATIONS[best] for best in squares.argmin(axis=0))
-    return regressor.inflated(inflation), _left_out(without, inflation, X, Y, folds)
+    stride = -(-len(X) // JUDGES)
+    judges = [np.flatnonzero(folds == name)[::stride] for name in names]
+    inflation = tuple(_best_inflation(without, group, X, Y, judges) for group in range(len(regressor.learned_)))
+    judged = [np.flatnonzero(folds == name)[::stride] for name in names]
+    return regressor.inflated(inflation), _left_out(without, inflation, X, Y, judged)
 
 
-def _less(regressor: SparseGPR, X: FloatArray, Y: FloatArray, folds: IntArray) -> Iterator[SparseGPR]:
+def _less(regressor: SparseGPR, X: FloatArray, Y: FloatArray, folds: IntArray) -> Iterator[_Without]:
     """Models without each fold, under the hyperparameters and points of all: the sums of all less those of the fold."""
     for k, fold in enumerate(np.unique(folds)):
         parts = regressor.by_part_
         own = parts[k] if parts else regressor.collected(X[folds == fold], Y[folds == fold])
-        yield regressor.resting_on([a.minus(b) for a, b in zip(regressor.statistics_, own, strict=True)])
+        yield regressor, [a.minus(b) for a, b in zip(regressor.statistics_, own, strict=True)]
 
 
 def _afresh(
@@ -236,41 +252,56 @@ def _afresh(
     folds: IntArray,
     groups: IntArray | None,
     times: FloatArray | None,
-) -> Iterator[SparseGPR]:
+) -> Iterator[_Without]:
     """Models that saw nothing of each fold, hyperparameters and points included; they search among as many fewer."""
     for fold in np.unique(folds):
         rows = folds != fold
         stretches = (None if part is None else part[rows] for part in (groups, times))
         fewer = copy(regressor).set_params(n_learn=round(regressor.n_learn * float(rows.mean())))
-        yield fewer.relearn(X[rows], Y[rows], *stretches)
+        model = fewer.relearn(X[rows], Y[rows], *stretches)
+        yield model, model.statistics_
 
 
-def _squares(model: SparseGPR, X: FloatArray, Y: FloatArray) -> FloatArray:
-    """Sum squared errors `(steps, groups)`, every output in its own spread, under each inflation."""
-    sums = np.empty((len(INFLATIONS), len(model.learned_)))
-    for g, (learned, part, statistics) in enumerate(
-        zip(model.learned_, model.predictor_.parts, model.statistics_, strict=True)
-    ):
-        errors = Y[:, learned.columns] - _means(part, statistics, X)
-        sums[:, g] = ((errors / learned.scaling.y_spread) ** 2).sum(axis=(1, 2))
-    return sums
+def _best_inflation(
+    without: Sequence[_Without], group: int, X: FloatArray, Y: FloatArray, judges: Sequence[IntArray]
+) -> float:
+    """Inflation of least squared error of a group's outputs, each in its own spread, at the judges of left-out folds.
 
+    From the middle of the list on larger ones are tried while they are better, or else smaller ones.
+    """
+    asked = []
+    for (model, rest), rows in zip(without, judges, strict=True):
+        points, learned = model.points_[group], model.learned_[group]
+        spread = learned.scaling.y_spread
+        left = (Y[rows, learned.columns] - points.offset) / spread
+        asked.append((points, rest[group], points.kernel(X[rows], points.basis), left, spread))
 
-def _means(part: SharedPredictor, statistics: Statistics, X: FloatArray) -> FloatArray:
-    """Means `(steps, n, m)` under each inflation."""
-    L = cholesky(part.kernel(part.basis, part.basis))[0]
-    K = part.kernel(X, part.basis)
-    ratio = part.noise / part.signal
-    tried = [replace(statistics, inflation=inflation) for inflation in INFLATIONS]
-    return np.array([K @ one.mean_weights(L, ratio) + part.offset for one in tried])
+    def squares(inflation: float) -> float:
+        total = 0.0
+        for points, statistics, K, left, spread in asked:
+            weights = replace(statistics, inflation=inflation).mean_weights(points.L, points.noise / points.signal)
+            total += float(((left - K @ weights / spread) ** 2).sum())
+        return total
+
+    middle = len(INFLATIONS) // 2
+    first, least = INFLATIONS[middle], squares(INFLATIONS[middle])
+    for further in (INFLATIONS[middle + 1 :], INFLATIONS[:middle][::-1]):
+        best = first
+        for inflation in further:
+            if (found := squares(inflation)) >= least:
+                break
+            best, least = inflation, found
+        if best != first:
+            return best
+    return first
 
 
 def _left_out(
-    without: Sequence[SparseGPR], inflation: tuple[float, ...], X: FloatArray, Y: FloatArray, folds: IntArray
+    without: Sequence[_Without], inflation: tuple[float, ...], X: FloatArray, Y: FloatArray, judged: Sequence[IntArray]
 ) -> LeftOut:
-    errors, std, novelty = np.empty(Y.shape), np.empty(Y.shape), np.empty(len(X))
-    for fold, model in zip(np.unique(folds), without, strict=True):
-        rows = folds == fold
-        mean, std[rows], novelty[rows] = model.inflated(inflation).predictor_.mean_std_batch(X[rows])
+    errors, std, novelty = np.full(Y.shape, np.nan), np.full(Y.shape, np.nan), np.full(len(X), np.nan)
+    for rows, (model, statistics) in zip(judged, without, strict=True):
+        inflated = [replace(own, inflation=factor) for own, factor in zip(statistics, inflation, strict=True)]
+        mean, std[rows], novelty[rows] = model.resting_on(inflated).predictor_.mean_std_batch(X[rows])
         errors[rows] = Y[rows] - mean
     return LeftOut(errors, std, novelty)

@@ -154,6 +154,12 @@ def learn(
     data = LearningData(X, Y, sample_lags(groups, times))
     time_range = None if groups is None or times is None else _time_range(data.lags.seconds)
     layout = Layout(masks, Y.shape[1], groups is not None, time_range, kinds[0])
+    if start is not None and len(start) != len(layout.start):
+        raise DataError(
+            f"a search that goes on from {len(start)} hyperparameters cannot go on with {len(layout.start)}:"
+            " data of the same kind have as many.",
+            hint="Give groups and times where the first fit had them, and only there.",
+        )
     starts = [_start(layout, start, attempt, rng) for attempt in range(1 + restarts)]
     best = _search(data, layout, starts, TOLERANCE if start is None else TOLERANCE_FROM_KNOWN, progress)
     for kind in kinds[1:]:

@@ -20,7 +20,7 @@ from gpcorrect.gpr.kernels import Kernel
 from gpcorrect.gpr.learning import KernelOption, Learned
 from gpcorrect.gpr.linalg import cholesky
 from gpcorrect.gpr.predictor import Predictor, SharedPredictor
-from gpcorrect.gpr.statistics import Points, Statistics, updated
+from gpcorrect.gpr.statistics import Points, Statistics
 from gpcorrect.types import FloatArray, IntArray, Progress
 
 CANDIDATES_PER_POINT = 5  # chosen by hand, as is the next: more candidates cost time in proportion
@@ -49,6 +49,7 @@ class SparseGPR(GaussianProcess):
         What had to be added to the inducing points' correlations (of unit variance) for their factorisation;
         the largest of the groups of outputs.
     unseen_ : float, mean share of prior variance that the inducing points cannot see at the training samples; likewise
+    points_ : tuple of Points, what each group of outputs rests on, its covariance factored
     statistics_ : tuple of Statistics, what the posterior of each group of outputs rests on; data can be added to it
 
     See Also
@@ -78,9 +79,10 @@ class SparseGPR(GaussianProcess):
         self.kernel = kernel
         self.random_state = random_state
 
+    points_: tuple[Points, ...]
     statistics_: tuple[Statistics, ...]
     by_part_: tuple[tuple[Statistics, ...], ...]
-    _parts: tuple[list[IntArray], FloatArray] | None = None
+    _parts: tuple[list[IntArray], FloatArray, int] | None = None
 
     def fit_by_parts(
         self,
@@ -89,6 +91,7 @@ class SparseGPR(GaussianProcess):
         parts: IntArray,
         terms: FloatArray | None = None,
         *,
+        stride: int = 1,
         groups: IntArray | None = None,
         times: FloatArray | None = None,
         progress: Progress | None = None,
@@ -100,15 +103,30 @@ class SparseGPR(GaussianProcess):
         X, Y : (n, d) and (n, m) arrays, inputs and outputs
         parts : (n,) array, which samples are left out together; `by_part_` is in the order of their labels
         terms : (n, k) array, optional, see :meth:`collected`
+        stride : int
+            Every so-manieth sample of a part is summed, and stands for those between, which are like it; see
+            :meth:`with_all`.
         groups, times, progress
             See :meth:`fit`.
         """
         rows = [np.flatnonzero(parts == part) for part in np.unique(parts)]
-        self._parts = rows, np.zeros((len(X), 0)) if terms is None else terms
+        self._parts = rows, np.zeros((len(X), 0)) if terms is None else terms, stride
         try:
             return self.fit(X, Y, groups, times, progress)
         finally:
             self._parts = None
+
+    def with_all(self, X: FloatArray, Y: FloatArray, parts: IntArray) -> Self:
+        """Return a copy that rests on all samples, under the same points and hyperparameters.
+
+        Parameters
+        ----------
+        X, Y, parts
+            As for :meth:`fit_by_parts`.
+        """
+        other = copy(self)
+        other.by_part_ = tuple(self.collected(X[parts == part], Y[parts == part]) for part in np.unique(parts))
+        return other.resting_on([reduce(Statistics.plus, found) for found in zip(*other.by_part_, strict=True)])
 
     def inflated(self, inflation: Sequence[float]) -> Self:
         """Return a copy whose posterior, of the same data and hyperparameters, counts so many samples as one.
@@ -131,7 +149,8 @@ class SparseGPR(GaussianProcess):
         """
         other = copy(self)
         other.statistics_ = tuple(statistics)
-        other.predictor_ = Predictor(tuple(map(updated, self.predictor_.parts, other.statistics_)))
+        pairs = zip(self.points_, other.statistics_, strict=True)
+        other.predictor_ = Predictor(tuple(points.posterior(own, self.n_variance) for points, own in pairs))
         return other
 
     def collected(self, X: FloatArray, Y: FloatArray, terms: FloatArray | None = None) -> tuple[Statistics, ...]:
@@ -141,11 +160,11 @@ class SparseGPR(GaussianProcess):
         ----------
         X, Y, terms : (n, d), (n, m) and (n, k) arrays
         """
-        pairs = zip(self.predictor_.parts, self.learned_, strict=True)
-        return tuple(Points.of(part).collect(X, Y[:, own.columns], Progress(), terms) for part, own in pairs)
+        pairs = zip(self.points_, self.learned_, strict=True)
+        return tuple(points.collect(X, Y[:, own.columns], Progress(), terms) for points, own in pairs)
 
     def _predictor(self, X: FloatArray, Y: FloatArray, rng: np.random.Generator, progress: Progress) -> Predictor:
-        self.jitter_, self.unseen_, self.statistics_, self.by_part_ = 0.0, 0.0, (), ()
+        self.jitter_, self.unseen_, self.points_, self.statistics_, self.by_part_ = 0.0, 0.0, (), (), ()
         return super()._predictor(X, Y, rng, progress)
 
     def _posterior(
@@ -157,6 +176,7 @@ class SparseGPR(GaussianProcess):
         points = Points(kernel, basis, L, learned.scaling.y_centre, learned.signal, learned.noise)
         inflation = 1.0 if self.inflation is None else self.inflation[len(self.statistics_)]
         statistics = replace(self._collect(points, X, Y, progress), inflation=inflation)
+        self.points_ = (*self.points_, points)
         self.statistics_ = (*self.statistics_, statistics)
         self.jitter_ = max(self.jitter_, jitter)
         self.unseen_ = max(self.unseen_, statistics.unseen(len(basis)))
@@ -166,8 +186,9 @@ class SparseGPR(GaussianProcess):
         """Return the statistics of all samples; with parts to be left out later, the sum of theirs."""
         if self._parts is None:
             return points.collect(X, Y, progress)
-        parts, terms = self._parts
-        found = [points.collect(X[rows], Y[rows], progress, terms[rows]) for rows in parts]
+        parts, terms, stride = self._parts
+        chosen = [rows[::stride] for rows in parts]
+        found = [points.collect(X[rows], Y[rows], progress, terms[rows]).counted(stride) for rows in chosen]
         self.by_part_ = tuple(
             (*before, own) for before, own in zip(self.by_part_ or [()] * len(found), found, strict=True)
         )

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from scipy.linalg import blas, cho_factor, cho_solve, lapack, solve_triangular
+from scipy.linalg import blas, cho_factor, cho_solve, solve_triangular
 
 from gpcorrect.gpr.kernels import Kernel
-from gpcorrect.gpr.linalg import cholesky
+from gpcorrect.gpr.linalg import cholesky, triangular_inverse
 from gpcorrect.gpr.predictor import SharedPredictor
 from gpcorrect.types import FloatArray, Progress
 
@@ -52,6 +52,15 @@ class Statistics:
         keep : float
         """
         return replace(self, G=keep * self.G + other.G, Vy=keep * self.Vy + other.Vy, n=keep * self.n + other.n)
+
+    def counted(self, times: int) -> Statistics:
+        """Return the statistics where each sample stands for so many.
+
+        Parameters
+        ----------
+        times : int
+        """
+        return replace(self, G=times * self.G, Vy=times * self.Vy, n=times * self.n)
 
     def minus(self, other: Self) -> Statistics:
         """Return the statistics without the others, which must be among them.
@@ -150,7 +159,7 @@ class Points:
         """
         columns = Y - self.offset if terms is None else np.hstack([Y - self.offset, terms])
         G, Vy = np.zeros(self.L.shape, order="F"), np.zeros((len(self.basis), columns.shape[1]))
-        inverse, _ = lapack.dtrtri(self.L, lower=1)
+        inverse = triangular_inverse(self.L)
         for start in range(0, len(X), BLOCK):
             rows = slice(start, start + BLOCK)
             V = blas.dtrmm(1.0, inverse, self.kernel(X[rows], self.basis).T, lower=1, overwrite_b=1)

@@ -22,7 +22,7 @@ ITERATIONS = 30  # a start: the alternation creeps where rotations are small, an
 MEAN_ROUNDS = 20  # of weighing rotations: converged to rounding well before
 
 
-def fit_marker(observed: PoseSignal, command: PoseSignal) -> RigidModel:
+def fit_marker(observed: PoseSignal, command: PoseSignal, near: RigidModel | None = None) -> RigidModel:
     """Solve `T_base_tracker X_i T_marker_tip = U_i` for the registration of the tracker and the tip's pose.
 
     The problem is the AX = YB of Zhuang, Roth and Sudhakar (IEEE T-RA 10(4), 1994). Both rotations start from the
@@ -37,6 +37,9 @@ def fit_marker(observed: PoseSignal, command: PoseSignal) -> RigidModel:
         Poses X_i of the marker in the tracker's frame, with orientations; n samples, all finite.
     command : PoseSignal
         Poses U_i (or positions) of the tip in the base frame.
+    near : RigidModel, optional
+        Solution of nearly the same samples: the refinement starts from it alone, and ends where a step moves
+        less than any noise: to be compared, not to be kept.
 
     Raises
     ------
@@ -56,12 +59,16 @@ def fit_marker(observed: PoseSignal, command: PoseSignal) -> RigidModel:
         u=command.position - centre_u,
         R_cmd=None if command.quaternion is None else se3.matrix_from_quaternion(command.quaternion),
     )
-    if samples.R_cmd is not None:
+    if near is not None:
+        starts = [
+            MarkerState(near.R_position, near.t - centre_u + near.R_position @ centre_p, near.R_right, near.offset)
+        ]
+    elif samples.R_cmd is not None:
         starts = [_with_lever_arm(samples, *_start_rotations(samples.R_obs, samples.R_cmd))]
     else:  # without a lever arm, and from a linear solution
         rotations = (fit_robustly(observed, command).R_position, _rotation_from_positions(samples))
         starts = [_with_lever_arm(samples, R, np.eye(3)) for R in rotations]
-    state = min((refine(samples, start) for start in starts), key=lambda end: end[1])[0]
+    state = min((refine(samples, start, known=near is not None) for start in starts), key=lambda end: end[1])[0]
     t = state.t + centre_u - state.R @ centre_p
     return RigidModel("marker", R_position=state.R, t=t, offset=state.offset, R_left=state.R, R_right=state.R_right)
 
@@ -85,7 +92,7 @@ def require_observable(observed: PoseSignal, command: PoseSignal) -> Observabili
     return observability
 
 
-def fit_separate(observed: PoseSignal, command: PoseSignal) -> RigidModel:
+def fit_separate(observed: PoseSignal, command: PoseSignal, near: RigidModel | None = None) -> RigidModel:
     """Points registered by points, orientations by `R_left R_obs R_right = R_cmd`, both robustly.
 
     Trackers that solve wrist and tip from different fiducials report such poses: no one rigid body explains both.
@@ -96,6 +103,9 @@ def fit_separate(observed: PoseSignal, command: PoseSignal) -> RigidModel:
     ----------
     observed, command : PoseSignal
         n samples each with orientations, all finite.
+    near : RigidModel, optional
+        Solution of nearly the same samples: the refinement of orientations starts from it, and ends as for
+        :func:`fit_marker`.
 
     Raises
     ------
@@ -105,8 +115,8 @@ def fit_separate(observed: PoseSignal, command: PoseSignal) -> RigidModel:
         Fewer than three samples, or points that coincide or lie on one line.
     """
     check_pair(observed, command)
-    points = fit_robustly(observed, command)
-    R_left, R_right = _fit_orientations(observed, command)
+    points = fit_robustly(observed, command, near)
+    R_left, R_right = _fit_orientations(observed, command, near)
     return RigidModel("separate", R_position=points.R_position, t=points.t, R_left=R_left, R_right=R_right)
 
 
@@ -155,7 +165,9 @@ def _weights(norms: FloatArray) -> FloatArray:
     return cauchy_weights(norms, component_scale(norms))
 
 
-def _fit_orientations(observed: PoseSignal, command: PoseSignal) -> tuple[FloatArray, FloatArray]:
+def _fit_orientations(
+    observed: PoseSignal, command: PoseSignal, near: RigidModel | None
+) -> tuple[FloatArray, FloatArray]:
     observability = rotation_observability(observed, command)
     if observability is None or observed.quaternion is None or command.quaternion is None:
         raise DataError("separate registration needs observed and commanded orientations, got positions only.")
@@ -164,9 +176,9 @@ def _fit_orientations(observed: PoseSignal, command: PoseSignal) -> tuple[FloatA
     R_cmd = se3.matrix_from_quaternion(command.quaternion[rows])
     if observability.n_axes == 0:
         return _robust_left(R_obs, R_cmd, np.eye(3)), np.eye(3)
-    R_left, R_right = _start_rotations(R_obs, R_cmd)
+    R_left, R_right = _start_rotations(R_obs, R_cmd) if near is None else (near.R_left, near.R_right)
     start = MarkerState(R_left, np.zeros(3), R_right, np.zeros(3))
-    R_left, _, R_right, _ = refine(Samples(R_obs, R_cmd=R_cmd), start)[0]
+    R_left, _, R_right, _ = refine(Samples(R_obs, R_cmd=R_cmd), start, known=near is not None)[0]
     if observability.n_axes == 1:  # of the rotations `exp(phi axis) R_right` that of smallest angle, of largest trace
         axis = observability.axes[0]
         sine, cosine = np.trace(se3.hat(axis) @ R_right), np.trace(R_right) - axis @ R_right @ axis

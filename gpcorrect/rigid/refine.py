@@ -12,11 +12,11 @@ from gpcorrect.rigid.registration import cauchy_loss, cauchy_weights, component_
 from gpcorrect.types import FloatArray
 
 GENERATORS = se3.hat(np.eye(3))  # GENERATORS[k] @ v = e_k x v
-SCALE_ROUNDS = 5  # of robust scales, chosen by hand
+SCALE_ROUNDS, KNOWN_ROUNDS = 5, 2  # of robust scales, and from a start that has them nearly right; chosen by hand
 MAX_STEPS = 60  # Gauss-Newton ends by its tolerance before
 MAX_HALVINGS = 12  # a step 4000 times shorter that does not help is no descent
 STEP_TOLERANCE = 1e-11  # rad and m: below what any sensor sees
-COARSE_TOLERANCE = 1e-6  # the same while the scales still change: a scale is known to parts in a thousand
+COARSE_TOLERANCE = 1e-6  # the same while the scales still change, or kinds are compared: below any noise
 LEAST_SCALE = 1e-6  # of the spread of the points, and rad: keeps exact positions from silencing rotations
 CONDITION = 1e-14  # of the normal equations: weaker directions are not determined and stay as they are
 
@@ -55,7 +55,7 @@ class Samples:
     R_cmd: FloatArray | None = None  # (n, 3, 3) commanded rotations
 
 
-def refine(samples: Samples, start: MarkerState) -> tuple[MarkerState, float]:
+def refine(samples: Samples, start: MarkerState, *, known: bool = False) -> tuple[MarkerState, float]:
     """State of least Cauchy loss near `start`, and the loss.
 
     Positions and rotations are each measured in units of their own robust scale, which follows the fit.
@@ -64,9 +64,12 @@ def refine(samples: Samples, start: MarkerState) -> tuple[MarkerState, float]:
     ----------
     samples : Samples
     start : MarkerState
+    known : bool
+        Whether the start solves nearly the same samples, and the end is only to be compared: few rounds, and steps
+        below any noise end them.
     """
-    state = start
-    for tolerance in (*[COARSE_TOLERANCE] * (SCALE_ROUNDS - 1), STEP_TOLERANCE):
+    state, rounds = start, KNOWN_ROUNDS if known else SCALE_ROUNDS
+    for tolerance in (*[COARSE_TOLERANCE] * (rounds - 1), COARSE_TOLERANCE if known else STEP_TOLERANCE):
         state = _descend(samples, state, _scales(samples, state), tolerance)
     return state, _loss(samples, state, _scales(samples, state))
 

@@ -21,6 +21,7 @@ WIDTH = 3.0  # standard deviations at which a sample counts half
 MAX_SAMPLES = 2000  # a dozen unknowns are no better known from more: neighbours in time repeat each other
 MAX_ROUNDS = 40  # of weights, which end by their tolerance before
 TOLERANCE = 1e-7  # of a weight: less moves nothing
+KNOWN_TOLERANCE = 1e-4  # the same where weights are nearly known, and a model is only compared or weighed anew
 WEIGHT_ROUNDS = 12  # of weighing positions and rotations by their scales
 WEIGHT_TOLERANCE = 0.02  # of the weight: less turns nothing
 FLOOR = 1e-12  # m or rad: exact data leave no scale to divide by
@@ -202,18 +203,19 @@ def evenly_spaced(n: int, most: int = MAX_SAMPLES) -> IntArray:
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))
 
 
-def fit_robustly(observed: PoseSignal, command: PoseSignal) -> RigidModel:
+def fit_robustly(observed: PoseSignal, command: PoseSignal, near: RigidModel | None = None) -> RigidModel:
     """Registration of the points of least Cauchy loss, by reweighting :func:`fit_position` from equal weights on.
 
     Parameters
     ----------
     observed : PoseSignal, poses of the marker in the tracker frame
     command : PoseSignal, poses of the tip in the base frame
+    near : RigidModel, optional, solution of nearly the same samples, whose weights come first
     """
-    return _reweighted(_robust_pairs(observed, command), None)
+    return _reweighted(_robust_pairs(observed, command), None, near)
 
 
-def fit_balanced(observed: PoseSignal, command: PoseSignal) -> RigidModel:
+def fit_balanced(observed: PoseSignal, command: PoseSignal, near: RigidModel | None = None) -> RigidModel:
     """Robust pose in which positions and orientations decide by how well each is known, not by square metres.
 
     Of two kinds of errors with standard deviations s_p and s_r, maximum likelihood weighs squared chords of rotations,
@@ -223,13 +225,14 @@ def fit_balanced(observed: PoseSignal, command: PoseSignal) -> RigidModel:
     Parameters
     ----------
     observed, command : PoseSignal, n samples each with orientations, all finite
+    near : RigidModel, optional, solution of nearly the same samples, whose weights come first
     """
     pairs = _robust_pairs(observed, command)
-    weight, model = 1.0, _reweighted(pairs, 1.0)
+    weight, model = 1.0, _reweighted(pairs, 1.0) if near is None else near
     for _ in range(WEIGHT_ROUNDS):
         s_p, s_r = map(component_scale, pairs.norms(model))
         before, weight = weight, s_p**2 / (2 * s_r**2)
-        model = _reweighted(pairs, weight)
+        model = _reweighted(pairs, weight, model)
         if abs(weight - before) < WEIGHT_TOLERANCE * before:
             break
     return model
@@ -241,16 +244,22 @@ def _robust_pairs(observed: PoseSignal, command: PoseSignal) -> _Pairs:
     return _Pairs.of(observed[rows], command[rows])
 
 
-def _reweighted(pairs: _Pairs, rotation_weight: float | None) -> RigidModel:
-    weights = np.ones(len(pairs.p))
+def _reweighted(pairs: _Pairs, rotation_weight: float | None, near: RigidModel | None = None) -> RigidModel:
+    weights = np.ones(len(pairs.p)) if near is None else _weights(pairs, near)
+    tolerance = TOLERANCE if near is None else KNOWN_TOLERANCE
     for _ in range(1 + MAX_ROUNDS):
         w = weights / weights.sum()
         model = _position(pairs, w) if rotation_weight is None else _pose(pairs, w, rotation_weight)
         previous = weights
-        weights = np.min([cauchy_weights(r, component_scale(r)) for r in pairs.norms(model)], axis=0)
-        if np.abs(weights - previous).max() < TOLERANCE:
+        weights = _weights(pairs, model)
+        if np.abs(weights - previous).max() < tolerance:
             break
     return model
+
+
+def _weights(pairs: _Pairs, model: RigidModel) -> FloatArray:
+    weights: FloatArray = np.min([cauchy_weights(r, component_scale(r)) for r in pairs.norms(model)], axis=0)
+    return weights
 
 
 def _cross_covariance(pairs: _Pairs, w: FloatArray) -> FloatArray:

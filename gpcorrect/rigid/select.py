@@ -14,18 +14,20 @@ from gpcorrect.rigid.handeye import fit_marker, fit_separate, require_observable
 from gpcorrect.rigid.model import RigidKind, RigidModel, pose_residual
 from gpcorrect.rigid.observability import Observability, rotation_observability
 from gpcorrect.rigid.registration import check_pair, evenly_spaced, fit_balanced, fit_pose, fit_robustly
-from gpcorrect.robust import MAD_TO_STD
+from gpcorrect.robust import MAD_TO_STD, medians_of
 from gpcorrect.types import FloatArray, IntArray, PoseSignal
 
 MarkerOption = Literal["none", "solve", "auto"]
 
-Fit = Callable[[PoseSignal, PoseSignal], RigidModel]
+Fit = Callable[[PoseSignal, PoseSignal, RigidModel | None], RigidModel]
+"""Of observed and commanded poses, and the solution of nearly the same ones where there is one."""
 
 FOLDS = 5  # the usual number for choosing between models
 BLOCKS = 10  # parts of a recording that has too few trajectories to leave some out
 LEAST_BLOCK = 3  # samples
-MAX_SAMPLES = 1000  # in a fold's fit: enough to rank the kinds
-MAX_JUDGED = 200  # in each unit, for its median
+MAX_SAMPLES = 1000  # in a fold's fit, or a first one: enough to rank the kinds
+MAX_JUDGED, LEAST_JUDGED = 200, 20  # in each unit, for its median
+MOST_JUDGED = 6000  # in all units, but for the least of each: their medians are then compared by a median again
 # Standard error of a median from the median absolute deviation of normal data.
 ONE_MEDIAN = math.sqrt(math.pi / 2) * MAD_TO_STD
 LEAST_ERROR = 1e-6  # m and rad: errors below a micrometre or microradian are not distinguished
@@ -138,11 +140,15 @@ def register(
             hint='Record more, or say which registration to use: marker="none" or "solve".',
         )
     folds = min(FOLDS, int(units.max()) + 1) if held_out else 1
-    tried = [_errors(kind, fit, observed, command, units, folds) for kind, fit in fits.items()]
+    few = slice(None) if held_out else evenly_spaced(len(observed), MAX_SAMPLES)
+    wholes = {kind: _attempted(fit, observed[few], command[few]) for kind, fit in fits.items()}
+    tried = [_errors(kind, fits[kind], whole, observed, command, units, folds) for kind, whole in wholes.items()]
     scores = _scores(tried)
     chosen, reason = _choose(tried, scores, marker)
+    if isinstance(model := wholes[chosen], DegenerateError):
+        raise model
     return Registration(
-        model=fits[chosen](observed, command),
+        model=model,
         reason=reason,
         candidates=tuple(
             Candidate(
@@ -172,7 +178,10 @@ def _fits(observed: PoseSignal, command: PoseSignal, marker: MarkerOption) -> Ma
     """Return the kinds to compare, simplest first; the last is what "none" and "solve" ask for."""
     has_orientation = observed.quaternion is not None and command.quaternion is not None
     plain: RigidKind = "pose" if has_orientation else "position"
-    fits: dict[RigidKind, Fit] = {"identity": lambda observed, command: RigidModel(), plain: fit_pose}
+    fits: dict[RigidKind, Fit] = {
+        "identity": lambda observed, command, near: RigidModel(),
+        plain: lambda observed, command, near: fit_pose(observed, command),
+    }
     if marker == "none":
         return fits
     fits[plain] = fit_balanced if has_orientation else fit_robustly
@@ -246,26 +255,43 @@ def hold_out_units(trajectory: IntArray) -> IntArray:
     return np.arange(n) * blocks // max(n, 1)
 
 
+def _attempted(
+    fit: Fit, observed: PoseSignal, command: PoseSignal, near: RigidModel | None = None
+) -> RigidModel | DegenerateError:
+    """Return the model, or why the samples do not determine it."""
+    try:
+        return fit(observed, command, near)
+    except DegenerateError as error:
+        return error
+
+
 def _errors(
-    kind: RigidKind, fit: Fit, observed: PoseSignal, command: PoseSignal, units: IntArray, folds: int
+    kind: RigidKind,
+    fit: Fit,
+    whole: RigidModel | DegenerateError,
+    observed: PoseSignal,
+    command: PoseSignal,
+    units: IntArray,
+    folds: int,
 ) -> _UnitErrors:
     """Errors in each unit of the model fitted without its fold, a run of neighbouring units; of a single fold, with it.
 
-    A kind that some fold's data do not determine is refused as a whole.
+    A kind that the data, or some fold's, do not determine is refused as a whole.
     """
     n_units = int(units.max()) + 1
     position, rotation = np.full(n_units, np.nan), np.full(n_units, np.nan)
     rows_of = np.split(np.argsort(units, kind="stable"), np.cumsum(np.bincount(units))[:-1])
-    judged = [rows[evenly_spaced(len(rows), MAX_JUDGED)] for rows in rows_of]
+    most = min(MAX_JUDGED, max(LEAST_JUDGED, MOST_JUDGED // n_units))
+    judged = [rows[evenly_spaced(len(rows), most)] for rows in rows_of]
     for fold in range(folds):
-        held = units * folds // n_units == fold
-        rows = np.flatnonzero(~held | (folds == 1))
-        rows = rows[evenly_spaced(len(rows), MAX_SAMPLES)]
-        try:
-            model = fit(observed[rows], command[rows])
-        except DegenerateError as error:
+        held, model = units * folds // n_units == fold, whole
+        if folds > 1 and isinstance(whole, RigidModel):
+            rows = np.flatnonzero(~held)
+            rows = rows[evenly_spaced(len(rows), MAX_SAMPLES)]
+            model = _attempted(fit, observed[rows], command[rows], whole)
+        if isinstance(model, DegenerateError):
             nothing = np.full(n_units, np.nan)
-            return _UnitErrors(kind, nothing, nothing, refused=error.message)
+            return _UnitErrors(kind, nothing, nothing, refused=model.message)
         asked = np.unique(units[held])
         position[asked], rotation[asked] = _median_errors(model, observed, command, [judged[unit] for unit in asked])
     return _UnitErrors(kind, position, rotation)
@@ -273,13 +299,11 @@ def _errors(
 
 def _median_errors(
     model: RigidModel, observed: PoseSignal, command: PoseSignal, units: list[IntArray]
-) -> tuple[list[float], list[float]]:
+) -> tuple[FloatArray, FloatArray]:
     """Return the median position and rotation error in each unit, given by its rows."""
-    rows = np.concatenate(units)
+    rows, label = np.concatenate(units), np.repeat(np.arange(len(units)), [len(unit) for unit in units])
     residual = pose_residual(model.apply(observed[rows]), command[rows])
-    parts = np.split(residual, np.cumsum([len(unit) for unit in units])[:-1])
     position, rotation = (
-        [float(np.median(np.linalg.norm(part[:, columns], axis=1))) for part in parts]
-        for columns in (slice(None, 3), slice(3, None))
+        medians_of(np.linalg.norm(part, axis=1), label) for part in (residual[:, :3], residual[:, 3:])
     )
     return position, rotation

@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from gpcorrect.errors import DegenerateError
-from gpcorrect.gpr.linalg import cholesky, inverse_and_log_determinant
+from gpcorrect.gpr.kernels import AdditiveRBF, WithLinear
+from gpcorrect.gpr.linalg import (
+    cholesky,
+    conditioned,
+    conditioned_mean,
+    conditioned_on_others,
+    inverse_and_log_determinant,
+    triangular_inverse,
+)
 
 
 def covariance(n: int = 8) -> np.ndarray:
@@ -43,3 +51,27 @@ def test_inverse_and_log_determinant_agree_with_numpy() -> None:
     np.testing.assert_allclose(triangle, np.triu(np.linalg.inv(C)), atol=1e-12)
     assert log_determinant == pytest.approx(np.linalg.slogdet(C)[1], rel=1e-12)
     np.testing.assert_array_equal(C, kept)
+
+
+def test_a_triangle_times_its_inverse_is_the_identity() -> None:
+    """Of a matrix that is halved more than once, too; the caller's triangle stays as it was."""
+    L, _ = cholesky(covariance(301))
+    kept = L.copy()
+    np.testing.assert_allclose(triangular_inverse(L) @ L, np.eye(301), atol=1e-9)
+    np.testing.assert_array_equal(L, kept)
+
+
+def test_one_factor_leaves_out_each_fold_as_conditioning_on_the_others_does() -> None:
+    """Means and deviations are those of the observations of other folds alone, also at rows of a fold without any."""
+    rng = np.random.default_rng(1)
+    kernel = WithLinear(AdditiveRBF(np.ones(1), np.array([[1.0, 2.0]])), np.array([1.0, 0.5]))
+    X, Y, folds = rng.normal(size=(40, 2)), rng.normal(size=(40, 3)), rng.integers(0, 4, 40)
+    at, left_out = rng.normal(size=(15, 2)), rng.integers(0, 5, 15)
+    mean, std = conditioned_on_others(kernel, 0.01, (X, Y, folds), (at, left_out))
+    for fold in range(5):
+        others, here = folds != fold, left_out == fold
+        expected = conditioned(kernel, 0.01, X[others], Y[others], at[here])
+        np.testing.assert_allclose(mean[here], expected[0], atol=1e-9)
+        np.testing.assert_allclose(std[here], expected[1], rtol=1e-8)
+        mean_alone = conditioned_mean(kernel, 0.01, X[others], Y[others], at[here])
+        np.testing.assert_allclose(mean_alone, expected[0], atol=1e-12)

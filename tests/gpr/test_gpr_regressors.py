@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from gpr_fields import correlated_noise, planted, stretches
+from sklearn.base import clone
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 from sklearn.utils.estimator_checks import parametrize_with_checks
@@ -244,3 +245,33 @@ def test_output_groups_that_do_not_add_up_are_refused() -> None:
     X, Y, _ = planted(20, seed=17)
     with pytest.raises(DataError, match="do not make 2"):
         SparseGPR(output_groups=(2, 2)).fit(X, Y)
+
+
+@pytest.mark.parametrize("first", ["nothing", "groups", "groups and times"])
+@pytest.mark.parametrize("then", ["nothing", "groups", "groups and times"])
+def test_data_of_another_kind_are_not_relearned(first: str, then: str) -> None:
+    """Groups and times are given where the first fit had them, and only there; else the error says so."""
+    X, Y, _ = planted(80, seed=4)
+    groups = np.repeat(np.arange(8), 10)
+    known = {
+        "nothing": {},
+        "groups": {"groups": groups},
+        "groups and times": {"groups": groups, "times": np.arange(80.0)},
+    }
+    model = SparseGPR(n_inducing=20, n_learn=40).fit(X, Y, **known[first])
+    if first == then:
+        assert model.relearn(X, Y, **known[then]).predict(X).shape == Y.shape
+        return
+    with pytest.raises(DataError, match="cannot go on with") as refused:
+        model.relearn(X, Y, **known[then])
+    assert "Give groups and times where the first fit had them" in str(refused.value)
+
+
+def test_samples_between_those_that_stand_for_them_can_be_taken_in_later() -> None:
+    """Fitted to every third sample and then with all, a model is the one fitted to all; before, it counts as many."""
+    X, Y, _ = planted(300, seed=5)
+    parts = np.arange(300) // 100
+    make = SparseGPR(n_inducing=40, n_learn=100)
+    whole, third = (clone(make).fit_by_parts(X, Y, parts, stride=stride) for stride in (1, 3))
+    assert third.statistics_[0].n == pytest.approx(300, abs=6)
+    np.testing.assert_allclose(third.with_all(X, Y, parts).predict(X), whole.predict(X), atol=1e-9)

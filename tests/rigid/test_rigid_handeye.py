@@ -18,7 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError, DegenerateError
-from gpcorrect.rigid import RigidModel, fit_marker, pose_residual, rotation_observability
+from gpcorrect.rigid import RigidModel, fit_marker, fit_separate, pose_residual, rotation_observability
+from gpcorrect.rigid.registration import fit_balanced
 from gpcorrect.types import PoseSignal
 
 
@@ -210,3 +211,15 @@ def test_two_samples_are_refused(rng: np.random.Generator) -> None:
     poses = motion(2, rng)
     with pytest.raises(DegenerateError, match="at least 3 samples, got 2"):
         fit_marker(poses, poses)
+
+
+@pytest.mark.parametrize("kind", ["pose", "marker", "separate"])
+def test_a_fit_that_starts_nearby_ends_at_the_same_model(kind: str, rng: np.random.Generator) -> None:
+    """From the model of all samples the fit of most of them ends where it ends by itself, far within the noise."""
+    fit = {"pose": fit_balanced, "marker": fit_marker, "separate": fit_separate}[kind]
+    world = planted(kind, 400, rng)
+    observed = with_outliers(noisy(world.observed, rng, 0.001, 0.02), rng.permutation(400)[:40], rng)
+    near = fit(observed, world.command)
+    alone, led = fit(observed[:320], world.command[:320]), fit(observed[:320], world.command[:320], near)
+    assert max(differences(led, alone).values()) < 2e-5
+    assert max(differences(near, alone).values()) > 1e-4

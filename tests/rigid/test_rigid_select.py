@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from gpcorrect.errors import DataError, DegenerateError
 from gpcorrect.rigid import fit_pose, register
 from gpcorrect.rigid.select import hold_out_units
+from gpcorrect.robust import medians_of
 from gpcorrect.types import IntArray, PoseSignal
 
 KINDS = ["identity", "pose", "marker", "separate"]
@@ -153,3 +154,11 @@ def test_bad_options_and_lengths_are_refused(rng: np.random.Generator) -> None:
         register(world.observed, world.command, np.zeros(10, dtype=np.int64), "maybe")
     with pytest.raises(DataError, match="10 samples need a trajectory each, got 9"):
         register(world.observed, world.command, np.zeros(9, dtype=np.int64), "none")
+
+
+def test_medians_of_labels_are_those_of_each_label() -> None:
+    """Of odd and even numbers of values; one that is missing takes its label's median with it."""
+    label = np.array([1, 0, 1, 2, 0, 1, 1, 2, 2])
+    values = np.array([4.0, 1.0, 2.0, 7.0, 2.0, 9.0, 3.0, np.nan, 1.0])
+    expected = [np.median(values[label == k]) for k in range(3)]
+    np.testing.assert_array_equal(medians_of(values, label), expected)
