@@ -48,7 +48,7 @@ def test_noise_gets_no_name(tail: float, sessions: int, seed: int) -> None:
     ],
 )
 def test_the_hidden_effect_is_named_with_its_number(hidden: Effect) -> None:
-    """One effect, most about as large as the noise: its name, its joint and a number near the true one; the gap is closed."""
+    """One effect, most about as large as the noise: its name, its joint and a number near the truth; the gap closes."""
     found = find_discrepancy(nominal(), joint_log(3, hidden))
     assert names(found) == {(hidden.about.name, hidden.joint)}
     parameter = hidden.about.parameters[0].name

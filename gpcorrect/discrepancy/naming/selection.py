@@ -137,7 +137,8 @@ class _ModelSelection:
         gain = (rival.nats - own.nats) / own.overdispersion - (0.0 if rival.is_general else SEARCH.complexity * extra)
         if own.nats - rival.nats < NAMING.shape_error**2 * own.nats:
             chance = next((a.probability for a in named.alternatives if a.label == rival.candidate.label), 0.0)
-            gain = max(gain, float(np.log(chance / max(named.probability, TINY) + TINY)))
+            if chance > named.probability:
+                gain = max(gain, float(np.log(chance / max(named.probability, TINY))))
         return gain
 
     def _drop(self) -> bool:
