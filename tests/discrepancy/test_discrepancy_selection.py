@@ -61,6 +61,7 @@ class Laboratory:
 
     levels: dict[str, tuple[Level, float]]
     rivals: dict[str, tuple[str, float]] = field(default_factory=dict)
+    chances: tuple[float, float] = (1.0, 0.0)  # of an effect, and of its rival
     finds: list[str] = field(default_factory=list)
     refused: list[list[str]] = field(default_factory=list)
     weighed: list[str] = field(default_factory=list)
@@ -76,9 +77,10 @@ class Laboratory:
         if fit.candidate.name in self.rivals:
             name, worth = self.rivals[fit.candidate.name]
             rivals = (Rival(Part(Cause(name)), worth),)  # type: ignore[arg-type]
-        mine = Alternative(Explanation.EFFECT, 1.0, fit.candidate.label, fit.candidate.name)
+        names = [fit.candidate.name, *(r.candidate.name for r in rivals)]
+        likely = [Alternative(Explanation.EFFECT, p, n, n) for n, p in zip(names, self.chances, strict=False)]
         weighed = Weighed(own, np.ones(1, dtype=np.bool_), rivals, Unknown(0.0, 0.0))
-        return Named(fit, level, 1.0, nats, (mine,), ()), weighed  # type: ignore[arg-type]
+        return Named(fit, level, self.chances[0], nats, tuple(likely), ()), weighed  # type: ignore[arg-type]
 
     def search(self, state: Found, *, rounds: int, refused: Sequence[Cause]) -> Found:
         self.refused.append([c.name for c in refused])
@@ -168,6 +170,13 @@ def test_one_joint_does_not_use_up_the_searches_of_another(select: Select) -> No
 def test_a_rival_that_explains_more_takes_the_place(select: Select) -> None:
     laboratory = Laboratory({"a": (Level.EXACT, 50.0), "b": (Level.EXACT, 80.0)}, rivals={"a": ("b", 80.0)})
     assert select(laboratory, parts("a")) == (["b"], [])
+
+
+@pytest.mark.parametrize(("chance", "stays"), [(0.3, "a"), (0.4, "a"), (0.5, "b")])
+def test_a_rival_that_explains_as_much_must_be_more_probable(select: Select, chance: float, stays: str) -> None:
+    """A tie leaves what is there: it was taken out, came back with another shape, and lost its name."""
+    levels: dict[str, tuple[Level, float]] = {"a": (Level.CLASS, 50.0), "b": (Level.CLASS, 50.0)}
+    assert select(Laboratory(levels, rivals={"a": ("b", 50.0)}, chances=(0.4, chance)), parts("a")) == ([stays], [])
 
 
 def test_what_was_dropped_does_not_come_back_as_a_rival(select: Select) -> None:
