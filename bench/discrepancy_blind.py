@@ -132,6 +132,9 @@ def main() -> None:
     parser.add_argument("--truth", choices=[*TRUTHS, "both"], default="numpy", help="which simulator records")
     suites = sorted({suite for numbers in NUMBERS.values() for suite in numbers})
     parser.add_argument("--suite", action="append", choices=suites, help="only this set; repeatable")
+    parser.add_argument(
+        "--least-ratio", type=float, default=0.0, help="only cases with nothing, or this much over the noise, hidden"
+    )
     parser.add_argument("--first-seed", type=int, help="published figures: 930000 and up; of MuJoCo 500000 and up")
     parser.add_argument("--workers", type=int, default=-1, help="processes; all cores by default")
     parser.add_argument("--scheduler", help="address of a Dask scheduler whose workers have bench/ on PYTHONPATH")

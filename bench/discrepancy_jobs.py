@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from itertools import chain
+from itertools import chain, count, islice
 from pathlib import Path
 from types import ModuleType
 
@@ -75,10 +75,18 @@ def _jobs_of(name: str, arguments: argparse.Namespace) -> Iterator[Job]:
         few = arguments.short and arguments.share is None
         number = SHORT[name][suite] if few else max(1, round((arguments.share or 1.0) * numbers[suite]))
         offsets = range(number) if few else (i * numbers[suite] // number for i in range(number))
-        turns += [((i + 0.5) / number, suite, first + o) for i, o in enumerate(offsets)]
+        large = (s for s in count(first) if _size(module, suite, s) >= (arguments.least_ratio))
+        seeds = list(islice(large, numbers[suite]))
+        turns += [((i + 0.5) / number, suite, seeds[o]) for i, o in enumerate(offsets)]
     for _, suite, seed in sorted(turns):
         spec, _ = next(module.specs(suite, 1, seed))
         yield Job(module.short(spec) if arguments.short else spec, seed, not arguments.no_baselines)
+
+
+def _size(module: ModuleType, suite: str, seed: int) -> float:
+    """Return the size over the noise at which a set has its seed; infinite where nothing is hidden."""
+    spec, _ = next(module.specs(suite, 1, seed))
+    return float(spec.ratio) if spec.hidden else np.inf
 
 
 def write_files(job: Job, case: Case, folder: Path) -> None:

@@ -232,6 +232,9 @@ def main() -> None:
     parser.add_argument("--short", action="store_true", help="12 trajectories of 10 s")
     parser.add_argument("--share", type=float, help="of the protocol's numbers")
     parser.add_argument("--suite", action="append", choices=list(NUMBERS["mujoco"]), help="only this set; repeatable")
+    parser.add_argument(
+        "--least-ratio", type=float, default=0.0, help="only cases with this much over the noise hidden"
+    )
     parser.add_argument("--first-seed", type=int)
     parser.add_argument("--workers", type=int, default=-1)
     parser.add_argument("--beside", type=Path, help="results of discrepancy_blind.py on the same cases")

@@ -86,10 +86,22 @@ def test_the_robot_file_is_the_nominal_arm(arm: str) -> None:
 
 def test_the_bench_asks_for_both_truths() -> None:
     """`--truth both` yields cases of each with its own seeds; finished ones are told apart by their keys."""
-    asked = Namespace(truth="both", suite=["null", "pairs"], short=True, share=None, first_seed=None, no_baselines=True)
+    asked = Namespace(
+        truth="both",
+        suite=["null", "pairs"],
+        short=True,
+        share=None,
+        first_seed=None,
+        no_baselines=True,
+        least_ratio=0.0,
+    )
     jobs = list(jobs_of(asked))
     assert {job.truth for job in jobs} == {"numpy", "mujoco"}
     assert {job.seed // 10_000 for job in jobs if job.truth == "mujoco"} == {50}
     assert len({job.key for job in jobs}) == len(jobs)
     with pytest.raises(SystemExit, match="zigzag"):
         list(jobs_of(Namespace(**{**vars(asked), "truth": "mujoco", "suite": ["zigzag"]})))
+    large = Namespace(**{**vars(asked), "truth": "mujoco", "suite": ["one"], "share": 1.0, "least_ratio": 1.0})
+    sizes = [job.spec.ratio for job in jobs_of(large)]
+    assert len(sizes) == 120
+    assert set(sizes) == {1.0, 2.0}
