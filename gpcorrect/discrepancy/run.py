@@ -30,6 +30,7 @@ from gpcorrect.discrepancy.search.state import Search, start_search
 from gpcorrect.discrepancy.search.stepwise import search
 from gpcorrect.discrepancy.settings import SEARCH
 from gpcorrect.logs.join import join_logs
+from gpcorrect.logs.validate import refuse_misread
 from gpcorrect.sim.effects import in_order
 from gpcorrect.sim.model import Model, model_key
 from gpcorrect.types import BoolArray, CalibrationLog, Progress
@@ -72,10 +73,13 @@ def find_discrepancy(
 
     Raises
     ------
+    LogError
+        Its joints, poses or stamps cannot be in the units, signs and columns that they are taken for.
     DataError
         A log lacks a needed signal, or is too short to split.
     """
     log = logs if isinstance(logs, CalibrationLog) else join_logs(logs)
+    refuse_misread(log, log.signals)
     store = None
     if stages is not None:
         key = inputs_key(log.digest, len(log), model_key(model), seed, tolerance, version("gpcorrect"))

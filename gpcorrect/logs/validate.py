@@ -18,6 +18,7 @@ MISREAD = (
     "time_unit",
     "position_unit",
     "joint_unit",
+    "joint_sense",
     "mirrored",
     "orientation_inverted",
     "unrelated",

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -14,9 +16,10 @@ from discrepancy.discrepancy_core import joint_log, motors
 from discrepancy.discrepancy_support import nominal
 
 from gpcorrect.discrepancy import DiscrepancyResult, Level, find_discrepancy
-from gpcorrect.errors import DataError
+from gpcorrect.errors import DataError, LogError
 from gpcorrect.report import write_discrepancy_report
 from gpcorrect.sim.effects import Backlash, CableCoupling, Effect, HomingOffset, TransmissionRatio, play
+from gpcorrect.types import FloatArray
 
 SCHEMA = json.loads(files("gpcorrect.discrepancy.outcome").joinpath("report.schema.json").read_text())
 
@@ -38,6 +41,7 @@ def test_noise_gets_no_name(tail: float, sessions: int, seed: int) -> None:
     "hidden",
     [
         HomingOffset(2, 0.003),
+        HomingOffset(1, -np.pi / 2),  # a zero by another convention
         TransmissionRatio(1, 0.013),
         CableCoupling(2, source=1, coefficient=-0.011),
         Backlash(1, 0.0037),
@@ -125,6 +129,24 @@ def test_the_written_model_leaves_nothing_to_find() -> None:
     once = find_discrepancy(nominal(), log)
     again = find_discrepancy(once.model, log)
     assert not again.effects
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda q: q * [1.0, -1.0], "joint 2 moves the other way"),
+        (lambda q: q[:, ::-1].copy(), "joint 1 moves as joint 2"),
+        (np.degrees, "57"),
+    ],
+)
+def test_a_sensor_in_other_units_signs_or_columns_is_refused(
+    change: Callable[[FloatArray], FloatArray], words: str
+) -> None:
+    """None of it is missing physics: it was UNKNOWN, without a reason."""
+    log = joint_log(3)
+    assert log.external_jp is not None
+    with pytest.raises(LogError, match=words):
+        find_discrepancy(nominal(), replace(log, external_jp=change(log.external_jp)))
 
 
 def test_a_log_without_outside_truth_is_refused() -> None:

@@ -315,3 +315,19 @@ def test_another_base_frame_is_no_misfit():
     arm = arm_named("raven2_left")
     moved = PoseSignal(*se3.to_parts(se3.compose(T, arm.forward(log.setpoint_jp), tool)))
     assert not codes(validate_log(replace(log, setpoint_cp=moved)), "error", "warning")
+
+
+def test_a_joint_of_the_other_sign_and_exchanged_columns_are_told_apart_from_errors():
+    """What a mapping file gets wrong is found in any pair of signals; a joint that errs by a third is none of it."""
+    truth = clean_log().setpoint_jp
+    noisy = truth + 0.3 * np.std(truth, axis=0) * np.random.default_rng(0).standard_normal(truth.shape)
+    flipped, exchanged = noisy.copy(), noisy.copy()
+    flipped[:, 1] *= -1.0
+    exchanged[:, [0, 2]] = exchanged[:, [2, 0]]
+    for external, words in (
+        (noisy, []),
+        (flipped, ["joint 2 moves the other way"]),
+        (exchanged, ["joint 1 moves as joint 3"]),
+    ):
+        found = findings_of(replace(clean_log(), measured_jp=None, external_jp=external), "joint_sense")
+        assert [w for f, w in zip(found, words, strict=True) if w in f.message] == words

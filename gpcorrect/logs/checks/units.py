@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import combinations
 
 import numpy as np
 
 from gpcorrect.logs.checks.evidence import (
     JOINT_POSITIONS,
+    MIN_CORRELATION,
+    MIN_PAIRED,
     Evidence,
     Finding,
     Severity,
@@ -22,6 +25,7 @@ WIDEST = 5.0  # m; no arm here reaches so far, and 5 mm is less than any workspa
 MIN_SPREAD = 1e-4  # m or rad; narrower signals are noise and their ratios mean nothing
 DEGREES = 180 / np.pi  # in a radian
 RATIOS = ((1000.0, 2.0), (DEGREES, 1.4))  # a unit's factor, and how far calibration errors may move the ratio
+UNLIKE = 0.5  # correlation of a joint with itself, below which it may be another one; in real recordings 0.85 and more
 FULL_TURN = 2 * np.pi  # rad; surgical wrists turn less
 LONGEST = 5.0  # m, of a prismatic joint
 POSITION_PAIRS = (("tracker_cp", "setpoint_cp"), ("tracker_cp", "measured_cp"), ("measured_cp", "setpoint_cp"))
@@ -100,6 +104,37 @@ def _length_unit(evidence: Evidence, joint: int, column: FloatArray) -> str:
         for unit, factor in (("millimetres", 1000.0), ("metres multiplied by 180/pi", DEGREES))
     }
     return max(within, key=lambda unit: within[unit])
+
+
+@check
+def _joint_sense(evidence: Evidence) -> Iterator[Finding]:
+    """Ask whether each joint moves as itself in every signal, and the same way: signs and columns are mixed up."""
+    for name, other in JOINT_PAIRS:
+        if not {name, other} <= evidence.present:
+            continue
+        like = _likeness(evidence.tables[name], evidence.tables[other])
+        for joint in np.flatnonzero(np.diag(like) < -MIN_CORRELATION):
+            what = f"joint {joint + 1} moves the other way than in {other} (correlation {like[joint, joint]:.2f})."
+            hint = "Set scale = -1 for its column in the mapping file, or for that of the other signal."
+            yield Finding("error", "joint_sense", name, what, hint, len(evidence.log))
+        for j, k in combinations(range(len(like)), 2):
+            if max(like[j, j], like[k, k]) < UNLIKE and min(like[j, k], like[k, j]) > MIN_CORRELATION:
+                what = f"joint {j + 1} moves as joint {k + 1} does in {other}, and joint {k + 1} as its joint {j + 1}."
+                hint = "Exchange their columns in the mapping file."
+                yield Finding("error", "joint_sense", name, what, hint, len(evidence.log))
+
+
+def _likeness(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Correlation of each joint of a signal with each of another `(k, k)`; 0 where one hardly moves."""
+    few = min(a.shape[1], b.shape[1])
+    known = np.isfinite(a[:, :few]).all(axis=1) & np.isfinite(b[:, :few]).all(axis=1)
+    if known.sum() < MIN_PAIRED:
+        return np.zeros((few, few))
+    x, y = (v[known, :few] - v[known, :few].mean(axis=0) for v in (a, b))
+    sizes = [np.sqrt(np.mean(v**2, axis=0)) for v in (x, y)]
+    product = x.T @ y / known.sum()
+    moves = np.outer(*(s > MIN_SPREAD for s in sizes))
+    return np.where(moves, product / np.maximum(np.outer(*sizes), 1e-300), 0.0)
 
 
 @check

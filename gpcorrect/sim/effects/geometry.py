@@ -17,7 +17,8 @@ from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
 # Units, physical ranges and typical sizes on revolute and prismatic joints.
-OFFSET = Range("rad", -0.35, 0.35, 0.05), Range("m", -0.05, 0.05, 0.005)
+# A zero may be anywhere: two conventions differ by a quarter turn, or by the length of a slide.
+OFFSET = Range("rad", -3.2, 3.2, 0.05), Range("m", -0.5, 0.5, 0.005)
 PLACE = Range("rad", -6.5, 6.5, 1.0), Range("m", -1.0, 1.0, 0.2)
 COUPLING = Range("rad per unit of source", -1.0, 1.0, 0.05), Range("m per unit of source", -0.05, 0.05, 0.002)
 DRAG = Range("rad per unit of source", -5.0, 5.0, 0.2), Range("m per unit of source", -0.25, 0.25, 0.01)
