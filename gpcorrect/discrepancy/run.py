@@ -13,7 +13,7 @@ import numpy as np
 from gpcorrect.discrepancy.advice.next_experiment import advise
 from gpcorrect.discrepancy.evidence.bursts import bursts_of
 from gpcorrect.discrepancy.evidence.whitener import estimate_noises, whitener_on
-from gpcorrect.discrepancy.naming.intervals import half_widths
+from gpcorrect.discrepancy.naming.intervals import interval_ends
 from gpcorrect.discrepancy.naming.posterior import Level, Named
 from gpcorrect.discrepancy.naming.selection import name_effects, name_rare
 from gpcorrect.discrepancy.naming.sensor_noise import noise_effects
@@ -212,14 +212,14 @@ def _with_numbers(
     whitener, nominal = whitener_on(dataset, state.residual(fitted), rows), dataset.predict()
     found, unsure = {}, set()
     for i, (name, fit) in enumerate(zip(named, fitted, strict=True)):
-        widths, candidate = half_widths(state, whitener, fitted, fit), fit.candidate
-        if all(abs(fit.u[k] - candidate.coordinates[k].identity) <= widths[k] for k in candidate.sizes):
+        ends, candidate = interval_ends(state, whitener, fitted, fit), fit.candidate
+        if all(ends[k][0] <= candidate.coordinates[k].identity <= ends[k][1] for k in candidate.sizes):
             unsure.add(i)
             continue
         sizes = np.sqrt(np.mean((dataset.predict([fit.effect]) - nominal) ** 2, axis=0)) / whitener.std
         shown = dataset.scene.channels[int(sizes.argmax())]
         found[i] = NamedEffect.of(
-            replace(name, fit=fit), describe(fit, widths), float(sizes.max()), of_motor=shown.signal == "measured_jp"
+            replace(name, fit=fit), describe(fit, ends), float(sizes.max()), of_motor=shown.signal == "measured_jp"
         )
     return found, unsure
 

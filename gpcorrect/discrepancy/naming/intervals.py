@@ -13,12 +13,15 @@ from gpcorrect.discrepancy.evidence.linear import solve
 from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener
 from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.search.instants import instant_half_width
-from gpcorrect.discrepancy.search.linearisation import linearise
+from gpcorrect.discrepancy.search.linearisation import linearise, refine
 from gpcorrect.discrepancy.search.state import Search
 from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.types import FloatArray, IntArray
 
 FEW_BLOCKS = 3  # trajectories a size: there Hotelling's limit is about twice that of known covariances
+NEAREST = 0.02  # of a size, that counts as nothing: there its signature is within an error of our own signatures
+HALVINGS = 5  # of the way to the end of an interval: to a thirtieth of it
+PROFILED = 12  # evaluations of a fit with one number held
 TANGENT = 0.5  # the part of a signature's error that a change of a single number could make
 
 
@@ -76,6 +79,49 @@ def half_widths(
         if fit.candidate.coordinates[i].parameter.change_point:  # no slope says how well an instant is known
             widths[i] = instant_half_width(whitener, [m for m in fitted if m is not fit], fit)
     return widths
+
+
+def interval_ends(
+    search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEffect], fit: FittedEffect
+) -> dict[int, tuple[float, float]]:
+    """Return the ends of the 95 % intervals of one effect's coordinates.
+
+    Those of :func:`half_widths`; but a size and a shape may trade places along a curve, and the straight line then goes
+    through nothing where the effect is beyond doubt. Where a lone size's interval holds nothing, that end is sought by
+    profile likelihood: where the rest, fitted anew, loses as much as the line says it does.
+
+    Parameters
+    ----------
+    search, whitener, fitted, fit
+        As for :func:`half_widths`.
+    """
+    widths, candidate = half_widths(search, whitener, fitted, fit), fit.candidate
+    ends = {i: (float(fit.u[i]) - half, float(fit.u[i]) + half) for i, half in widths.items()}
+    (k, *more), nothing = candidate.sizes, candidate.coordinates[candidate.sizes[0]].identity
+    low, high = ends[k]
+    if more or candidate.extra == 0 or not low <= nothing <= high or fit.u[k] == nothing:
+        return ends
+    place = columns_of(fitted, fit)
+    sigma = float(np.sqrt(_covariances(whitener, fitted, place[:0])[1].diagonal()[place[k]]))
+    fixed, near = search.parted([m for m in fitted if m is not fit], candidate)
+
+    def lost(set_: Sequence[FittedEffect]) -> float:
+        z = whitener.whiten(search.residual(set_))
+        return 0.5 * float(z @ z)
+
+    most = lost(fitted) + 0.5 * (widths[k] / sigma) ** 2
+
+    def possible(u: float) -> bool:
+        return lost([*fixed, *refine(whitener, fixed, [*near, fit.pinned(k, u)], PROFILED)]) <= most
+
+    inside, outside = float(fit.u[k]), nothing + NEAREST * (float(fit.u[k]) - nothing)
+    if possible(outside):
+        return ends
+    for _ in range(HALVINGS):
+        middle = 0.5 * (inside + outside)
+        inside, outside = (middle, outside) if possible(middle) else (inside, middle)
+    ends[k] = (outside, high) if fit.u[k] > nothing else (low, outside)
+    return ends
 
 
 def undetermined(

@@ -19,6 +19,7 @@ from gpcorrect.sim.effects import candidates as shapes
 from gpcorrect.types import FloatArray
 
 DETAILS = ("side", "law")
+HELD = 1e-4  # of a number that is held: a bounded fit needs some room
 
 
 def watched(scene: Scene, session: int) -> tuple[float, float]:
@@ -184,6 +185,20 @@ class FittedEffect:
         moved[index] = u
         return FittedEffect(self.candidate, moved)
 
+    def pinned(self, index: int, u: float) -> FittedEffect:
+        """Return the same effect with one coordinate held.
+
+        Parameters
+        ----------
+        index : int
+        u : float
+        """
+        coordinates = list(self.candidate.coordinates)
+        value = coordinates[index].value(u)
+        low, high = sorted((value * (1.0 - HELD), value * (1.0 + HELD)))
+        coordinates[index] = replace(coordinates[index], low=low, high=high)
+        return FittedEffect(replace(self.candidate, coordinates=tuple(coordinates)), self.moved(index, u).u)
+
     def canonical(self) -> FittedEffect:
         """Return the same effect with its numbers in the one way to write them."""
         effect, coordinates = self.effect.canonical(), self.candidate.coordinates
@@ -300,14 +315,14 @@ class Estimate:
         return None in self.nothing
 
 
-def describe(fit: FittedEffect, half_widths: Mapping[int, float]) -> dict[str, Estimate]:
+def describe(fit: FittedEffect, ends: Mapping[int, tuple[float, float]]) -> dict[str, Estimate]:
     """Return the estimates of an effect's parameters.
 
     Parameters
     ----------
     fit : FittedEffect
         The effect with its numbers.
-    half_widths : mapping of int to float
+    ends : mapping of int to pair of float
         Of the 95 % intervals of its coordinates.
     """
     result: dict[str, Estimate] = {}
@@ -315,10 +330,10 @@ def describe(fit: FittedEffect, half_widths: Mapping[int, float]) -> dict[str, E
     for name, places in candidate.places.items():
         entries = []
         for i in places:
-            c, u, half = candidate.coordinates[i], float(fit.u[i]), half_widths.get(i, np.inf)
-            first, last = sorted(c.value(float(np.clip(u + side * half, *c.bounds))) for side in (-1.0, 1.0))
-            nothing = c.value(c.identity) if abs(u - c.identity) <= half else None
-            entries.append((c.value(u), (first, last), nothing))
+            c, (low, high) = candidate.coordinates[i], ends.get(i, (-np.inf, np.inf))
+            first, last = sorted(c.value(float(np.clip(u, *c.bounds))) for u in (low, high))
+            nothing = c.value(c.identity) if low <= c.identity <= high else None
+            entries.append((c.value(float(fit.u[i])), (first, last), nothing))
         values, intervals, nothings = zip(*entries, strict=True)
         value, ci95 = (values, intervals) if len(places) > 1 else (values[0], intervals[0])
         unit, is_size = candidate.coordinates[places[0]].unit, places[0] in candidate.sizes
