@@ -166,15 +166,18 @@ def _energy(search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEf
     return sum(float((whitener.whiten(change) ** 2).sum()) for change in changes)
 
 
-def away_from_nothing(whitener: DatasetWhitener, fitted: Sequence[FittedEffect], fit: FittedEffect) -> bool:
+def away_from_nothing(
+    search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEffect], fit: FittedEffect
+) -> bool:
     """Return whether an effect's sizes, together and in its present shape, differ from those of none (5 % level).
 
     Together, because two sizes may trade places: neither is known well alone, and yet not both can be nothing. In its
-    present shape, because an effect of no size has none (Davies 1977, Biometrika 64(2)).
+    present shape, because an effect of no size has none (Davies 1977, Biometrika 64(2)); but a spring that is mostly
+    cubic has hardly any of its linear part in its present shape, and of a lone size with a shape the profile decides.
 
     Parameters
     ----------
-    whitener, fitted, fit
+    search, whitener, fitted, fit
         As for :func:`half_widths`.
 
     Notes
@@ -196,7 +199,12 @@ def away_from_nothing(whitener: DatasetWhitener, fitted: Sequence[FittedEffect],
         return bool(min(squares) > fisher.ppf(0.95, 1, freedom))
     k = len(sizes)
     limit = k * freedom / (freedom - k + 1) * fisher.ppf(0.95, k, freedom - k + 1)
-    return bool(min(distance @ np.linalg.pinv(v, hermitian=True) @ distance for v in covariances) > limit)
+    if min(distance @ np.linalg.pinv(v, hermitian=True) @ distance for v in covariances) > limit:
+        return True
+    if k > 1 or fit.candidate.extra == 0:
+        return False
+    low, high = interval_ends(search, whitener, fitted, fit)[sizes[0]]
+    return not low <= fit.candidate.coordinates[sizes[0]].identity <= high
 
 
 def _covariances(

@@ -264,7 +264,7 @@ def _doubts_of_numbers(view: View, fit: FittedEffect, own: Own) -> list[str]:
     fixed, near = search.parted(search.fitted, fit.candidate)
     fitted = [*fixed, *near]
     doubts = [f"{name} is at the edge of its physical range" for name in fit.at_edge]
-    if not away_from_nothing(whitener, fitted, fit):
+    if not away_from_nothing(search, whitener, fitted, fit):
         doubts.append("its size cannot be distinguished from zero")
     doubts += [f"these data do not determine its {name}" for name in undetermined(search, whitener, fitted, fit)]
     explained = explained_by_others(whitener, fitted, fit)
