@@ -26,6 +26,9 @@ discrepancy_app = typer.Typer(
     rich_markup_mode="markdown",
 )
 
+# Signals that a run rests on: what they cannot be is refused as they are read.
+LEARNED = ("setpoint_cp", "tracker_cp", "setpoint_jp", "measured_jp", "external_jp")
+
 
 @discrepancy_app.command("run")
 def run(
@@ -70,7 +73,7 @@ def run(
     from gpcorrect.sim.model import write_completed
 
     make_folder(output)
-    model, recording = model_named(machine), read_logs(log, columns)
+    model, recording = model_named(machine), read_logs(log, columns, learned=LEARNED)
     with progress_bar(quiet=json) as progress, workers(jobs, scheduler):
         result = find_discrepancy(model, recording, seed=seed, progress=progress, stages=output / "stages")
     report = result.to_report()

@@ -56,6 +56,15 @@ def test_a_phase_is_covered_a_turn_later_too() -> None:
         assert case_outcome("a", label(truth), report("EXACT", found)).covered == (inside,)
 
 
+@pytest.mark.parametrize(("source", "answer"), [(3, "set"), (2, "wrong set")])
+def test_a_class_holds_an_effect_only_with_the_joint_that_drives_it(source: int, answer: str) -> None:
+    """What a rival is driven by stands in the report: without it, a class that holds the truth was scored as wrong."""
+    truth = {"name": "length_dependent_stiffness", "joint": 2, "known": True, "source": 3}
+    other = replace(rival("length_dependent_stiffness", 2, 0.3), source=source)
+    found = named("cable_stretch", 2, level="CLASS", rivals=(other,))
+    assert case_outcome("a", label(truth), report("CLASS", found)).answers == (answer,)
+
+
 def test_another_joint_or_name_is_wrong() -> None:
     """A true name on the wrong joint is a wrong name, and so is another name on the right joint."""
     for entry in (named("backlash", 1), named("coulomb_friction", 2)):
