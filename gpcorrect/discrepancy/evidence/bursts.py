@@ -11,15 +11,18 @@ from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.settings import BURSTS
+from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.sim.effects import Effect
+from gpcorrect.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
 class Burst:
-    """A channel in which something rare happens, far above its noise, in trajectories as the log numbers them.
+    """A channel in which something happens far above its noise, in trajectories as the log numbers them.
 
     `largest` is the largest residual there, `noise` the standard deviation of the noise, `rows` counts the condensed
-    rows there that are above the limit, and `rare` says that the other trajectories are calm.
+    rows there that are above the limit. `rare` says that the other trajectories are calm, `fitful` that moments far
+    above the noise stand apart from calm ones, be it in every trajectory.
     """
 
     channel: Channel
@@ -28,15 +31,16 @@ class Burst:
     noise: float
     rows: int
     rare: bool
+    fitful: bool = False
 
     @property
     def lasts(self) -> bool:
-        """Whether it is rare and was long enough to be looked at in pieces: what has no name then is unknown."""
-        return self.rare and self.rows >= BURSTS.pieces * BURSTS.shortest
+        """Whether it happened long enough to be looked at in pieces: what has no name then is unknown."""
+        return (self.rare or self.fitful) and self.rows >= BURSTS.pieces * BURSTS.shortest
 
 
 def bursts_of(dataset: Dataset, noises: Sequence[ChannelNoise], effects: Sequence[Effect] = ()) -> tuple[Burst, ...]:
-    """Return channels that are far above their noise in one of the trajectories: nothing of that size may be NONE.
+    """Return channels that are far above their noise in a trajectory, or now and then: such a one may not be NONE.
 
     The test set counts as well: nothing is fitted to it, and "nothing is missing" must hold there too.
 
@@ -48,15 +52,26 @@ def bursts_of(dataset: Dataset, noises: Sequence[ChannelNoise], effects: Sequenc
         Beyond the model's own.
     """
     numbers, index = np.unique(dataset.trajectory, return_inverse=True)
+    moments = np.stack([index, dataset.time // BURSTS.moment], axis=1)
+    moment = np.unique(moments, axis=0, return_inverse=True)[1].ravel()
     found = []
     for channel, column, noise in zip(dataset.scene.channels, dataset.residual(effects).T, noises, strict=True):
-        known = np.isfinite(column)
-        squares = np.bincount(index[known], column[known] ** 2, len(numbers))
-        rms = np.sqrt(squares / np.maximum(np.bincount(index[known], minlength=len(numbers)), 1))
-        above = rms > BURSTS.limit * noise.std
-        if above.any():
-            there = np.abs(column[above[index]])
-            rows, calm = int((there > BURSTS.limit * noise.std).sum()), np.median(rms) <= BURSTS.calm * noise.std
-            trajectories = tuple(numbers[above].tolist())
-            found.append(Burst(channel, trajectories, float(np.nanmax(there)), noise.std, rows, bool(calm)))
+        known, limit = np.isfinite(column), BURSTS.limit * noise.std
+        rms = np.sqrt(_means(column[known] ** 2, index[known], len(numbers)))
+        above, calm = rms > limit, bool(np.median(rms) <= BURSTS.calm * noise.std)
+        means = np.abs(_means(column[known], moment[known], moment.max() + 1))
+        apart = means > max(limit, BURSTS.apart * MAD_TO_STD * float(np.median(means)))
+        there = known & (above[index] | apart[moment])
+        large = np.abs(column[there]) > limit
+        fitful = np.count_nonzero(large) >= BURSTS.pieces * BURSTS.shortest and bool(apart.any())
+        if above.any() or fitful:
+            trajectories, largest = numbers[np.unique(index[there])], float(np.abs(column[there]).max())
+            rare = calm and bool(above.any())
+            rows = int(np.count_nonzero(large))
+            found.append(Burst(channel, tuple(trajectories.tolist()), largest, noise.std, rows, rare, fitful))
     return tuple(found)
+
+
+def _means(values: FloatArray, group: IntArray, count: int) -> FloatArray:
+    """Mean of the values of each group; 0 where there are none."""
+    return np.bincount(group, values, count) / np.maximum(np.bincount(group, minlength=count), 1)

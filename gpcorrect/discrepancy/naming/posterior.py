@@ -11,7 +11,7 @@ import numpy as np
 from gpcorrect.discrepancy.naming.intervals import away_from_nothing, explained_by_others, undetermined
 from gpcorrect.discrepancy.naming.smooth_model import smooth_nats
 from gpcorrect.discrepancy.naming.view import View
-from gpcorrect.discrepancy.naming.weigh import Own, Weighed, between_effects, weigh
+from gpcorrect.discrepancy.naming.weigh import Own, Weighed, between_effects, size_spread, weigh
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.state import Search, penalty
 from gpcorrect.discrepancy.settings import NAMING, SEARCH
@@ -281,6 +281,8 @@ def _partial(view: View, fit: FittedEffect, own: Own, cost: float) -> list[str]:
     signs = []
     if (closed := fraction_closed(view.search, fit)) < NAMING.least_closed:
         signs.append(f"{100 * closed:.0f} % of the gap is closed where it shows, and the rest is no noise")
+    if (spread := size_spread(view.search, fit)) > NAMING.steady:
+        signs.append(f"its size differs from trajectory to trajectory by {100 * spread:.0f} % of itself")
     if (more := overtone_nats(view, fit)) > max(NAMING.most_overtones * own.nats, cost * own.overdispersion):
         signs.append(f"its overtones gain {more / own.overdispersion:.0f} nats more: a part of another periodic error")
     return signs

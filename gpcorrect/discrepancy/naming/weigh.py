@@ -183,15 +183,49 @@ def size_overdispersion(search: Search, fit: FittedEffect) -> float:
     fit : FittedEffect
         One of the set.
     """
-    linearised = search.linearise_near(search.fitted, fit.candidate)
-    near = search.parted(search.fitted, fit.candidate)[1]
-    own = linearised.slopes[:, columns_of(near, fit)[list(fit.candidate.sizes)]].sum(axis=1)
+    score, energy = _scores(search, fit)
+    if not len(energy):
+        return 1.0
+    return max(1.0, float((score**2 / energy).sum() / chi2.ppf(0.95, len(energy))))
+
+
+def size_spread(search: Search, fit: FittedEffect) -> float:
+    """Return the standard deviation of an effect's size between trajectories, beyond noise, as a part of the size.
+
+    What a part of a machine is or does is the same in every motion. 0 where noise may be all of the difference (0.1 %
+    level).
+
+    Parameters
+    ----------
+    search : Search
+    fit : FittedEffect
+        One of the set.
+
+    Notes
+    -----
+    DerSimonian and Laird 1986, Controlled Clinical Trials 7(3), Eq. 8.
+    """
+    score, energy = _scores(search, fit)
+    freedom, change = len(energy) - 1, score / energy
+    if freedom < NAMING.few - 1:
+        return 0.0
+    differs = float(energy @ (change - np.average(change, weights=energy)) ** 2)
+    if differs < chi2.isf(NAMING.chance_of_spread, freedom):
+        return 0.0
+    return float(np.sqrt((differs - freedom) / (energy.sum() - (energy**2).sum() / energy.sum())))
+
+
+def _scores(search: Search, fit: FittedEffect) -> tuple[FloatArray, FloatArray]:
+    """Score along the relative size of an effect, and its information, of each trajectory in which the effect acts."""
+    linearised, candidate = search.linearise_near(search.fitted, fit.candidate), fit.candidate
+    near, sizes = search.parted(search.fitted, candidate)[1], list(candidate.sizes)
+    size = np.array([fit.u[i] - candidate.coordinates[i].identity for i in sizes])
+    size = np.where(np.isfinite(size), size, 1.0)  # the logarithm of a size is relative already
+    own = linearised.slopes[:, columns_of(near, fit)[sizes]] @ size
     block = search.whitener.block
     energy, score = np.bincount(block, own**2), np.bincount(block, own * linearised.z)
     active = energy > NAMING.active * energy.max(initial=0.0)
-    if not active.any():
-        return 1.0
-    return max(1.0, float((score[active] ** 2 / energy[active]).sum() / chi2.ppf(0.95, active.sum())))
+    return score[active], energy[active]
 
 
 def _active(view: View, fit: FittedEffect) -> BoolArray:
@@ -214,19 +248,26 @@ def _gains(
 
 
 def _rivals(view: View, own: Own, fit: FittedEffect, margin: float) -> list[Rival]:
-    """Those that may come within some nats of the effect; the others are fitted no further than is plain."""
+    """Those that may come within some nats of the effect; the others are fitted no further than is plain.
+
+    Laws with more numbers than the effect, or than a rival that is as near to it, may say the same and more.
+    """
     search, rest, reference = view.search, own.rest, own.reference
     worth = search.misfit(search.fitted) + margin
     bare = search.linearise_near(rest, fit.candidate)
     change = reference[0] - view.whitened_residuals(search.fitted)[0]
-    ranked = [r for r in rank(search, bare, [fit.candidate], search.touched(fit.candidate)) if r.nats > 0]
+    touched = search.touched(fit.candidate)
+    ranked = [r for r in rank(search, bare, [fit.candidate], touched) if r.nats > 0]
+    kin = [r.candidate for r in ranked if _is_kin(r.candidate, fit.candidate) and r.candidate.extra == 0]
+    ranked += rank(search, bare, [fit.candidate], touched, kin) if kin else []
     found: list[Rival] = []
     for place, leader in enumerate(ranked):
         enough = sum(not r.candidate.called_like(fit.candidate) for r in found) >= NAMING.rivals
-        fuller = _is_fuller(leader.candidate, fit.candidate)
+        close = [fit.candidate, *(r.candidate for r in found if r.nats > own.nats - margin)]
+        fuller = any(_is_fuller(leader.candidate, c) for c in close)
         if (enough or place >= NAMING.tried) and not (fuller or _is_simpler(leader.candidate, fit.candidate)):
             continue
-        if any(leader.candidate.called_like(r.candidate) for r in found):
+        if any(leader.candidate.called_like(r.candidate) and leader.candidate.extra <= r.candidate.extra for r in found):
             continue
         first = reference[0] - view.whitened_residuals((*rest, leader.fit))[0]
         if _likeness(first, change, bare.slopes) < NAMING.likeness:
@@ -247,11 +288,16 @@ def _is_simpler(rival: Candidate, candidate: Candidate) -> bool:
     return rival.name in alike and rival.joint == candidate.joint and rival.extra < candidate.extra
 
 
-def _is_fuller(rival: Candidate, candidate: Candidate) -> bool:
-    """Whether a rival is a law of the same family, on the same joint, that says the same and more."""
+def _is_kin(rival: Candidate, candidate: Candidate) -> bool:
+    """Whether a rival is a law of the same family, on the same joint, that may say the same."""
     about = rival.kind.about
     same = about.family == candidate.kind.about.family and rival.joint == candidate.joint
-    return same and candidate.name in about.neighbours and rival.extra > candidate.extra
+    return same and candidate.name in about.neighbours
+
+
+def _is_fuller(rival: Candidate, candidate: Candidate) -> bool:
+    """Whether a rival is a law of the same family, on the same joint, that says the same and more."""
+    return _is_kin(rival, candidate) and rival.extra > candidate.extra
 
 
 def _shape_nats(search: Search, fitted: Sequence[FittedEffect]) -> float:

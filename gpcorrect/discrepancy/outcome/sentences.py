@@ -184,7 +184,7 @@ def _undecided(result: DiscrepancyResult) -> str:
         where = _where(result)
         return f"Not decided: simulation and recording differ{where}, but no name can be given from these data."
     if bursts := result.provenance.bursts:
-        return f"Not decided: something rare happens in the {_burst_words(bursts[0])}, too rarely for a name."
+        return f"Not decided: something happens in the {_burst_words(bursts[0])}, too rarely for a name."
     if (tolerated := _tolerated(result)) > VERDICT.most_tolerated:
         return (
             f"Not decided: what differs can be put down to {TOLERANCES}, but it is {100 * tolerated:.0f} % of the "
@@ -214,7 +214,7 @@ def _where(result: DiscrepancyResult) -> str:
     for finding in (there or left or result.localisation.findings)[:1]:
         return f": {channel_words(finding.channel)}, most at {region_words(finding.region)}"
     for burst in result.provenance.bursts[:1]:
-        return f", and happens rarely: {_burst_words(burst)}"
+        return f", and {'happens rarely' if burst.rare else 'comes and goes'}: {_burst_words(burst)}"
     return ""
 
 
