@@ -82,6 +82,11 @@ class BurstSettings:
     # motion.
     there: float = 0.8
 
+    @property
+    def lasting(self) -> int:
+        """Condensed rows from which on what happens can be looked at in pieces."""
+        return self.pieces * self.shortest
+
 
 @dataclass(frozen=True)
 class SearchSettings:

@@ -35,8 +35,8 @@ class Burst:
 
     @property
     def lasts(self) -> bool:
-        """Whether it happened long enough to be looked at in pieces: what has no name then is unknown."""
-        return (self.rare or self.fitful) and self.rows >= BURSTS.pieces * BURSTS.shortest
+        """Whether it was long enough to be looked at in pieces: what has no name then is unknown."""
+        return (self.rare or self.fitful) and self.rows >= BURSTS.lasting
 
 
 def bursts_of(dataset: Dataset, noises: Sequence[ChannelNoise], effects: Sequence[Effect] = ()) -> tuple[Burst, ...]:
@@ -58,16 +58,15 @@ def bursts_of(dataset: Dataset, noises: Sequence[ChannelNoise], effects: Sequenc
     for channel, column, noise in zip(dataset.scene.channels, dataset.residual(effects).T, noises, strict=True):
         known, limit = np.isfinite(column), BURSTS.limit * noise.std
         rms = np.sqrt(_means(column[known] ** 2, index[known], len(numbers)))
-        above, calm = rms > limit, bool(np.median(rms) <= BURSTS.calm * noise.std)
         means = np.abs(_means(column[known], moment[known], moment.max() + 1))
+        above, calm = rms > limit, np.median(rms) <= BURSTS.calm * noise.std
         apart = means > max(limit, BURSTS.apart * MAD_TO_STD * float(np.median(means)))
         there = known & (above[index] | apart[moment])
-        large = np.abs(column[there]) > limit
-        fitful = np.count_nonzero(large) >= BURSTS.pieces * BURSTS.shortest and bool(apart.any())
+        rows = int(np.count_nonzero(np.abs(column[there]) > limit))
+        fitful = bool(apart.any()) and rows >= BURSTS.lasting
         if above.any() or fitful:
             trajectories, largest = numbers[np.unique(index[there])], float(np.abs(column[there]).max())
-            rare = calm and bool(above.any())
-            rows = int(np.count_nonzero(large))
+            rare = bool(above.any() and calm)
             found.append(Burst(channel, tuple(trajectories.tolist()), largest, noise.std, rows, rare, fitful))
     return tuple(found)
 

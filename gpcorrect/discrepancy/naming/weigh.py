@@ -267,7 +267,8 @@ def _rivals(view: View, own: Own, fit: FittedEffect, margin: float) -> list[Riva
         fuller = any(_is_fuller(leader.candidate, c) for c in close)
         if (enough or place >= NAMING.tried) and not (fuller or _is_simpler(leader.candidate, fit.candidate)):
             continue
-        if any(leader.candidate.called_like(r.candidate) and leader.candidate.extra <= r.candidate.extra for r in found):
+        same = [r.candidate for r in found if leader.candidate.called_like(r.candidate)]
+        if any(leader.candidate.extra <= c.extra for c in same):
             continue
         first = reference[0] - view.whitened_residuals((*rest, leader.fit))[0]
         if _likeness(first, change, bare.slopes) < NAMING.likeness:
