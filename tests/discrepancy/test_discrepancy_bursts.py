@@ -39,6 +39,18 @@ def test_what_lasts_and_has_no_name_is_unknown() -> None:
     assert {p.place: p.level for p in found.verdict.places} == {1: Level.NONE, 2: Level.UNKNOWN}
 
 
+def test_what_comes_and_goes_in_every_motion_is_unknown() -> None:
+    """Pushes of a second at random moments of each motion, from either side: calm lies between them, and no law."""
+    rng, odd = np.random.default_rng(11), np.zeros((SAMPLES, RUNS, 2))
+    for run in range(RUNS):
+        start = int(rng.integers(5, SAMPLES - 30))
+        odd[start : start + 20, run, 1] = 12 * NOISE * rng.choice([-1.0, 1.0]) * np.hanning(20)
+    found = find_discrepancy(nominal(), joint_log(5, more=odd))
+    assert found.level == Level.UNKNOWN
+    assert not found.effects
+    assert {p.place: p.level for p in found.verdict.places} == {1: Level.NONE, 2: Level.UNKNOWN}
+
+
 def test_noise_alone_has_no_bursts() -> None:
     """Nothing hidden, heavy tails: nothing rare is reported."""
     assert find_discrepancy(nominal(), joint_log(7, tail=4.0)).provenance.bursts == ()
