@@ -10,18 +10,26 @@ from discrepancy_core import RUNS, SAMPLES, joint_log
 from discrepancy_support import nominal
 
 from gpcorrect.discrepancy import Level, find_discrepancy
+from gpcorrect.discrepancy.naming.view import view_of
+from gpcorrect.discrepancy.naming.weigh import own_gain, weigh
+from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
+from gpcorrect.discrepancy.search.linearisation import refine
+from gpcorrect.discrepancy.search.prepared import prepare_data
+from gpcorrect.discrepancy.search.state import start_search
 from gpcorrect.sim.effects import Hysteresis, PulleyEccentricity
 from gpcorrect.types import CalibrationLog
 
 ERROR, WAVES = 0.01, 6.0
+REVERSALS = ("backlash", "hysteresis")
 
 
 def _wave(spread: float) -> CalibrationLog:
-    """A wave of joint 1 over its position, whose size differs from motion to motion by that part of itself."""
+    """Return a wave of joint 1 over its position, whose size differs by that part of itself between motions."""
     plain = joint_log(3)
     seen = joint_log(3, PulleyEccentricity(joint=1, amplitude=ERROR, waves=WAVES, phase=0.3))
     of_run = 1.0 + spread * np.random.default_rng(5).standard_normal(RUNS)
-    assert plain.external_jp is not None and seen.external_jp is not None
+    assert plain.external_jp is not None
+    assert seen.external_jp is not None
     size = np.repeat(of_run, SAMPLES)[:, None]
     return replace(seen, external_jp=plain.external_jp + size * (seen.external_jp - plain.external_jp))
 
@@ -36,8 +44,22 @@ def test_a_size_that_differs_from_motion_to_motion_is_no_name(spread: float, lev
         assert any("from trajectory to trajectory" in r for n in found.not_named for r in n.reasons)
 
 
-def test_a_slack_of_half_the_motion_is_a_hysteresis() -> None:
-    """After a reversal half of the motion is lost, with a corner where it ends: no backlash, which loses all of it."""
-    hidden = Hysteresis(joint=1, radius=0.004, sharpness=8.0, depth=0.5, law="plays")
-    (effect,) = find_discrepancy(nominal(), joint_log(4, hidden)).effects
-    assert (effect.name, effect.level) == ("hysteresis", Level.EXACT)
+def test_a_fuller_law_of_a_rival_is_weighed() -> None:
+    """After a reversal half of the motion is lost, with a corner where it ends: a backlash loses all of it.
+
+    A hysteresis that loses all of it is no better; the one with a depth of its own is, and pays for its shape.
+    """
+    hidden = Hysteresis(joint=1, radius=0.0025, sharpness=8.0, depth=0.5, law="plays")
+    prepared = prepare_data(joint_log(4, hidden), nominal(), np.random.default_rng(0))
+    reversals = [c for c in all_candidates(prepared.dataset.scene) if c.joint == 1 and c.name in REVERSALS]
+    state = start_search(prepared.dataset, reversals)
+    slack = next(t.candidate for t in state.traces if t.candidate.name == "backlash")
+    (fit,) = refine(state.whitener, [], [FittedEffect(slack, np.array(slack.start))], 30)
+    view = view_of(replace(state, fitted=(fit,)), prepared)
+    weighed = weigh(view, fit, own_gain(view, fit))
+    best, *others = weighed.rivals
+    assert best.candidate.name == "hysteresis"
+    assert "depth" in best.candidate.places
+    assert best.nats > weighed.own.nats + 10.0 > max(r.nats for r in others if r.candidate.extra == 0)
+    assert np.isfinite(best.shape_nats)
+    assert best.shape_nats > 0.0
