@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 
 from gpcorrect.calibration.settings import LIMITS
+from gpcorrect.calibration.surroundings import Surroundings
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
@@ -16,7 +17,7 @@ WITHOUT_MARGIN = 1 / (1 + 2 * LIMITS.margin)  # of half a region, the part that 
 
 @dataclass(frozen=True, eq=False)
 class Domain:
-    """The training region: every input inside its range, and novelty below its limit.
+    """The training region: every input inside its range, novelty below its limit, and training samples near.
 
     A feature that made no difference in training leaves the posterior variance small however far it goes, but nothing
     is known out there; hence the ranges beside the novelty.
@@ -31,6 +32,7 @@ class Domain:
     kept : (f,) array
         How far from the middle of the region, in halves of it, each of them is left as it is: as far as training went,
         in files that say so.
+    near : Surroundings or None, training inputs near which a query must lie; None where novelty says it, or older files
     """
 
     low: FloatArray
@@ -39,6 +41,7 @@ class Domain:
     spread: FloatArray
     fading: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     kept: FloatArray = field(default_factory=lambda: np.zeros(0))
+    near: Surroundings | None = None
 
     def __post_init__(self) -> None:
         if not self.kept.size:  # older files
@@ -53,6 +56,8 @@ class Domain:
             raise DataError(f"inputs {self.fading} are to fade, which are not all among {len(self.low)}.")
         if self.kept.shape != self.fading.shape or not ((self.kept > 0) & (self.kept < 1)).all():
             raise DataError(f"inputs {self.fading} cannot fade from {self.kept} of the way to the region's edge.")
+        if self.near is not None and self.near.points.shape[1:] != self.low.shape:
+            raise DataError(f"points {self.near.points.shape} do not surround {len(self.low)} bounded inputs.")
 
     @classmethod
     def of(
@@ -123,7 +128,10 @@ class Domain:
         novelty : (n,) array, fraction of the prior variance left at each
         """
         bounded = X[:, : len(self.low)]
-        return ((bounded >= self.low) & (bounded <= self.high)).all(axis=1) & (novelty <= self.novelty)
+        inside = ((bounded >= self.low) & (bounded <= self.high)).all(axis=1) & (novelty <= self.novelty)
+        if self.near is not None and inside.any():
+            inside[inside] = self.near.hold(bounded[inside])
+        return inside
 
     def widen(self, std: FloatArray, inside: BoolArray | bool) -> FloatArray:
         """Return standard deviations `(..., m)`, outside the region no smaller than the spread of the targets.

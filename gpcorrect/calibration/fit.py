@@ -16,6 +16,7 @@ from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import learner_named
 from gpcorrect.calibration.settings import LIMITS, FitSettings
+from gpcorrect.calibration.surroundings import Surroundings
 from gpcorrect.calibration.task import Corrector, Outcome
 from gpcorrect.cleaning import CleaningReport, Reason, fit_cleaner
 from gpcorrect.gpr import IntervalCalibration, LeftOut, novelty_limit
@@ -137,10 +138,13 @@ def _learn_law(samples: Samples, layout: Layout, settings: FitSettings, progress
     trajectory, std = samples.trajectory[rows][known], np.maximum(std, np.finfo(float).tiny)
     intervals = IntervalCalibration.fit(errors, std, trajectory, folds_of(trajectory))
     bounded, novelty = X[:, : len(layout.slack)], novelty_limit(left_out.novelty)
+    domain = Domain.of(bounded, layout.slack, novelty, correction, layout.fading)
+    if layout.penalties is not None:  # what a linear law says has no novelty
+        domain = replace(domain, near=Surroundings.of(bounded, samples.trajectory[rows]))
     law = Law(
         learned=fitted.learned,
         intervals=intervals.widened(samples.widening),
-        domain=Domain.of(bounded, layout.slack, novelty, correction, layout.fading),
+        domain=domain,
         bounds=Bounds.of(correction, layout.targets),
         zero=np.zeros(target.shape[1]) if fitted.zero is None else fitted.zero,
     )

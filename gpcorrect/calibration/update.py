@@ -180,12 +180,12 @@ def _learn(law: Law, samples: Samples, progress: Progress) -> tuple[Law, float, 
     intervals = IntervalCalibration.fit(*tries[best], trajectory, folds)
     if len(np.unique(trajectory)) < ENOUGH:
         intervals = _widest(intervals, law.intervals)
-    bounded = len(law.domain.low)
+    bounded, near = len(law.domain.low), law.domain.near
     grown = Domain.of(X[:, :bounded], np.zeros(bounded), law.domain.novelty, correction)
     changed = Law(
         learned=replace(learned, predictor=_resting_on(learned.predictor, statistics), statistics=statistics),
         intervals=intervals,
-        domain=law.domain.widened(grown),
+        domain=replace(law.domain.widened(grown), near=None if near is None else near.joined(X[:, :bounded])),
         bounds=law.bounds.widened(Bounds.of(correction, law.bounds.sizes)),
         zero=law.zero,
     )

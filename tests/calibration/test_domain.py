@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from joint_logs import joint_log
 from support import real_data
 
 from gpcorrect.calibration import FitSettings, JointCorrector, evaluate_model
 from gpcorrect.calibration.domain import Domain
 from gpcorrect.calibration.fit import fit_model
+from gpcorrect.calibration.model_file import load, save
+from gpcorrect.calibration.surroundings import Surroundings
+from gpcorrect.errors import DataError
 from gpcorrect.logs import read_log
 
 REGION = Domain.of(
@@ -60,6 +65,55 @@ def test_rates_that_training_knew_do_not_fade() -> None:
     assert np.abs(wild.clip(np.linspace(-50, 50, 999)[:, None])).max() < 1.1 * ends
 
 
+def test_what_no_training_sample_was_near_is_outside() -> None:
+    """Inputs that moved together in training are known where they do, not wherever each alone is in its range."""
+    rng = np.random.default_rng(3)
+    along = rng.uniform(-1.0, 1.0, (3000, 1))
+    X, number = along + 0.02 * rng.standard_normal((3000, 3)), np.arange(3000) // 300
+    near = Surroundings.of(X, number)
+    assert near.hold(X).mean() > 0.98
+    apart = rng.permuted(X, axis=0)
+    away = np.ptp(apart, axis=1) > 0.5
+    assert not near.hold(apart[away]).any()
+    assert near.joined(apart[:400]).hold(apart[:400]).all()
+    far = np.full((1, 3), 1e150)
+    assert not near.hold(far).any()
+
+
+def test_points_that_do_not_fit_the_inputs_are_refused() -> None:
+    """A damaged file compares no inputs with points of another size."""
+    near = Surroundings.of(np.random.default_rng(0).standard_normal((100, 2)), np.arange(100) // 10)
+    with pytest.raises(DataError, match="surround"):
+        replace(near, points=near.points[:, :1])
+    with pytest.raises(DataError, match="surround"):
+        replace(near, points=near.points[:0])
+    with pytest.raises(DataError, match="bounded inputs"):
+        replace(REGION, near=Surroundings.of(np.zeros((100, 3)), np.arange(100) // 10))
+
+
+@pytest.mark.parametrize("method", ["linear", "gp", "trees"])
+def test_a_motion_of_another_kind_is_outside_whatever_was_learned(method: str, tmp_path: Path) -> None:
+    """Learned where joint 2 follows joint 1 and used where it does not, each in its range; a model file keeps that."""
+    other = joint_log(4, trajectories=8)
+    assert other.measured_jp is not None
+    assert other.external_jp is not None
+    together = other.measured_jp.copy()
+    together[:, 1] = 0.4 + together[:, 0] + 0.02 * (other.measured_jp[:, 1] - other.measured_jp[:, 1].mean())
+    log = replace(other, measured_jp=together, external_jp=other.external_jp + together - other.measured_jp)
+    last = log.trajectory >= 6
+    settings = FitSettings(method=method, features=("position",), inducing=60)
+    fitted = fit_model(log.select(~last), settings, task=JointCorrector).corrector
+    save(fitted, tmp_path / "model.gpc")
+    corrector = load(tmp_path / "model.gpc", JointCorrector)
+    own, foreign = (corrector.correct_log(part) for part in (log.select(last), other.select(last)))
+    assert own.in_domain.mean() > 0.97
+    apart = np.abs(np.diff(other.measured_jp[last][:, :2], axis=1)[:, 0] - 0.4) > 0.3
+    ranges = replace(corrector, law=replace(corrector.law, domain=replace(corrector.law.domain, near=None)))
+    assert ranges.correct_log(other.select(last)).in_domain[apart].mean() > 0.3
+    assert not foreign.in_domain[apart].any()
+    assert (foreign.std[apart] >= corrector.law.domain.spread).all()
+
+
 @pytest.mark.slow
 def test_a_faster_recording_is_not_made_worse_by_what_slow_motion_taught() -> None:
     """Joint 1 of the dVRK, learned from slow random motion and used on fast picking, was 2.3 times worse than raw."""
@@ -69,3 +123,13 @@ def test_a_faster_recording_is_not_made_worse_by_what_slow_motion_taught() -> No
     ratio = [c["rmse"] / r["rmse"] for c, r in zip(errors["corrected"], errors["raw"], strict=True)]
     assert ratio[0] < 1.05
     assert max(ratio[3], ratio[5]) < 0.5
+
+
+@pytest.mark.slow
+def test_a_model_of_one_task_does_not_claim_to_know_any_motion() -> None:
+    """Of random motion, a model of pick-and-place said that 97 % was inside, where 37 % of wrist intervals held."""
+    fast, random = read_log(real_data("dvrk_pick_place.parquet")), read_log(real_data("dvrk_random.csv"))
+    corrector = fit_model(fast, task=JointCorrector).corrector
+    measured = evaluate_model(corrector, random).dirty
+    assert measured.in_domain.mean() < 0.5
+    assert (measured.coverage95 > 0.9).all()

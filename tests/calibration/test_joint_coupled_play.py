@@ -10,7 +10,7 @@ from gpcorrect.calibration import timed, zigzag
 from gpcorrect.calibration.coupled_play import CoupledPlay, learn_coupled_play
 from gpcorrect.calibration.joint_features import JointFeatures
 from gpcorrect.calibration.joint_path import joint_path
-from gpcorrect.calibration.learners.gp import _local_level
+from gpcorrect.calibration.learners.gp import _gain, _levels, _local_level
 from gpcorrect.calibration.memory import play_states
 
 
@@ -84,6 +84,20 @@ def test_a_zero_that_moves_is_followed_and_one_that_holds_is_not() -> None:
     _, zero = _local_level(errors, number)
     assert zero[0] == pytest.approx(0.95, abs=0.2)
     assert zero[1] == 0.0
+
+
+@pytest.mark.parametrize(("kept", "most"), [(0.5, 1.1), (1.0, 0.6)])
+def test_a_zero_that_returns_by_itself_is_hardly_followed(kept: float, most: float) -> None:
+    """It costs later trajectories a tenth of their squares at most; following one that walks spares nearly half."""
+    rng = np.random.default_rng(0)
+    levels = np.zeros((2000, 25))
+    for k in range(1, 25):
+        levels[:, k] = kept * levels[:, k - 1] + rng.standard_normal(2000)
+    known, later = levels[:, :20], levels[:, 20:]
+    centres = known.mean(axis=1)
+    stood = [_levels(row, _gain(row))[-1] for row in known - centres[:, None]]
+    followed, still = (((later.T - at) ** 2).mean() for at in (centres + stood, centres))
+    assert followed < most * still
 
 
 def test_what_the_motion_does_not_show_is_not_learned() -> None:
