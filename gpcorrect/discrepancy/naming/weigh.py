@@ -250,7 +250,8 @@ def _gains(
 def _rivals(view: View, own: Own, fit: FittedEffect, margin: float) -> list[Rival]:
     """Those that may come within some nats of the effect; the others are fitted no further than is plain.
 
-    Laws with more numbers than the effect, or than a rival that is as near to it, may say the same and more.
+    Laws with more numbers than the effect, or than a rival that is as near to it, may say the same and more. Of those
+    that a report calls alike, the most probable one.
     """
     search, rest, reference = view.search, own.rest, own.reference
     worth = search.misfit(search.fitted) + margin
@@ -280,7 +281,8 @@ def _rivals(view: View, own: Own, fit: FittedEffect, margin: float) -> list[Riva
             differs = float(np.sum((other - change) ** 2)) > NAMING.shape_error**2 * float(change @ change)
             paid = _shape_nats(search, fitted) if fuller and differs else np.inf
             found.append(Rival(fitted[-1], float(gains[0].sum() + gains[1].sum()), shape_nats=paid))
-    return found
+    best = sorted(found, key=lambda r: min(SEARCH.complexity * r.candidate.extra, r.shape_nats) - r.nats)
+    return [r for i, r in enumerate(best) if not any(r.candidate.called_like(b.candidate) for b in best[:i])]
 
 
 def _is_simpler(rival: Candidate, candidate: Candidate) -> bool:
