@@ -155,3 +155,15 @@ def test_a_log_without_outside_truth_is_refused() -> None:
     object.__setattr__(log, "external_jp", None)
     with pytest.raises(DataError, match="external_jp"):
         find_discrepancy(nominal(), log)
+
+
+@pytest.mark.parametrize(
+    "clock",
+    [np.zeros_like, lambda t: np.full(len(t), np.nan), lambda t: t[::-1].copy(), lambda t: t - t % 8.0],
+    ids=["nothing", "missing", "backwards", "still"],
+)
+def test_a_clock_that_does_not_run_is_refused(clock: Callable[[FloatArray], FloatArray]) -> None:
+    """A log from Python need not have passed a reader: backwards it was NONE, otherwise a traceback."""
+    log = joint_log(0)
+    with pytest.raises(DataError, match="clock"):
+        find_discrepancy(nominal(), replace(log, time=clock(log.time)))

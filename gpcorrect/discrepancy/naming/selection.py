@@ -229,7 +229,8 @@ def name_rare(
     new = tuple(n for n in names if n.fit.candidate.key not in known)
     if not new:
         return None
-    return cut, replace(done, fitted=(*state.fitted, *(n.fit for n in new))), (*named, *new)
+    steps, fitted = (*state.waterfall, *done.waterfall), (*state.fitted, *(n.fit for n in new))
+    return cut, replace(done, fitted=fitted, waterfall=steps), (*named, *new)
 
 
 def _only_there(trace: Trace, cut: PreparedData, bursts: Sequence[Burst]) -> bool:
