@@ -93,9 +93,9 @@ class _ModelSelection:
     filled: int = 0
 
     def step(self) -> bool:
-        """Change the set once; False when there is nothing to change, or nothing left to name."""
+        """Change the set once; False when there is nothing to change."""
         if not self.search.fitted:
-            return False
+            return self._search_again()
         view = view_of(self.search, self.prepared)
         self.own = {id(m): self.own.get(id(m)) or own_gain(view, m) for m in self.search.fitted}
         if self._drop_idle(view):

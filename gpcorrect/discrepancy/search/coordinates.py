@@ -8,7 +8,7 @@ import numpy as np
 
 from gpcorrect.sim.effects import Parameter
 
-WIDEST = np.log(1e4)  # of a shape parameter's logarithm around its typical value
+WIDEST = np.log(1e6)  # of a shape parameter's logarithm around its typical value
 PRIOR_LOG = np.log(3.0)  # standard deviation of a shape parameter's logarithm: a factor of three either way
 
 
