@@ -10,7 +10,7 @@ from discrepancy_core import NOISE, RUNS, SAMPLES, joint_log
 from discrepancy_support import nominal
 
 from gpcorrect.discrepancy.naming.intervals import half_widths
-from gpcorrect.discrepancy.naming.weigh import size_overdispersion
+from gpcorrect.discrepancy.naming.spread import size_overdispersion
 from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates, watched
 from gpcorrect.discrepancy.search.linearisation import refine

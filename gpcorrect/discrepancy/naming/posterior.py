@@ -10,8 +10,9 @@ import numpy as np
 
 from gpcorrect.discrepancy.naming.intervals import away_from_nothing, explained_by_others, undetermined
 from gpcorrect.discrepancy.naming.smooth_model import smooth_nats
+from gpcorrect.discrepancy.naming.spread import size_spread
 from gpcorrect.discrepancy.naming.view import View
-from gpcorrect.discrepancy.naming.weigh import Own, Weighed, between_effects, size_spread, weigh
+from gpcorrect.discrepancy.naming.weigh import Own, Weighed, between_effects, weigh
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.state import Search, penalty
 from gpcorrect.discrepancy.settings import NAMING, SEARCH
