@@ -21,8 +21,8 @@ class Burst:
     """A channel in which something happens far above its noise, in trajectories as the log numbers them.
 
     `largest` is the largest residual there, `noise` the standard deviation of the noise, `rows` counts the condensed
-    rows there that are above the limit. `rare` says that the other trajectories are calm, `fitful` that moments far
-    above the noise stand apart from calm ones, be it in every trajectory.
+    rows there that are above the limit. `rare` says that most trajectories are calm and without it, `fitful` that moments
+    far above the noise stand apart from calm ones, be it in every trajectory.
     """
 
     channel: Channel
@@ -66,7 +66,7 @@ def bursts_of(dataset: Dataset, noises: Sequence[ChannelNoise], effects: Sequenc
         fitful = bool(apart.any()) and rows >= BURSTS.lasting
         if above.any() or fitful:
             trajectories, largest = numbers[np.unique(index[there])], float(np.abs(column[there]).max())
-            rare = bool(above.any() and calm)
+            rare = bool(calm) and 2 * len(trajectories) <= len(numbers)
             found.append(Burst(channel, tuple(trajectories.tolist()), largest, noise.std, rows, rare, fitful))
     return tuple(found)
 
