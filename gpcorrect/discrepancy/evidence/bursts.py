@@ -21,8 +21,8 @@ class Burst:
     """A channel in which something happens far above its noise, in trajectories as the log numbers them.
 
     `largest` is the largest residual there, `noise` the standard deviation of the noise, `rows` counts the condensed
-    rows there that are above the limit. `rare` says that most trajectories are calm and without it, `fitful` that moments
-    far above the noise stand apart from calm ones, be it in every trajectory.
+    rows there that are above the limit. `rare` says that most trajectories are calm and without it, `fitful` that
+    moments far above the noise stand apart from calm ones, be it in every trajectory.
     """
 
     channel: Channel
