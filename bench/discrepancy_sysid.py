@@ -246,7 +246,7 @@ def main() -> None:
     entries = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     done = {e["key"] for e in entries}
     every = list(jobs_of(arguments))
-    jobs = [job for job in every if job.spec.signals != "bare"]  # type: ignore[union-attr]
+    jobs = [job for job in every if job.spec.signals != "bare"]
     print(f"{len(every) - len(jobs)} of {len(every)} cases are joints without a controller, which it cannot simulate")
     with path.open("a", encoding="utf-8") as file, workers(arguments.workers):
         for entry in each_as_done(solve, [job for job in jobs if job.key not in done]):
