@@ -29,6 +29,7 @@ from gpcorrect.discrepancy.search.prepared import localise_residual, prepare_dat
 from gpcorrect.discrepancy.search.state import Search, start_search
 from gpcorrect.discrepancy.search.stepwise import search
 from gpcorrect.discrepancy.settings import SEARCH
+from gpcorrect.errors import DataError
 from gpcorrect.logs.join import join_logs
 from gpcorrect.logs.validate import refuse_misread
 from gpcorrect.sim.effects import in_order
@@ -76,10 +77,11 @@ def find_discrepancy(
     LogError
         Its joints, poses or stamps cannot be in the units, signs and columns that they are taken for.
     DataError
-        A log lacks a needed signal, or is too short to split.
+        A log lacks a needed signal or a clock that runs, or is too short to split.
     """
     log = logs if isinstance(logs, CalibrationLog) else join_logs(logs)
     refuse_misread(log, log.signals)
+    _refuse_still_clock(log)
     store = None
     if stages is not None:
         key = inputs_key(log.digest, len(log), model_key(model), seed, tolerance, version("gpcorrect"))
@@ -90,6 +92,16 @@ def find_discrepancy(
     if store is not None:
         store.save_result(result)
     return result
+
+
+def _refuse_still_clock(log: CalibrationLog) -> None:
+    step = np.diff(log.time)[np.diff(log.trajectory) == 0]
+    if log.static or not (step > 0).any() or not (step >= 0).all():
+        odd = "has no clock" if log.static else "has a clock that stands still, runs back or is missing"
+        raise DataError(
+            f"the log {odd} inside its trajectories: what moves cannot be told from what does not.",
+            hint="Log `time` in seconds, rising within each trajectory.",
+        )
 
 
 def _find(
