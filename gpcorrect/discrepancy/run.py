@@ -95,6 +95,7 @@ def find_discrepancy(
 
 
 def _refuse_still_clock(log: CalibrationLog) -> None:
+    """Refuse a log whose stamps do not rise: no reader need have looked at one from Python."""
     step = np.diff(log.time)[np.diff(log.trajectory) == 0]
     if log.static or not (step > 0).any() or not (step >= 0).all():
         odd = "has no clock" if log.static else "has a clock that stands still, runs back or is missing"

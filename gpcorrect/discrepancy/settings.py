@@ -110,8 +110,8 @@ class SearchSettings:
 class NamingSettings:
     """When an effect may be named."""
 
-    # Posterior of an exact name; 0.95 by design, but of eight names between that and 0.98 in 471 blind recordings half
-    # were wrong, and one in eleven up to 0.999: no more can be lost than the odds of two laws that are not exact.
+    # Posterior of an exact name; 0.95 by design, but of eight names between that and 0.98 in 398 blind recordings half
+    # were wrong, and one of eleven from there to 0.999.
     exact: float = 0.98
     stable: float = 0.02  # posterior above which a rival cannot be ruled out: what EXACT leaves
     # Of an effect's nats, found beside it by the smooth model: then that model competes in full.
