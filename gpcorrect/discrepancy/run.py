@@ -13,7 +13,7 @@ import numpy as np
 from gpcorrect.discrepancy.advice.next_experiment import advise
 from gpcorrect.discrepancy.evidence.bursts import bursts_of
 from gpcorrect.discrepancy.evidence.whitener import estimate_noises, whitener_on
-from gpcorrect.discrepancy.naming.intervals import interval_ends
+from gpcorrect.discrepancy.naming.intervals import away_from_nothing, interval_ends
 from gpcorrect.discrepancy.naming.posterior import Level, Named
 from gpcorrect.discrepancy.naming.selection import name_effects, name_rare
 from gpcorrect.discrepancy.naming.sensor_noise import noise_effects
@@ -226,7 +226,9 @@ def _with_numbers(
     found, unsure = {}, set()
     for i, (name, fit) in enumerate(zip(named, fitted, strict=True)):
         ends, candidate = interval_ends(state, whitener, fitted, fit), fit.candidate
-        if all(ends[k][0] <= candidate.coordinates[k].identity <= ends[k][1] for k in candidate.sizes):
+        none = all(ends[k][0] <= candidate.coordinates[k].identity <= ends[k][1] for k in candidate.sizes)
+        # of several, only the difference may be known, as of two homings beside a registration: judged together
+        if none and (len(candidate.sizes) == 1 or not away_from_nothing(state, whitener, fitted, fit)):
             unsure.add(i)
             continue
         sizes = np.sqrt(np.mean((dataset.predict([fit.effect]) - nominal) ** 2, axis=0)) / whitener.std

@@ -216,8 +216,9 @@ def _covariances(
     n_blocks = int(block.max()) + 1
     freedom = max(n_blocks - 1, 1)
     inverse: FloatArray = np.linalg.pinv(slopes.T @ slopes, hermitian=True).astype(np.float64)
-    scores = np.stack([slopes[block == b].T @ linearised.z[block == b] for b in range(n_blocks)])
-    sandwich: FloatArray = inverse @ (scores.T @ scores * n_blocks / freedom) @ inverse
+    # each trajectory's influence first: of columns that are nearly one, the product of all would leave rounding only
+    influence = np.stack([inverse @ (slopes[block == b].T @ linearised.z[block == b]) for b in range(n_blocks)])
+    sandwich: FloatArray = influence.T @ influence * n_blocks / freedom
     return sandwich, inverse, freedom
 
 
