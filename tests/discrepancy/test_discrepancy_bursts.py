@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from discrepancy_core import NOISE, RUNS, SAMPLES, joint_log
 from discrepancy_support import nominal
 
 from gpcorrect.discrepancy import Level, find_discrepancy
+from gpcorrect.discrepancy.evidence.bursts import bursts_of
+from gpcorrect.discrepancy.evidence.whitener import estimate_noises
 from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentence
+from gpcorrect.discrepancy.search.prepared import prepare_data
 
 
 def test_a_rare_moment_far_above_the_noise_is_reported_with_its_place() -> None:
@@ -49,6 +53,19 @@ def test_what_comes_and_goes_in_every_motion_is_unknown() -> None:
     assert found.level == Level.UNKNOWN
     assert not found.effects
     assert {p.place: p.level for p in found.verdict.places} == {1: Level.NONE, 2: Level.UNKNOWN}
+
+
+@pytest.mark.parametrize(("motions", "rare"), [(RUNS // 2, True), (RUNS // 2 + 1, False)])
+def test_what_happens_in_half_of_the_motions_is_still_rare(motions: int, rare: bool) -> None:
+    """The other half says what calm is; and what lasts is to be looked at in pieces."""
+    odd = np.zeros((SAMPLES, RUNS, 2))
+    odd[40:72, :motions, 1] = 12 * NOISE
+    dataset = prepare_data(joint_log(5, more=odd), nominal(), np.random.default_rng(0)).dataset
+    noises = estimate_noises(dataset, dataset.residual(), dataset.training)
+    (burst,) = bursts_of(dataset, noises)
+    assert burst.trajectories == tuple(range(motions))
+    assert burst.rare is rare
+    assert burst.lasts
 
 
 def test_noise_alone_has_no_bursts() -> None:

@@ -10,6 +10,7 @@ from discrepancy_core import NOISE, joint_log
 from discrepancy_support import nominal
 
 from gpcorrect.arms import arm_named
+from gpcorrect.discrepancy import Level, find_discrepancy
 from gpcorrect.discrepancy.naming.intervals import half_widths, interval_ends, undetermined
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import refine
@@ -17,8 +18,9 @@ from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.discrepancy.search.state import start_search
 from gpcorrect.discrepancy.search.stepwise import search
 from gpcorrect.sim import machine_of, model_from_dict, simulate
-from gpcorrect.sim.effects import NonlinearStretch, PulleyEccentricity
+from gpcorrect.sim.effects import Drift, HomingOffset, NonlinearStretch, PulleyEccentricity
 from gpcorrect.sim.plan import Segment, plan_of
+from gpcorrect.types import FloatArray
 
 WAVES = 8.0
 
@@ -41,6 +43,14 @@ def test_a_wave_is_as_well_determined_wherever_the_joint_has_its_zero(zero: floa
     assert undetermined(state, state.whitener, [fit], fit) == []
 
 
+def swing(rng: np.random.Generator) -> FloatArray:
+    """Path `(500, 3)` of five seconds in which the first joints of a dVRK arm swing, each at its own speed."""
+    time, limits = np.arange(0.0, 5.0, 0.01)[:, None], arm_named("dvrk_psm").limits[:3]
+    rate, phase = rng.uniform(0.5, 2.0, 3), rng.uniform(0.0, 2 * np.pi, 3)
+    middle: FloatArray = limits.mean(axis=1)
+    return middle + 0.3 * np.ptp(limits, axis=1) * np.sin(rate * time + phase)
+
+
 @pytest.mark.parametrize(("stiffness", "cubic", "doubtful"), [(226.0, 6.7e8, True), (500.0, 6.7e9, False)])
 def test_a_stretch_that_is_beyond_doubt_has_no_interval_that_holds_nothing(
     stiffness: float, cubic: float, doubtful: bool
@@ -52,12 +62,8 @@ def test_a_stretch_that_is_beyond_doubt_has_no_interval_that_holds_nothing(
     model = model_from_dict(
         {"arm": "dvrk_psm", "joints": [1, 2, 3], "log_rate_hz": 25, "noise": {"external_jp_white": [3e-4, 3e-4, 5e-5]}}
     )
-    rng, t, limits = np.random.default_rng(1), np.arange(0.0, 5.0, 0.01)[:, None], arm_named("dvrk_psm").limits[:3]
-    segments = []
-    for _ in range(10):
-        rate, phase = rng.uniform(0.5, 2.0, 3), rng.uniform(0.0, 2 * np.pi, 3)
-        path = limits.mean(axis=1) + 0.3 * np.ptp(limits, axis=1) * np.sin(rate * t + phase)
-        segments.append(Segment(path, np.zeros(len(path), dtype=np.int64), 0, 0.0, 0.2))
+    rng = np.random.default_rng(1)
+    segments = [Segment(swing(rng), np.zeros(500, dtype=np.int64), 0, 0.0, 0.2) for _ in range(10)]
     effect = NonlinearStretch(joint=2, stiffness=stiffness, cubic=cubic)
     log = simulate(machine_of(model).with_effects(effect), plan_of(segments, 100.0), seed=1)
     prepared = prepare_data(log, model, np.random.default_rng(0))
@@ -70,3 +76,15 @@ def test_a_stretch_that_is_beyond_doubt_has_no_interval_that_holds_nothing(
     assert high == pytest.approx(fit.u[0] + half)
     assert low > 0.0 if doubtful else low == pytest.approx(fit.u[0] - half)
     assert low < fit.candidate.coordinates[0].coordinate(stiffness) < high
+
+
+def test_homings_of_which_a_tracker_knows_only_the_difference_are_not_nothing() -> None:
+    """Their sum is a turn of the registration, so neither is known alone; rounding took that for both being nothing."""
+    noise = {"tracker_white": 4e-4, "tracker_rotation_white": 4e-3}
+    model = model_from_dict({"arm": "dvrk_psm", "joints": [1, 2, 3], "log_rate_hz": 25, "noise": noise})
+    rng = np.random.default_rng(2)
+    segments = [Segment(swing(rng), np.full(500, k), k % 2, 600.0 * (k // 2), 0.2) for k in range(12)]
+    hidden = Drift(1, 1e-5), HomingOffset(1, (0.006, -0.004))
+    log = replace(simulate(machine_of(model).with_effects(*hidden), plan_of(segments, 100.0), seed=1), external_jp=None)
+    found = find_discrepancy(model, log)
+    assert {(e.name, e.joint) for e in found.effects if e.level == Level.EXACT} == {("drift", 1), ("homing_offset", 1)}

@@ -167,3 +167,9 @@ def test_a_clock_that_does_not_run_is_refused(clock: Callable[[FloatArray], Floa
     log = joint_log(0)
     with pytest.raises(DataError, match="clock"):
         find_discrepancy(nominal(), replace(log, time=clock(log.time)))
+
+
+def test_a_table_of_poses_is_refused() -> None:
+    """Point and measure has no clock, and nearly every law of the catalogue needs one."""
+    with pytest.raises(DataError, match="no clock"):
+        find_discrepancy(nominal(), replace(joint_log(0), static=True))

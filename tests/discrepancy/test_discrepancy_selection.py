@@ -129,6 +129,13 @@ def test_what_a_strong_dropped_effect_stood_in_for_is_searched_without_it(select
     assert laboratory.refused == [["wrong"]]
 
 
+def test_what_the_only_effect_stood_in_for_is_searched_too(select: Select) -> None:
+    """The set is empty once it has gone, and that is not the end."""
+    levels = {"wrong": (Level.INCONCLUSIVE, SETTINGS.naming.hole + 1.0), "right": (Level.EXACT, 90.0)}
+    laboratory = Laboratory(levels, finds=["right"])
+    assert select(laboratory, parts("wrong")) == (["right"], ["wrong"])
+
+
 def test_an_effect_at_the_edge_is_replaced_before_the_next_is_dropped(select: Select) -> None:
     levels: dict[str, tuple[Level, float]] = {
         "a": (Level.EXACT, 50.0),

@@ -250,7 +250,8 @@ def _shape_nats(search: Search, fitted: Sequence[FittedEffect]) -> float:
 
     Occam's factor of a normal posterior (MacKay 2003, Information Theory, Inference and Learning, Eq. 28.6); sizes
     beyond the first cost what they always do.
-    Infinite where the shape is at the end of its range: there a fuller law says what its special case says.
+    Infinite where the shape is at the end of its range, or does not show: there a fuller law says what its special case
+    says.
     """
     fit, candidate = fitted[-1], fitted[-1].candidate
     near = search.parted(fitted, candidate)[1]
@@ -263,9 +264,9 @@ def _shape_nats(search: Search, fitted: Sequence[FittedEffect]) -> float:
         if i in candidate.sizes:
             continue
         low, high = c.bounds
-        if not low + SEARCH.edge * (high - low) < fit.u[i] < high - SEARCH.edge * (high - low):
-            return np.inf
         spread = float(np.sqrt(known[own[i], own[i]]))
+        if spread == 0.0 or not low + SEARCH.edge * (high - low) < fit.u[i] < high - SEARCH.edge * (high - low):
+            return np.inf
         if c.prior_weight:  # normal, around what is typical
             nats += 0.5 * (c.prior_weight * fit.u[i]) ** 2 - np.log(c.prior_weight * spread)
         else:  # anything within its bounds
