@@ -16,9 +16,9 @@ from gpcorrect.discrepancy.naming.smooth_model import smooth_columns, smooth_nat
 from gpcorrect.discrepancy.naming.spread import size_overdispersion
 from gpcorrect.discrepancy.naming.view import View
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
-from gpcorrect.discrepancy.search.linearisation import held_out, linearise
+from gpcorrect.discrepancy.search.linearisation import Linearisation, held_out, linearise
 from gpcorrect.discrepancy.search.state import Search, penalty
-from gpcorrect.discrepancy.search.stepwise import rank
+from gpcorrect.discrepancy.search.stepwise import Ranked, rank
 from gpcorrect.discrepancy.settings import NAMING, SEARCH
 from gpcorrect.types import BoolArray, FloatArray
 
@@ -195,36 +195,45 @@ def _rivals(view: View, own: Own, fit: FittedEffect, margin: float) -> list[Riva
     Laws with more numbers than the effect, or than a rival that is as near to it, may say the same and more. Of those
     that a report calls alike, the most probable one.
     """
-    search, rest, reference = view.search, own.rest, own.reference
+    search = view.search
     worth = search.misfit(search.fitted) + margin
-    bare = search.linearise_near(rest, fit.candidate)
-    change = reference[0] - view.whitened_residuals(search.fitted)[0]
-    touched = search.touched(fit.candidate)
-    ranked = [r for r in rank(search, bare, [fit.candidate], touched) if r.nats > 0]
-    kin = [r.candidate for r in ranked if _is_kin(r.candidate, fit.candidate) and r.candidate.extra == 0]
-    ranked += rank(search, bare, [fit.candidate], touched, kin) if kin else []
+    bare = search.linearise_near(own.rest, fit.candidate)
+    change = _change(view, own, search.fitted)
     found: list[Rival] = []
-    for place, leader in enumerate(ranked):
+    for place, leader in enumerate(_leaders(search, bare, fit.candidate)):
+        candidate = leader.candidate
+        near = [fit.candidate, *(r.candidate for r in found if r.nats > own.nats - margin)]
+        fuller = any(_is_fuller(candidate, c) for c in near)
         enough = sum(not r.candidate.called_like(fit.candidate) for r in found) >= NAMING.rivals
-        close = [fit.candidate, *(r.candidate for r in found if r.nats > own.nats - margin)]
-        fuller = any(_is_fuller(leader.candidate, c) for c in close)
-        if (enough or place >= NAMING.tried) and not (fuller or _is_simpler(leader.candidate, fit.candidate)):
+        if (enough or place >= NAMING.tried) and not (fuller or _is_simpler(candidate, fit.candidate)):
             continue
-        same = [r.candidate for r in found if leader.candidate.called_like(r.candidate)]
-        if any(leader.candidate.extra <= c.extra for c in same):
+        if any(candidate.called_like(r.candidate) and candidate.extra <= r.candidate.extra for r in found):
             continue
-        first = reference[0] - view.whitened_residuals((*rest, leader.fit))[0]
-        if _likeness(first, change, bare.slopes) < NAMING.likeness:
+        if _likeness(_change(view, own, (*own.rest, leader.fit)), change, bare.slopes) < NAMING.likeness:
             continue
-        fitted = search.refit((*rest, leader.fit), leader.candidate, worth)
-        if not fitted[-1].at_edge:
-            gains = _gains(view, reference, fitted, leader.candidate)
-            other = reference[0] - view.whitened_residuals(fitted)[0]
-            differs = float(np.sum((other - change) ** 2)) > NAMING.shape_error**2 * float(change @ change)
-            paid = _shape_nats(search, fitted) if fuller and differs else np.inf
-            found.append(Rival(fitted[-1], float(gains[0].sum() + gains[1].sum()), shape_nats=paid))
+        fitted = search.refit((*own.rest, leader.fit), candidate, worth)
+        if fitted[-1].at_edge:
+            continue
+        other = _change(view, own, fitted) - change
+        differs = float(other @ other) > NAMING.shape_error**2 * float(change @ change)
+        gains = _gains(view, own.reference, fitted, candidate)
+        shape_nats = _shape_nats(search, fitted) if fuller and differs else np.inf
+        found.append(Rival(fitted[-1], float(gains[0].sum() + gains[1].sum()), shape_nats=shape_nats))
     best = sorted(found, key=lambda r: min(SEARCH.complexity * r.candidate.extra, r.shape_nats) - r.nats)
     return [r for i, r in enumerate(best) if not any(r.candidate.called_like(b.candidate) for b in best[:i])]
+
+
+def _leaders(search: Search, bare: Linearisation, candidate: Candidate) -> list[Ranked]:
+    """Candidates by their linear gain in an effect's place, then fuller shapes of those of its family."""
+    touched = search.touched(candidate)
+    ranked = [r for r in rank(search, bare, [candidate], touched) if r.nats > 0]
+    kin = [r.candidate for r in ranked if _is_kin(r.candidate, candidate) and r.candidate.extra == 0]
+    return ranked + (rank(search, bare, [candidate], touched, kin) if kin else [])
+
+
+def _change(view: View, own: Own, fitted: Sequence[FittedEffect]) -> FloatArray:
+    """Return what a set takes from the whitened residual without the effect, on the discovery part."""
+    return own.reference[0] - view.whitened_residuals(fitted)[0]
 
 
 def _is_simpler(rival: Candidate, candidate: Candidate) -> bool:
