@@ -27,7 +27,8 @@ class Domain:
     low, high : (d,) arrays, range of each bounded input; inputs behind the first d are free
     novelty : float
         Fraction of prior variance left above which a query is outside; infinite for learners that know no novelty.
-    spread : (m,) array, root mean square of the training targets: how wrong an answer may be where nothing is known
+    spread : (m,) array, deviations at which intervals are as wide as those of no correction: how wrong an answer may be
+        where nothing is known
     fading : (f,) int array, bounded inputs that an extrapolating law is not asked of outside: see :meth:`clip`
     kept : (f,) array
         How far from the middle of the region, in halves of it, each of them is left as it is: as far as training went,
@@ -70,7 +71,7 @@ class Domain:
         X : (n, d) array, training inputs; the margin around their range is half of it, but `slack` at least
         slack : (d,) array, how far outside its range an input may always be
         novelty : float
-        targets : (n, m) array, what was to be predicted
+        targets : (n, m) array, what was to be predicted; the spread is their root mean square
         fading : (f,) int array, optional
         """
         low, high = np.percentile(X, LIMITS.range_quantiles, axis=0)
@@ -134,7 +135,7 @@ class Domain:
         return inside
 
     def widen(self, std: FloatArray, inside: BoolArray | bool) -> FloatArray:
-        """Return standard deviations `(..., m)`, outside the region no smaller than the spread of the targets.
+        """Return standard deviations `(..., m)`, outside the region no smaller than :attr:`spread`.
 
         Parameters
         ----------

@@ -136,9 +136,16 @@ def _learn_law(samples: Samples, layout: Layout, settings: FitSettings, progress
     errors, std = left_out.errors[known], left_out.std[known]
     correction = target - samples.origin[rows]
     trajectory, std = samples.trajectory[rows][known], np.maximum(std, np.finfo(float).tiny)
-    intervals = IntervalCalibration.fit(errors, std, trajectory, folds_of(trajectory))
+    parts = folds_of(trajectory)
+    intervals = IntervalCalibration.fit(errors, std, trajectory, parts)
     bounded, novelty = X[:, : len(layout.slack)], novelty_limit(left_out.novelty)
     domain = Domain.of(bounded, layout.slack, novelty, correction, layout.fading)
+    # Outside the region an interval is no narrower than one of no correction would be, in what a deviation of this
+    # learner is worth: those of the filter need a factor of two hundred.
+    raw = np.broadcast_to(np.maximum(domain.spread, np.finfo(float).tiny), errors.shape)
+    uncorrected = IntervalCalibration.fit(correction[known], raw, trajectory, parts).factor
+    worth = np.where(intervals.factor > 0.0, uncorrected / np.maximum(intervals.factor, np.finfo(float).tiny), 1.0)
+    domain = replace(domain, spread=domain.spread * worth)
     if layout.penalties is not None:  # what a linear law says has no novelty
         domain = replace(domain, near=Surroundings.of(bounded, samples.trajectory[rows]))
     law = Law(

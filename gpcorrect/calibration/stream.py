@@ -230,6 +230,7 @@ class JointStream(_ViewStream):
         motor, stretch = law.learned.inputs(moving[None], None if effort is None else effort[None])
         samples = zip(self._filters, motor[0].tolist(), stretch[0].tolist(), strict=True)
         mean, std = np.array([one.step(m, s, new) for one, m, s in samples]).T
+        std = np.hypot(std, law.learned.motor.std)
         return law.guarded(mean[None] - moving, std[None], np.zeros(1), x[None], np.array([np.isfinite(mean).all()]))
 
 

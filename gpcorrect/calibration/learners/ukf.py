@@ -9,7 +9,7 @@ Julier and Uhlmann 1997; cable model after Haghighipanah et al. 2016, IROS, cut 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,7 +36,9 @@ class CableModel:
 
     Parameters
     ----------
-    motor : PolynomialMap, from positions to the error that coupling, gain and offset make
+    motor : PolynomialMap
+        From positions to the error that coupling, gain and offset make; its deviations are what is left beside the
+        play, which the filter takes for none of its own.
     gap : (d,) array, half gap, rad or m
     stretch_per_effort, stretch_at_rest : (d,) arrays, stretch m - q for an effort: `compliance tau + rest`
     process, measurement : (d,) arrays
@@ -66,12 +68,9 @@ class CableModel:
         samples : Samples, n samples, in order, with their path of d joints
         """
         motor, stretch = self.inputs(samples.path, samples.effort)
-        parts = [
-            _filtered(motor[:, j], stretch[:, j], samples.new, self.gap[j], self.process[j], self.measurement[j])
-            for j in range(motor.shape[1])
-        ]
+        parts = [_filtered(motor[:, j], stretch[:, j], samples.new, cable) for j, cable in enumerate(self.filters())]
         mean, std = (np.column_stack(columns) for columns in zip(*parts, strict=True))
-        return mean - samples.path, std
+        return mean - samples.path, np.hypot(std, self.motor.std)
 
     def inputs(self, q: FloatArray, effort: FloatArray | None) -> tuple[FloatArray, FloatArray]:
         """Return corrected motor positions and the stretch that efforts show `(n, d)`, NaN where they show nothing.
@@ -111,13 +110,14 @@ def learn_cable(samples: Samples, layout: Layout, settings: FitSettings, progres
     path = CableModel(motor, *np.zeros((5, samples.path.shape[1]))).inputs(samples.path, None)[0]
     left = samples.path + samples.target - path
     parts = [_tuned(samples, path[:, j], left[:, j], j) for j in range(path.shape[1])]
-    learned = CableModel(motor, *(np.array(column) for column in zip(*parts, strict=True)))
+    spread, *cables = (np.array(column) for column in zip(*parts, strict=True))
+    learned = CableModel(replace(motor, std=spread), *cables)
     mean, std = learned.errors(samples)
     return Fitted(learned, LeftOut((samples.target - mean)[rows], std[rows], np.zeros(len(rows))))
 
 
-def _tuned(data: Samples, motor: FloatArray, left: FloatArray, joint: int) -> tuple[float, float, float, float, float]:
-    """Gap, stretch law and noises of one joint."""
+def _tuned(data: Samples, motor: FloatArray, left: FloatArray, joint: int) -> tuple[float, ...]:
+    """Return what the play of one joint leaves, its gap, stretch law and noises."""
     rows = data.rows
     half = float(np.ptp(motor[rows])) / 2
     lags = {fraction: _clipped(motor, fraction * half, data.new) - motor for fraction in GAPS}
@@ -134,11 +134,12 @@ def _tuned(data: Samples, motor: FloatArray, left: FloatArray, joint: int) -> tu
     def _square(fraction: float) -> float:
         new = data.new[first:last].copy()
         new[0] = True
-        mean, _ = _filtered(motor[first:last], stretch[first:last], new, gap * half, fraction * spread, measurement)
+        cable = CableFilter(gap * half, fraction * spread, measurement)
+        mean, _ = _filtered(motor[first:last], stretch[first:last], new, cable)
         return float(np.mean((mean[inside] - (motor + left)[head]) ** 2))
 
     process = min(PROCESS, key=_square) if np.isfinite(measurement) else PROCESS[0]
-    return gap * half, compliance, rest, process * spread, measurement
+    return spread, gap * half, compliance, rest, process * spread, measurement
 
 
 def _stretch_law(data: Samples, left: FloatArray, joint: int) -> tuple[float, float, float]:
@@ -165,10 +166,9 @@ def _clipped(motor: FloatArray, gap: float, new: BoolArray) -> FloatArray:
 
 
 def _filtered(
-    motor: FloatArray, stretch: FloatArray, new: BoolArray, gap: float, process: float, measurement: float
+    motor: FloatArray, stretch: FloatArray, new: BoolArray, cable: CableFilter
 ) -> tuple[FloatArray, FloatArray]:
-    """One joint through the filter. Where efforts show nothing, the sigma points alone carry the play along."""
-    cable = CableFilter(gap, process, measurement)
+    """One joint through its filter. Where efforts show nothing, the sigma points alone carry the play along."""
     steps = [cable.step(*sample) for sample in zip(motor.tolist(), stretch.tolist(), new.tolist(), strict=True)]
     mean, std = np.array(steps).reshape(len(motor), 2).T
     return mean, std
