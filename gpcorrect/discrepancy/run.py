@@ -150,21 +150,22 @@ def _find(
     noises = estimate_noises(dataset, state.residual(fitted), train)
     on_noise = noise_effects(dataset, shown, np.array([n.std for n in noises]) * np.sqrt(dataset.samples_a_row))
     sure = [e for e in on_noise if e.named.may_be_named]
-    effects = sorted(found.values(), key=lambda e: -e.nats)
+    in_model = sorted(found.values(), key=lambda e: -e.nats)
+    effects, alike = ([e for e in in_model if e.is_constant is constant] for constant in (True, False))
     effects += [NamedEffect.of(e.named, e.parameters) for e in sure]
     remainder = localise_residual(prepared, fitted, noises, tolerance, rng) if before.worth_a_search or rare else None
     progress.step("what is left", 1.0)
     progress.step("test set", 0.0)
     gap = gaps_of(prepared, fitted, noises, rng)
     progress.step("test set", 1.0)
-    places = place_verdicts(effects, gap, remainder or before, bursts_of(dataset, noises, shown))
-    level = headline(verdict_level(prepared, state, before, effects, fitted, dropped), effects, places)
+    places = place_verdicts(effects, gap, remainder or before, bursts_of(dataset, noises, shown), alike)
+    level = headline(verdict_level(prepared, state, before, effects, alike, fitted, dropped), effects, alike, places)
     progress.step("next experiment", 0.0)
     experiment, plans = advise(dataset.scene, fitted, [*named, *dropped], noises)
     progress.step("next experiment", 1.0)
     added = [*shown, *(e.named.fit.effect for e in sure)]
     return DiscrepancyResult(
-        verdict=Verdict(level, tuple(effects), places, tuple(minor)),
+        verdict=Verdict(level, tuple(effects), places, tuple(minor), tuple(alike)),
         not_named=tuple(
             UnnamedEffect(n.fit.candidate.label, n.level, n.probability, n.nats, n.reasons)
             for n in (*dropped, *(e.named for e in on_noise if not e.named.may_be_named))

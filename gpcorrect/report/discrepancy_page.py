@@ -23,7 +23,7 @@ from gpcorrect.discrepancy.outcome.words import (
     variable_words,
 )
 from gpcorrect.discrepancy.recording.channels import Channel
-from gpcorrect.discrepancy.settings import ADVICE, TESTS
+from gpcorrect.discrepancy.settings import ADVICE, NAMING, TESTS
 from gpcorrect.report.discrepancy_charts import (
     gap_chart,
     likeness_chart,
@@ -88,7 +88,8 @@ def _glance(result: DiscrepancyResult) -> Section | None:
     for v in result.verdict.places:
         sizes = [size_words(value, v.channel.unit) for value in (v.before, v.after, v.noise)]
         here = [e for e in result.effects if e.name in v.effects and (e.joint == v.place or isinstance(e.joint, str))]
-        names = ", ".join(map(short_words, here)) or "–"
+        alike = [e for e in result.verdict.alike if v.place in (e.joint, "tool" if isinstance(e.joint, str) else 0)]
+        names = ", ".join([*map(short_words, here), *(f"acts like {short_words(e)}" for e in alike)]) or "–"
         left = f"{v.remaining:.2g} times the noise" if v.remaining else "none"
         rows.append([place(v.place), str(v.level), *sizes, left, names])
     if not rows:
@@ -165,8 +166,8 @@ def _worst(result: DiscrepancyResult) -> list[tuple[int, Channel]]:
 
 
 def _what(result: DiscrepancyResult) -> Section | None:
-    effects, unnamed, minor = result.effects, result.not_named, result.verdict.minor
-    if not effects and not unnamed:
+    effects, unnamed, minor, alike = result.effects, result.not_named, result.verdict.minor, result.verdict.alike
+    if not effects and not unnamed and not alike:
         return None
     words = [
         "What is missing in the model, and what else could stand in its place. The bars are posterior probabilities; "
@@ -175,6 +176,14 @@ def _what(result: DiscrepancyResult) -> Section | None:
     tables = [_effect_table(effects)] if effects else []
     if minor:
         words.append(f"Minor, and not in the model: {', '.join(map(_title, minor))}.")
+    if alike:
+        words.append(
+            "What the machine acts like is in the model, for it closes a gap, and is no name: but for friction, what a "
+            f"machine is has one size in every motion (to within {100 * NAMING.constant:.0f} %)."
+        )
+        rows = [[_title(e), str(e.level), _nats(e.nats), f"{100 * e.spread:.0f} %", number(e.size)] for e in alike]
+        head = ["acts like", "level of its shape", "nats", "size differs by", "over the noise"]
+        tables.append(TableData(head, rows, text=(1,)))
     if unnamed:
         rows = [[u.label, str(u.level), _nats(u.nats), "; ".join(u.reasons) or "–"] for u in unnamed]
         tables.append(TableData(["helped in the search, but is not named", "level", "nats", "why"], rows, text=(1, 3)))

@@ -12,6 +12,7 @@ from discrepancy_support import nominal
 from gpcorrect.discrepancy import Level, find_discrepancy
 from gpcorrect.discrepancy.naming.view import view_of
 from gpcorrect.discrepancy.naming.weigh import own_gain, weigh
+from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentence
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.prepared import prepare_data
@@ -42,6 +43,21 @@ def test_a_size_that_differs_from_motion_to_motion_is_no_name(spread: float, lev
     assert {e.name for e in found.effects} == ({"pulley_eccentricity"} if level == Level.EXACT else set())
     if level == Level.UNKNOWN:
         assert any("from trajectory to trajectory" in r for n in found.not_named for r in n.reasons)
+
+
+def test_what_a_machine_only_acts_like_closes_the_gap_and_has_no_name() -> None:
+    """A wheel turns the same in every motion: a wave whose size differs by a fifth of itself is something else."""
+    found = find_discrepancy(nominal(), _wave(0.2))
+    assert found.level == Level.UNKNOWN
+    assert found.effects == ()
+    assert {p.place: p.level for p in found.verdict.places} == {1: Level.UNKNOWN, 2: Level.NONE}
+    assert [effect.about.name for effect in found.model.effects] == ["pulley_eccentricity"]
+    assert found.gap[0].closed > 0.8
+    assert "acts like pulley eccentricity (joint 1), but by another size in every motion" in verdict_sentence(found)
+    assert "from motion to motion" in next_step(found)
+    (alike,) = found.to_report()["verdict"]["alike"]
+    assert alike["name"] == "pulley_eccentricity"
+    assert 0.1 < alike["spread"] < 0.4
 
 
 def test_a_fuller_law_of_a_rival_is_weighed() -> None:

@@ -101,6 +101,8 @@ class Named:
         With nothing and unknown, most probable first.
     reasons : tuple of str
         Why it is not EXACT.
+    spread : float
+        By how much its size differs between trajectories beyond noise, as a part of the size.
     """
 
     fit: FittedEffect
@@ -109,6 +111,7 @@ class Named:
     nats: float
     alternatives: tuple[Alternative, ...]
     reasons: tuple[str, ...]
+    spread: float = 0.0
 
     @property
     def may_be_named(self) -> bool:
@@ -237,10 +240,11 @@ def name_effect(view: View, fit: FittedEffect, own: Own) -> tuple[Named, Weighed
     weighed, cost = weigh(view, fit, own), penalty(view.search.n_kinds)
     alternatives = posterior(fit.candidate, weighed, cost)
     doubts = [*_doubts_of_evidence(weighed, cost), *_doubts_of_numbers(view, fit, own)]
-    level, more = _level(alternatives, doubts, _partial(view, fit, own, cost))
+    spread = size_spread(view.search, fit)
+    level, more = _level(alternatives, doubts, _partial(view, fit, own, cost, spread))
     ordered = tuple(sorted(alternatives, key=lambda a: -a.probability))
     nats = own.nats / own.overdispersion
-    return Named(fit, level, alternatives[0].probability, nats, ordered, (*doubts, *more)), weighed
+    return Named(fit, level, alternatives[0].probability, nats, ordered, (*doubts, *more), spread), weighed
 
 
 def _doubts_of_evidence(weighed: Weighed, cost: float) -> list[str]:
@@ -277,12 +281,12 @@ def _doubts_of_numbers(view: View, fit: FittedEffect, own: Own) -> list[str]:
     return doubts
 
 
-def _partial(view: View, fit: FittedEffect, own: Own, cost: float) -> list[str]:
+def _partial(view: View, fit: FittedEffect, own: Own, cost: float, spread: float) -> list[str]:
     """Signs that an effect is but a part of something that is not in the catalogue."""
     signs = []
     if (closed := fraction_closed(view.search, fit)) < NAMING.least_closed:
         signs.append(f"{100 * closed:.0f} % of the gap is closed where it shows, and the rest is no noise")
-    if (spread := size_spread(view.search, fit)) > NAMING.steady:
+    if spread > NAMING.steady:
         signs.append(f"its size differs from trajectory to trajectory by {100 * spread:.0f} % of itself")
     if (more := overtone_nats(view, fit)) > max(NAMING.most_overtones * own.nats, cost * own.overdispersion):
         signs.append(f"its overtones gain {more / own.overdispersion:.0f} nats more: a part of another periodic error")

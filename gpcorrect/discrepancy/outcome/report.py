@@ -28,6 +28,7 @@ def report_of(result: DiscrepancyResult) -> dict[str, Any]:
             "level": str(result.level),
             "effects": [_effect(e) for e in result.effects],
             "minor": [_effect(e) for e in result.verdict.minor],
+            "alike": [_effect(e) for e in result.verdict.alike],
             "places": [_place(v) for v in result.verdict.places],
         },
         "localisation": [_finding(f) for f in result.localisation.findings],
@@ -67,6 +68,7 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
         "nats": effect.nats,
         "size_over_noise": effect.size,
         "minor": effect.is_minor,
+        "spread": effect.spread,
     }
 
 

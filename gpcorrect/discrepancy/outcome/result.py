@@ -13,7 +13,8 @@ from gpcorrect.discrepancy.outcome.report import report_of
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.search.candidates import Estimate
 from gpcorrect.discrepancy.search.state import Step
-from gpcorrect.discrepancy.settings import TESTS
+from gpcorrect.discrepancy.settings import NAMING, TESTS
+from gpcorrect.sim.effects import Family
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.plan import Plan
 from gpcorrect.types import BoolArray, FloatArray
@@ -45,6 +46,8 @@ class NamedEffect:
         Root mean square of what it changes over the noise, in the channel where that is largest.
     of_motor : bool
         Whether that channel is a motor's.
+    spread : float
+        By how much its size differs between trajectories beyond noise, as a part of the size.
     """
 
     name: str
@@ -58,6 +61,12 @@ class NamedEffect:
     rivals: tuple[Alternative, ...]
     size: float = float("inf")
     of_motor: bool = False
+    spread: float = 0.0
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether it is the same in every motion, as what a machine is must be to have a name; friction need not be."""
+        return self.family == Family.REVERSAL or self.spread <= NAMING.constant
 
     @property
     def is_minor(self) -> bool:
@@ -93,6 +102,7 @@ class NamedEffect:
             named.rivals,
             size,
             of_motor,
+            named.spread,
         )
 
 
@@ -147,12 +157,16 @@ class Verdict:
         Of each joint, and of the tool.
     minor : tuple of NamedEffect
         Sure, but too small to matter beside those, and not in the model.
+    alike : tuple of NamedEffect
+        What the machine acts like, though not by the same size in every motion: in the model, for it closes a gap, and
+        no name.
     """
 
     level: Level
     effects: tuple[NamedEffect, ...] = ()
     places: tuple[PlaceVerdict, ...] = ()
     minor: tuple[NamedEffect, ...] = ()
+    alike: tuple[NamedEffect, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -260,7 +274,7 @@ class DiscrepancyResult:
     next_experiment : Experiment or None
         What to record next; None when nothing is open.
     model : Model
-        With the named effects.
+        With the named effects, and those that the machine acts like.
     evidence : Evidence
         For the figures.
     advised_plans : tuple of (Plan, float)

@@ -53,7 +53,9 @@ def next_step(result: DiscrepancyResult) -> str:
         case Level.UNKNOWN if result.provenance.bursts and not found:
             return "look at the machine in motions like those in which it happens, and record more of them"
         case Level.UNKNOWN:
-            return "look at the machine where the maps below are dark; no effect of the catalogue acts like that"
+            changes = "look for what changes it from motion to motion: load, heat, wear, speed, the way it came"
+            dark = "look at the machine where the maps below are dark; no effect of the catalogue acts like that"
+            return changes if result.verdict.alike else dark
         case _ if not found and _tolerated(result) > VERDICT.most_tolerated:
             return "calibrate the table, or leave T_tracker_base out of the model: then it is registered from the data"
         case _ if result.provenance.bursts and not found:
@@ -97,8 +99,19 @@ def verdict_sentence(result: DiscrepancyResult) -> str:
     named = _by_place(result)
     if result.level != Level.UNKNOWN:
         return f"{named}."
-    unknown = f"Something outside the catalogue is missing{_where(result)}"
-    return f"{unknown}." if not result.effects else f"{unknown}. Beside it, {named[:1].lower()}{named[1:]}."
+    unknown = f"Something outside the catalogue is missing{_where(result)}.{_alike_words(result)}"
+    return unknown if not result.effects else f"{unknown} Beside it, {named[:1].lower()}{named[1:]}."
+
+
+def _alike_words(result: DiscrepancyResult) -> str:
+    """Return what the machine acts like without being it, in a sentence of its own."""
+    alike = [e for e in result.verdict.alike if not e.is_minor]
+    if not alike:
+        return ""
+    names = [f"{_named(e, interval=False, sized=False)} ({place(e.joint)})" for e in alike[:SHOWN]]
+    more = f" and {len(alike) - SHOWN} more" if len(alike) > SHOWN else ""
+    spread = _percent(max(e.spread for e in alike))
+    return f" It acts like {' + '.join(names)}{more}, but by another size in every motion (up to {spread})."
 
 
 def _by_place(result: DiscrepancyResult) -> str:

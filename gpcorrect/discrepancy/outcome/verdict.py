@@ -26,6 +26,7 @@ def verdict_level(
     state: Search,
     before: Localisation,
     effects: Sequence[NamedEffect],
+    alike: Sequence[NamedEffect],
     fitted: Sequence[FittedEffect],
     dropped: Sequence[Named],
 ) -> Level:
@@ -40,6 +41,8 @@ def verdict_level(
         Of the nominal model's residual.
     effects : sequence of NamedEffect
         Those that may be named, effects on noise too.
+    alike : sequence of NamedEffect
+        Those that the machine only acts like.
     fitted : sequence of FittedEffect
         Those of them that change a mean, with their final numbers.
     dropped : sequence of Named
@@ -52,6 +55,8 @@ def verdict_level(
         if any(b.lasts for b in bursts):
             return Level.UNKNOWN
         return Level.NONE if before.nothing and tolerable and not bursts else Level.INCONCLUSIVE
+    if alike and not effects:
+        return Level.UNKNOWN
     if effects and (fitted or not before.something):
         return _least_sure(effects)
     joints = {e.joint for e in effects}  # of effects on noise, which say what is odd there
@@ -87,7 +92,11 @@ def is_plain(before: Localisation, channels: Set[Channel], dropped: Sequence[Nam
 
 
 def place_verdicts(
-    effects: Sequence[NamedEffect], gaps: Sequence[ChannelGap], left: Localisation, bursts: Sequence[Burst] = ()
+    effects: Sequence[NamedEffect],
+    gaps: Sequence[ChannelGap],
+    left: Localisation,
+    bursts: Sequence[Burst] = (),
+    alike: Sequence[NamedEffect] = (),
 ) -> tuple[PlaceVerdict, ...]:
     """Return what a run comes to at each joint, and at the tool where a tracker sees it; the largest rest first.
 
@@ -101,9 +110,12 @@ def place_verdicts(
         Of the residual that the named effects leave.
     bursts : sequence of Burst
         Of the same.
+    alike : sequence of NamedEffect
+        Those that the machine only acts like: where one matters, something is unknown.
     """
-    every = {g.channel.joint or "tool" for g in gaps} | {e.joint for e in effects if isinstance(e.joint, int)}
-    found = [_place_verdict(place, effects, gaps, left, bursts) for place in sorted(every, key=str)]
+    acting = [e for e in (*effects, *alike) if isinstance(e.joint, int)]
+    every = {g.channel.joint or "tool" for g in gaps} | {e.joint for e in acting}
+    found = [_place_verdict(place, effects, gaps, left, bursts, alike) for place in sorted(every, key=str)]
     return tuple(sorted(found, key=lambda v: (-v.remaining, str(v.place))))
 
 
@@ -113,18 +125,21 @@ def _place_verdict(
     gaps: Sequence[ChannelGap],
     left: Localisation,
     bursts: Sequence[Burst],
+    alike: Sequence[NamedEffect],
 ) -> PlaceVerdict:
     own = [g for g in gaps if (g.channel.joint or "tool") == place]
     seen = own or [g for g in gaps if not g.channel.joint]  # joints that a tracker alone sees
     worst = max(seen, key=lambda g: (np.nan_to_num(g.before) / g.noise, g.channel.signal != "measured_jp"))
-    here = [e for e in effects if place in (e.joint, "tool" if e.joint == "base" else e.joint) or e.joint == "all"]
+    here = [e for e in effects if _acts_at(e, place)]
     channels = {g.channel for g in own}
     findings = [f.nats for f in left.findings if f.counts and f.channel in channels]
     rests = [np.sqrt(max(np.nan_to_num(g.after) ** 2 / g.noise**2 - 1.0, 0.0)) for g in own]
     remaining = float(max(rests, default=0.0))
     rare = [b for b in bursts if b.channel in channels]
-    if any(b.lasts for b in rare) or (
-        findings and (remaining > VERDICT.rest or (not here and max(findings) > VERDICT.plain * left.threshold))
+    if (
+        any(b.lasts for b in rare)
+        or any(_acts_at(e, place) and not e.is_minor for e in alike)
+        or (findings and (remaining > VERDICT.rest or (not here and max(findings) > VERDICT.plain * left.threshold)))
     ):
         level = Level.UNKNOWN
     elif here:
@@ -136,7 +151,13 @@ def _place_verdict(
     return PlaceVerdict(place, level, worst.channel, worst.before, worst.after, worst.noise, remaining, names)
 
 
-def headline(level: Level, effects: Sequence[NamedEffect], places: Sequence[PlaceVerdict]) -> Level:
+def _acts_at(effect: NamedEffect, place: int | str) -> bool:
+    return place in (effect.joint, "tool" if effect.joint == "base" else effect.joint) or effect.joint == "all"
+
+
+def headline(
+    level: Level, effects: Sequence[NamedEffect], alike: Sequence[NamedEffect], places: Sequence[PlaceVerdict]
+) -> Level:
     """Return the level of the whole, led by what matters most.
 
     A name is no headline while more than the noise is left without one elsewhere, nor are effects too small to matter
@@ -146,7 +167,7 @@ def headline(level: Level, effects: Sequence[NamedEffect], places: Sequence[Plac
     ----------
     level : Level
         By the named effects alone.
-    effects : sequence of NamedEffect
+    effects, alike : sequences of NamedEffect
         Of the verdict.
     places : sequence of PlaceVerdict
         Of every place.
@@ -155,7 +176,8 @@ def headline(level: Level, effects: Sequence[NamedEffect], places: Sequence[Plac
         return level
     unknown = [v for v in places if v.level == Level.UNKNOWN]
     large = [e for e in effects if not e.is_minor]
-    if any(v.remaining > VERDICT.rest for v in unknown) or (unknown and not large):
+    acts_like = any(not e.is_minor for e in alike)
+    if acts_like or any(v.remaining > VERDICT.rest for v in unknown) or (unknown and not large):
         return Level.UNKNOWN
     return _least_sure(large or effects)
 
