@@ -95,6 +95,13 @@ def test_a_drag_without_radius_is_no_candidate_of_its_own():
             assert amplitudes == ({"coefficient", "drag"} if candidate.shape["drag_radius"] else {"coefficient"})
 
 
+@pytest.mark.parametrize("name", ["transmission_ratio", "cable_coupling"])
+def test_a_joint_that_moves_evenly_about_zero_may_have_been_homed_elsewhere(name):
+    """The middle of its range is where a home is by default; the shape with a home is a candidate all the same."""
+    homes = {c.shape["home"] == 0.0 for c in candidates(BARE) if c.kind.about.name == name}
+    assert homes == {True, False}
+
+
 def test_every_candidate_survives_the_model_file(tmp_path):
     """Written to a model file and read back, each effect in each place and shape is the same, and fits the machine."""
     effects = [candidate.typical() for candidate in FOUND]

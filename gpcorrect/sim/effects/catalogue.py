@@ -23,6 +23,8 @@ from gpcorrect.types import FloatArray
 
 E = TypeVar("E", bound=Effect)
 
+BESIDE = 0.05  # of a ladder's count, beside a default on which a rung falls: its signature is nearly the same there
+
 
 def find_effects() -> Mapping[str, type[Effect]]:
     """Return the effects that the files of this package define, by name, in the order of their catalogue numbers."""
@@ -210,8 +212,11 @@ def _bounds(parameter: Parameter, place: Mapping[str, Any], scope: Scope) -> tup
 def _rungs(parameter: Parameter, place: Mapping[str, Any], scope: Scope, default: float | None) -> list[float]:
     assert parameter.ladder is not None
     start, scale = _count(parameter, place, scope)
-    without = [default] if parameter.ladder.absent and default is not None else []
-    return without + [float(start + scale * rung) for rung in parameter.ladder.rungs]
+    rungs = [float(start + scale * rung) for rung in parameter.ladder.rungs]
+    if not parameter.ladder.absent or default is None:
+        return rungs
+    # The middle of a motion about zero is where a home is by default, and is not the same as having none to seek.
+    return [default, *(rung if rung != default else float(rung + BESIDE * scale) for rung in rungs)]
 
 
 def _count(parameter: Parameter, place: Mapping[str, Any], scope: Scope) -> tuple[float, float]:
