@@ -203,6 +203,22 @@ def test_two_rivals_that_praise_each_other_do_not_swap_for_ever(select: Select) 
     assert select(laboratory, parts("a")) == (["b"], [])
 
 
+class Settling(Laboratory):
+    """What leads `a` at first no longer does once the others' numbers have settled."""
+
+    def name_effect(self, view: Any, fit: Part, own: Own) -> tuple[Named, Weighed]:
+        named = super().name_effect(view, fit, own)
+        if fit.candidate.name == "a":
+            self.rivals.pop("a", None)
+        return named
+
+
+def test_what_was_replaced_before_the_others_settled_may_come_back(select: Select) -> None:
+    """It was kept out for good, and its place stayed with a name of no probability."""
+    levels = {"a": (Level.EXACT, 50.0), "b": (Level.CLASS, 50.0)}
+    assert select(Settling(levels, rivals={"a": ("b", 60.0), "b": ("a", 80.0)}), parts("a")) == (["a"], [])
+
+
 def test_what_gains_less_than_it_costs_goes_before_rivals_are_weighed(select: Select) -> None:
     laboratory = Laboratory(
         {"a": (Level.EXACT, 50.0), "idle": (Level.INCONCLUSIVE, 0.5)}, rivals={"idle": ("b", 0.9), "a": ("idle", 99.0)}

@@ -75,8 +75,9 @@ class _ModelSelection:
         Taken out so far.
     own : dict
         What each fit gains, by its identity.
-    replaced : set
-        What a rival took the place of since the last search: two that each explain the other's must end.
+    replaced : Counter
+        How often a rival took the place of each since the last search. It may come back once, for the others' numbers
+        were those beside it; two that each explain the other's must end.
     searches : Counter
         Searches made for what was taken out at each joint: one joint may not use up another's.
     filled : int
@@ -88,7 +89,7 @@ class _ModelSelection:
     assessments: dict[int, tuple[Named, Weighed]] = field(default_factory=dict)
     dropped: list[Named] = field(default_factory=list)
     own: dict[int, Own] = field(default_factory=dict)
-    replaced: set[Hashable] = field(default_factory=set)
+    replaced: Counter[Hashable] = field(default_factory=Counter)
     searches: Counter[int | str] = field(default_factory=Counter)
     filled: int = 0
 
@@ -115,7 +116,8 @@ class _ModelSelection:
 
     def _swap(self) -> bool:
         """Put the rival that gains most in an effect's place, if any explains more, or as much and is more probable."""
-        out = self.replaced | {n.fit.candidate.key for n in self.dropped}  # those stay out
+        out: set[Hashable] = {n.fit.candidate.key for n in self.dropped}  # those stay out
+        out |= {key for key, times in self.replaced.items() if times > 1}
         pairs = [
             (self._lead(fit, rival), fit, rival.fit)
             for fit in self.search.fitted
@@ -125,7 +127,7 @@ class _ModelSelection:
         lead, place, new = max(pairs, key=lambda pair: pair[0], default=(0.0, None, None))
         if place is None or new is None or lead <= 0.0:
             return False
-        self.replaced.add(place.candidate.key)
+        self.replaced[place.candidate.key] += 1
         rest = (m for m in self.search.fitted if m is not place)
         self._change(self.search.refit((*rest, new), new.candidate))
         return True
@@ -166,7 +168,7 @@ class _ModelSelection:
         found = search_on(self.search, rounds=NAMING.search_rounds, refused=[n.fit.candidate for n in self.dropped])
         if found is self.search:
             return False
-        self.search, self.assessments, self.own, self.replaced = found, {}, {}, set()
+        self.search, self.assessments, self.own, self.replaced = found, {}, {}, Counter()
         return True
 
     def _change(self, fitted: Sequence[FittedEffect]) -> None:
