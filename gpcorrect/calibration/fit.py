@@ -140,8 +140,8 @@ def _learn_law(samples: Samples, layout: Layout, settings: FitSettings, progress
     intervals = IntervalCalibration.fit(errors, std, trajectory, parts)
     bounded, novelty = X[:, : len(layout.slack)], novelty_limit(left_out.novelty)
     domain = Domain.of(bounded, layout.slack, novelty, correction, layout.fading)
-    # Outside the region an interval is no narrower than one of no correction would be, in what a deviation of this
-    # learner is worth: those of the filter need a factor of two hundred.
+    # Outside the region an interval is no narrower than one of no correction would be: its deviation, in what those of
+    # this learner are worth.
     raw = np.broadcast_to(np.maximum(domain.spread, np.finfo(float).tiny), errors.shape)
     uncorrected = IntervalCalibration.fit(correction[known], raw, trajectory, parts).factor
     worth = np.where(intervals.factor > 0.0, uncorrected / np.maximum(intervals.factor, np.finfo(float).tiny), 1.0)
