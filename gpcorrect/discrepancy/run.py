@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -12,20 +13,22 @@ import numpy as np
 
 from gpcorrect.discrepancy.advice.next_experiment import advise
 from gpcorrect.discrepancy.evidence.bursts import bursts_of
+from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.evidence.whitener import estimate_noises, whitener_on
 from gpcorrect.discrepancy.naming.intervals import away_from_nothing, interval_ends
 from gpcorrect.discrepancy.naming.posterior import Level, Named
 from gpcorrect.discrepancy.naming.selection import name_effects, name_rare
-from gpcorrect.discrepancy.naming.sensor_noise import noise_effects
+from gpcorrect.discrepancy.naming.sensor_noise import NoiseEffect, noise_effects
 from gpcorrect.discrepancy.outcome.figures import evidence_of, gaps_of
 from gpcorrect.discrepancy.outcome.provenance import provenance_of
-from gpcorrect.discrepancy.outcome.result import DiscrepancyResult, NamedEffect, UnnamedEffect, Verdict
+from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect, UnnamedEffect, Verdict
 from gpcorrect.discrepancy.outcome.store import StageStore, inputs_key, load_or_name, load_or_search
 from gpcorrect.discrepancy.outcome.verdict import headline, place_verdicts, verdict_level
+from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates, describe
 from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.needs import split_by_needs
-from gpcorrect.discrepancy.search.prepared import localise_residual, prepare_data
+from gpcorrect.discrepancy.search.prepared import PreparedData, localise_residual, prepare_data
 from gpcorrect.discrepancy.search.state import Search, start_search
 from gpcorrect.discrepancy.search.stepwise import search
 from gpcorrect.discrepancy.settings import SEARCH
@@ -132,11 +135,66 @@ def _find(
     if (rare := name_rare(prepared, state, named, candidates, rng, progress)) is not None:
         prepared, state, named = rare
         dataset, train = prepared.dataset, prepared.dataset.training
+    judge = partial(_judge, prepared, state, before, named, dropped, tolerance, rng, progress)
+    found = judge(only_large=False)
+    effects = found.verdict.effects
+    if found.verdict.level == Level.UNKNOWN and effects and all(e.is_minor for e in effects):
+        found = judge(only_large=True)  # what is too small to matter may well be a part of what has no name
+    progress.step("next experiment", 0.0)
+    experiment, plans = advise(prepared.dataset.scene, found.fitted, [*found.named, *found.dropped], found.noises)
+    progress.step("next experiment", 1.0)
+    sure = [e.named.fit.effect for e in found.on_noise if e.named.may_be_named]
+    added = [*(f.effect for f in found.fitted), *sure]
+    return DiscrepancyResult(
+        verdict=found.verdict,
+        not_named=tuple(
+            UnnamedEffect(n.fit.candidate.label, n.level, n.probability, n.nats, n.reasons)
+            for n in (*found.dropped, *(e.named for e in found.on_noise if not e.named.may_be_named))
+        ),
+        localisation=before,
+        remainder=found.remainder,
+        gap=found.gap,
+        next_experiment=experiment,
+        model=model.with_effects(*in_order((*model.effects, *added))),
+        evidence=evidence_of(prepared, state, found.fitted),
+        provenance=provenance_of(log, seed, prepared, state, before, lacks, time.monotonic() - started),
+        advised_plans=plans,
+    )
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """What the named effects come to: their final numbers, what they leave, and the verdict."""
+
+    named: tuple[Named, ...]
+    dropped: tuple[Named, ...]
+    fitted: tuple[FittedEffect, ...]
+    on_noise: Sequence[NoiseEffect]
+    noises: Sequence[ChannelNoise]
+    remainder: Localisation | None
+    gap: tuple[ChannelGap, ...]
+    verdict: Verdict
+
+
+def _judge(
+    prepared: PreparedData,
+    state: Search,
+    before: Localisation,
+    named: tuple[Named, ...],
+    dropped: tuple[Named, ...],
+    tolerance: float,
+    rng: np.random.Generator,
+    progress: Progress,
+    *,
+    only_large: bool,
+) -> _Judged:
+    """Estimate all numbers together, leave out what turns out unsure or minor, and look at what is left then."""
+    dataset, train = prepared.dataset, prepared.dataset.training
     progress.step("numbers", 0.0)
     fitted = _refit(state, [n.fit for n in named], train)
     found, unsure = _with_numbers(state, named, fitted, train)
     minor: list[NamedEffect] = []
-    while gone := {*unsure, *_minor(found)}:  # the rest is estimated again without them
+    while gone := {*unsure, *_minor(found, only_large)}:  # the rest is estimated again without them
         doubtful = [named[i] for i in unsure]
         dropped += tuple(
             replace(n, level=Level.INCONCLUSIVE, reasons=(*n.reasons, "its 95 % interval holds zero")) for n in doubtful
@@ -153,32 +211,16 @@ def _find(
     in_model = sorted(found.values(), key=lambda e: -e.nats)
     effects, alike = ([e for e in in_model if e.is_constant is constant] for constant in (True, False))
     effects += [NamedEffect.of(e.named, e.parameters) for e in sure]
-    remainder = localise_residual(prepared, fitted, noises, tolerance, rng) if before.worth_a_search or rare else None
+    looked = before.worth_a_search or state.fitted
+    remainder = localise_residual(prepared, fitted, noises, tolerance, rng) if looked else None
     progress.step("what is left", 1.0)
     progress.step("test set", 0.0)
     gap = gaps_of(prepared, fitted, noises, rng)
     progress.step("test set", 1.0)
     places = place_verdicts(effects, gap, remainder or before, bursts_of(dataset, noises, shown), alike)
     level = headline(verdict_level(prepared, state, before, effects, alike, fitted, dropped), effects, alike, places)
-    progress.step("next experiment", 0.0)
-    experiment, plans = advise(dataset.scene, fitted, [*named, *dropped], noises)
-    progress.step("next experiment", 1.0)
-    added = [*shown, *(e.named.fit.effect for e in sure)]
-    return DiscrepancyResult(
-        verdict=Verdict(level, tuple(effects), places, tuple(minor), tuple(alike)),
-        not_named=tuple(
-            UnnamedEffect(n.fit.candidate.label, n.level, n.probability, n.nats, n.reasons)
-            for n in (*dropped, *(e.named for e in on_noise if not e.named.may_be_named))
-        ),
-        localisation=before,
-        remainder=remainder,
-        gap=gap,
-        next_experiment=experiment,
-        model=model.with_effects(*in_order((*model.effects, *added))),
-        evidence=evidence_of(prepared, state, fitted),
-        provenance=provenance_of(log, seed, prepared, state, before, lacks, time.monotonic() - started),
-        advised_plans=plans,
-    )
+    verdict = Verdict(level, tuple(effects), places, tuple(minor), tuple(alike))
+    return _Judged(named, dropped, fitted, on_noise, noises, remainder, gap, verdict)
 
 
 def _refit(state: Search, fitted: Sequence[FittedEffect], rows: BoolArray) -> tuple[FittedEffect, ...]:
@@ -240,11 +282,11 @@ def _with_numbers(
     return found, unsure
 
 
-def _minor(found: Mapping[int, NamedEffect]) -> list[int]:
-    """Return effects too small to matter where larger ones are named, for those may well be a part of theirs.
+def _minor(found: Mapping[int, NamedEffect], only_large: bool) -> list[int]:
+    """Return effects too small to matter beside what is larger, for they may well be a part of it.
 
     What shows in the motors alone is left out by itself: the noise taken there is by definition what does not matter,
     and encoders tell a hundredth of it from nothing, such as two simulators that take their steps in another order.
     """
     small = [i for i, e in found.items() if e.is_minor]
-    return small if len(small) < len(found) else [i for i in small if found[i].of_motor]
+    return small if only_large or len(small) < len(found) else [i for i in small if found[i].of_motor]

@@ -87,11 +87,9 @@ def _glance(result: DiscrepancyResult) -> Section | None:
     rows = []
     for v in result.verdict.places:
         sizes = [size_words(value, v.channel.unit) for value in (v.before, v.after, v.noise)]
-        here = [e for e in result.effects if e.name in v.effects and (e.joint == v.place or isinstance(e.joint, str))]
-        alike = [e for e in result.verdict.alike if v.place in (e.joint, "tool" if isinstance(e.joint, str) else 0)]
-        names = ", ".join([*map(short_words, here), *(f"acts like {short_words(e)}" for e in alike)]) or "–"
+        names = [*map(short_words, v.effects), *(f"acts like {short_words(e)}" for e in v.alike)]
         left = f"{v.remaining:.2g} times the noise" if v.remaining else "none"
-        rows.append([place(v.place), str(v.level), *sizes, left, names])
+        rows.append([place(v.place), str(v.level), *sizes, left, ", ".join(names) or "–"])
     if not rows:
         return None
     head = ["where", "verdict", "before", "after", "noise", "left unexplained", "named there"]
@@ -167,7 +165,7 @@ def _worst(result: DiscrepancyResult) -> list[tuple[int, Channel]]:
 
 def _what(result: DiscrepancyResult) -> Section | None:
     effects, unnamed, minor, alike = result.effects, result.not_named, result.verdict.minor, result.verdict.alike
-    if not effects and not unnamed and not alike:
+    if not (effects or unnamed or minor or alike):
         return None
     words = [
         "What is missing in the model, and what else could stand in its place. The bars are posterior probabilities; "

@@ -123,6 +123,21 @@ def test_what_is_small_beside_something_large_is_minor() -> None:
     assert {e.about.name for e in found.model.effects} == {"homing_offset"}
 
 
+def test_what_is_small_beside_something_unknown_is_minor() -> None:
+    """A ratio of a fifth of the noise may be a part of what has no name: listed, neither named nor in the model."""
+    logs = []
+    for seed in range(4, 12):
+        q = motors(np.random.default_rng(seed))[1]
+        more = np.zeros(q.shape)
+        more[..., 0] = 0.05 * q[..., 0] * q[..., 1]
+        logs.append(joint_log(seed, TransmissionRatio(2, 0.00055), more=more))
+    found = find_discrepancy(nominal(), logs)
+    assert found.level == Level.UNKNOWN
+    assert {(e.name, e.joint) for e in found.verdict.minor} == {("transmission_ratio", 2)}
+    assert not found.effects
+    assert not found.model.effects
+
+
 def test_the_written_model_leaves_nothing_to_find() -> None:
     """A model that has the named effect is not asked for it again."""
     log = joint_log(6, TransmissionRatio(2, 0.02))

@@ -80,7 +80,8 @@ def _place(verdict: PlaceVerdict) -> dict[str, Any]:
         **_fields(verdict, "before", "after", "noise"),
         "unit": verdict.channel.unit,
         "remaining_over_noise": verdict.remaining,
-        "effects": verdict.effects,
+        "effects": [e.name for e in verdict.effects],
+        "alike": [e.name for e in verdict.alike],
     }
 
 

@@ -131,8 +131,10 @@ class PlaceVerdict:
         Root mean squares of the test set in it, without and with the named effects, and of noise alone.
     remaining : float
         Largest systematic part that is left, over the noise of its channel.
-    effects : tuple of str
-        Names of the effects there.
+    effects : tuple of NamedEffect
+        Named there.
+    alike : tuple of NamedEffect
+        What the machine acts like there.
     """
 
     place: int | str
@@ -142,7 +144,8 @@ class PlaceVerdict:
     after: float
     noise: float
     remaining: float
-    effects: tuple[str, ...]
+    effects: tuple[NamedEffect, ...]
+    alike: tuple[NamedEffect, ...] = ()
 
 
 @dataclass(frozen=True)

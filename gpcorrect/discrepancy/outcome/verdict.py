@@ -130,7 +130,7 @@ def _place_verdict(
     own = [g for g in gaps if (g.channel.joint or "tool") == place]
     seen = own or [g for g in gaps if not g.channel.joint]  # joints that a tracker alone sees
     worst = max(seen, key=lambda g: (np.nan_to_num(g.before) / g.noise, g.channel.signal != "measured_jp"))
-    here = [e for e in effects if _acts_at(e, place)]
+    here, like = (tuple(e for e in some if _acts_at(e, place)) for some in (effects, alike))
     channels = {g.channel for g in own}
     findings = [f.nats for f in left.findings if f.counts and f.channel in channels]
     rests = [np.sqrt(max(np.nan_to_num(g.after) ** 2 / g.noise**2 - 1.0, 0.0)) for g in own]
@@ -138,7 +138,7 @@ def _place_verdict(
     rare = [b for b in bursts if b.channel in channels]
     if (
         any(b.lasts for b in rare)
-        or any(_acts_at(e, place) and not e.is_minor for e in alike)
+        or any(not e.is_minor for e in like)
         or (findings and (remaining > VERDICT.rest or (not here and max(findings) > VERDICT.plain * left.threshold)))
     ):
         level = Level.UNKNOWN
@@ -147,8 +147,7 @@ def _place_verdict(
     else:
         shown = not findings and not rare and all(e.shown for e in left.equivalence if e.channel in channels)
         level = Level.NONE if shown else Level.INCONCLUSIVE
-    names = tuple(e.name for e in here)
-    return PlaceVerdict(place, level, worst.channel, worst.before, worst.after, worst.noise, remaining, names)
+    return PlaceVerdict(place, level, worst.channel, worst.before, worst.after, worst.noise, remaining, here, like)
 
 
 def _acts_at(effect: NamedEffect, place: int | str) -> bool:
