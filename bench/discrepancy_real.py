@@ -35,7 +35,9 @@ def main() -> None:
     for v in found.verdict.places:
         sizes = [number(in_reader_units(value, v.channel.unit)[0]) for value in (v.before, v.after, v.noise)]
         unit = in_reader_units(1.0, v.channel.unit)[1]
-        rows.append([v.place, str(v.level), *sizes, unit, f"{v.remaining:.1f}", ", ".join(v.effects) or "-"])
+        rows.append(
+            [v.place, str(v.level), *sizes, unit, f"{v.remaining:.1f}", ", ".join(e.name for e in v.effects) or "-"]
+        )
     print_table(["joint", "verdict", "before", "after", "noise", "unit", "left / noise", "named"], rows)
     boxes = ", ".join(f"{g.channel.joint}: {100 * g.black_box_ceiling:.0f} %" for g in found.gap)
     print(f"\na Gaussian process on the same inputs closes {boxes}\n{verdict_sentence(found)}\n{seconds:.0f} s")

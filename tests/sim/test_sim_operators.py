@@ -236,6 +236,23 @@ def test_sessions_know_nothing_of_one_another():
     assert not np.allclose(lag(path, time, 4.0, np.array([0, 0])), apart)
 
 
+@pytest.mark.parametrize(("pause", "between"), [("linear", (1.0, 3.0)), ("held", (1.0, 1.0)), ("at_once", (3.0, 3.0))])
+def test_a_pause_is_as_if_what_it_says_had_been_logged(pause, between):
+    """The second run begins as after a pause with a sample at either end of it; the lag of that is exact."""
+    logged_time, logged = np.array([0.0, 1e-9, 6.0 - 1e-9, 6.0, 7.0]), np.array([1.0, *between, 3.0, 3.0])
+    through = lag(np.array([[1.0, 3.0]] * 2), np.array([[-1.0, 6.0], [0.0, 7.0]]), 4.0, np.zeros(2, int), None, pause)
+    np.testing.assert_allclose(through[:, 1], lag(logged, logged_time, 4.0)[3:], atol=1e-6)
+
+
+def test_what_is_held_is_held_from_session_to_session():
+    """A load that waits for the next motion has long settled when another session begins; its clock starts anew."""
+    time, path = np.array([[0.0, 0.0], [1.0, 1.0]]), np.array([[1.0, 3.0], [2.0, 3.0]])
+    first, second = lag(path, time, 4.0, np.array([0, 1]), None, "held").T
+    assert first[0] == 1.0
+    assert second[0] == 2.0
+    assert second[1] == pytest.approx(3.0 - np.exp(-0.25))
+
+
 def test_a_gap_is_bridged_with_what_lies_on_either_side():
     """After a gap of many time constants at one load, the next run starts in balance with that load."""
     time = np.tile(np.linspace(0.0, 1.0, 20)[:, None], (1, 2)) + np.array([0.0, 1000.0])

@@ -14,7 +14,7 @@ from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.search.candidates import Estimate
 from gpcorrect.discrepancy.search.state import Step
 from gpcorrect.discrepancy.settings import NAMING, TESTS
-from gpcorrect.sim.effects import Family
+from gpcorrect.sim.effects import EFFECTS, Family
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.plan import Plan
 from gpcorrect.types import BoolArray, FloatArray
@@ -65,8 +65,12 @@ class NamedEffect:
 
     @property
     def is_constant(self) -> bool:
-        """Whether it is the same in every motion, as what a machine is must be to have a name; friction need not be."""
-        return self.family == Family.REVERSAL or self.spread <= NAMING.constant
+        """Whether it is the same in every motion, as what a machine is must be to have a name.
+
+        Friction need not be, nor what remembers pauses that are not logged.
+        """
+        about = EFFECTS[self.name].about
+        return about.family == Family.REVERSAL or about.carries_over or self.spread <= NAMING.constant
 
     @property
     def is_minor(self) -> bool:

@@ -192,6 +192,9 @@ class Description:
     choices : tuple of (field, values)
         Fields that are no numbers, and what they may be; other values are refused.
     remote_centre : bool, whether only an arm that pivots about a remote centre of motion can have it
+    carries_over : bool
+        Whether it remembers what happened in pauses between runs, which no log holds, so that the same machine may show
+        more or less of it in one run than in another.
     """
 
     name: str
@@ -206,3 +209,4 @@ class Description:
     sites: tuple[Site, ...] = (Site.JOINT,)
     choices: tuple[tuple[str, tuple[str, ...]], ...] = ()
     remote_centre: bool = False
+    carries_over: bool = False

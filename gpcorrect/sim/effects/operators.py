@@ -20,6 +20,9 @@ from gpcorrect.types import FloatArray, IntArray
 Memory = dict[str, FloatArray]
 """What an effect remembers from one stretch of a motion to the next: empty at the start."""
 
+PAUSES = ("linear", "held", "at_once")
+"""What an input does in a pause that is not logged: it moves over evenly, at its end, or at its beginning."""
+HELD, AT_ONCE = 1, 2  # of them
 CRITICAL = 1e-6  # relative distance from critical damping inside which its limit is used: both agree there to rounding
 
 
@@ -84,11 +87,12 @@ def lag(
     time_constant: float,
     session: IntArray | None = None,
     memory: Memory | None = None,
+    pause: str = "linear",
 ) -> FloatArray:
     """First-order lag `T x' + x = u`, exact for an input that is linear between samples; it starts in balance.
 
-    With sessions it goes on from run to run: between two runs of a session the input is taken as linear. The first run
-    of a session starts in balance, and so does one that does not begin later than the one before it.
+    With sessions it goes on from run to run. The first run of a session starts in balance, of an input that is held
+    with the last one of the session before, and so does one that does not begin later than the one before it.
 
     Parameters
     ----------
@@ -102,6 +106,8 @@ def lag(
         Session of each column; without it the columns know nothing of each other.
     memory : dict, optional
         Moved on; see the module.
+    pause : str
+        What the input does between two runs, one of `PAUSES`.
 
     Returns
     -------
@@ -117,13 +123,16 @@ def lag(
         raise DataError(f"a time constant must be >= 0, got {time_constant}.")
     columns, times = as_columns(path), as_columns(time)
     order = np.arange(columns.shape[1])
-    before = np.full(len(order), -1)
+    before, settled = np.full((2, len(order)), -1)
     if session is not None:
         order = np.lexsort((times[0], session))
         for a, b in pairwise(order.tolist()):
             if session[a] == session[b] and times[0, b] > times[0, a]:
                 before[b] = a
-    return _lag(columns, times, time_constant, order, before, remembered(memory, 3, columns)).reshape(path.shape)
+            elif session[a] != session[b] and pause == PAUSES[HELD]:
+                settled[b] = a
+    state = remembered(memory, 3, columns)
+    return _lag(columns, times, time_constant, order, before, settled, PAUSES.index(pause), state).reshape(path.shape)
 
 
 def ring(
@@ -210,9 +219,19 @@ def _plays(path: FloatArray, radii: FloatArray, state: FloatArray) -> FloatArray
 
 @njit(cache=True)
 def _lag(
-    path: FloatArray, time: FloatArray, time_constant: float, order: IntArray, before: IntArray, state: FloatArray
+    path: FloatArray,
+    time: FloatArray,
+    time_constant: float,
+    order: IntArray,
+    before: IntArray,
+    settled: IntArray,
+    pause: int,
+    state: FloatArray,
 ) -> FloatArray:
-    """Lag of columns taken in an order, each going on from the column `before` it where that is not negative."""
+    """Lag of columns taken in an order, each going on from the column `before` it where that is not negative.
+
+    Or in balance with the last input of the column with which it has `settled`.
+    """
     output = path.copy()
     for j in order:
         x, u, t = state[0, j], state[1, j], state[2, j]
@@ -222,6 +241,12 @@ def _lag(
                 continue
             if isnan(x) and before[j] >= 0:
                 x, u, t = _end_of(output[:, before[j]], path[:, before[j]], time[:, before[j]], t_next)
+                if pause == HELD and time_constant > 0.0:
+                    x, t = _linear(x, u, u, t_next - t, time_constant), t_next
+                elif pause == AT_ONCE:
+                    u = u_next
+            elif isnan(x) and settled[j] >= 0:
+                x, t = _end_of(path[:, settled[j]], path[:, settled[j]], time[:, settled[j]], np.inf)[1], t_next
             x = u_next if isnan(x) or time_constant == 0.0 else _linear(x, u, u_next, t_next - t, time_constant)
             u, t, output[i, j] = u_next, t_next, x
         state[0, j], state[1, j], state[2, j] = x, u, t

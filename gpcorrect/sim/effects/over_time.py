@@ -10,7 +10,7 @@ import numpy as np
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import JointEffect, PathEffect, PathOperator, Stage
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
-from gpcorrect.sim.effects.operators import Memory, lag, shifted
+from gpcorrect.sim.effects.operators import PAUSES, Memory, lag, shifted
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
@@ -24,12 +24,13 @@ SLIP = Range("rad", -0.5, 0.5, 0.01), Range("m", -0.05, 0.05, 5e-4)
 class Creep(JointEffect):
     """The joint lags behind the motor by a stretch that follows the load with a delay of seconds to minutes.
 
-    It starts in balance with the first load of a session and goes on from run to run; between two runs the load is
-    taken as linear.
+    It starts in balance with the first load of a session and goes on from run to run. When in the pause between two
+    runs the load changes, as where another payload is taken up, no log says: that is a choice.
     """
 
     compliance: float
     time_constant: float
+    pause: str = "linear"  # "held": the load changes as the next run begins; "at_once": as the one before it ends
 
     about = Description(
         name="creep",
@@ -48,10 +49,12 @@ class Creep(JointEffect):
         ),
         neighbours=("drift", "cable_stretch"),
         separating_runs=(Run.HOLD_UNLOAD, Run.LOAD_SWAP),
+        choices=(("pause", PAUSES),),
+        carries_over=True,
     )
 
     def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
-        slow = lag(motion.load[..., j], motion.time, self.time_constant, motion.session, memory)
+        slow = lag(motion.load[..., j], motion.time, self.time_constant, motion.session, memory, self.pause)
         return q[..., j] - self.compliance * slow
 
 
