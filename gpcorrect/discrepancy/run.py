@@ -23,7 +23,7 @@ from gpcorrect.discrepancy.outcome.figures import evidence_of, gaps_of
 from gpcorrect.discrepancy.outcome.provenance import provenance_of
 from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect, UnnamedEffect, Verdict
 from gpcorrect.discrepancy.outcome.store import StageStore, inputs_key, load_or_name, load_or_search
-from gpcorrect.discrepancy.outcome.verdict import headline, place_verdicts, verdict_level
+from gpcorrect.discrepancy.outcome.verdict import closed_where_they_show, headline, place_verdicts, verdict_level
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates, describe
 from gpcorrect.discrepancy.search.linearisation import refine
@@ -208,15 +208,18 @@ def _judge(
     noises = estimate_noises(dataset, state.residual(fitted), train)
     on_noise = noise_effects(dataset, shown, np.array([n.std for n in noises]) * np.sqrt(dataset.samples_a_row))
     sure = [e for e in on_noise if e.named.may_be_named]
-    in_model = sorted(found.values(), key=lambda e: -e.nats)
-    effects, alike = ([e for e in in_model if e.is_constant is constant] for constant in (True, False))
-    effects += [NamedEffect.of(e.named, e.parameters) for e in sure]
     looked = before.worth_a_search or state.fitted
     remainder = localise_residual(prepared, fitted, noises, tolerance, rng) if looked else None
     progress.step("what is left", 1.0)
     progress.step("test set", 0.0)
     gap = gaps_of(prepared, fitted, noises, rng)
     progress.step("test set", 1.0)
+    closes = closed_where_they_show(state, fitted, gap, remainder)
+    in_model = sorted(
+        (replace(e, closes=c) for e, c in zip(found.values(), closes, strict=True)), key=lambda e: -e.nats
+    )
+    effects, alike = ([e for e in in_model if e.is_a_name is named_so] for named_so in (True, False))
+    effects += [NamedEffect.of(e.named, e.parameters) for e in sure]
     places = place_verdicts(effects, gap, remainder or before, bursts_of(dataset, noises, shown), alike)
     level = headline(verdict_level(prepared, state, before, effects, alike, fitted, dropped), effects, alike, places)
     verdict = Verdict(level, tuple(effects), places, tuple(minor), tuple(alike))

@@ -23,7 +23,7 @@ from gpcorrect.discrepancy.outcome.words import (
     variable_words,
 )
 from gpcorrect.discrepancy.recording.channels import Channel
-from gpcorrect.discrepancy.settings import ADVICE, NAMING, TESTS
+from gpcorrect.discrepancy.settings import ADVICE, NAMING, TESTS, VERDICT
 from gpcorrect.report.discrepancy_charts import (
     gap_chart,
     likeness_chart,
@@ -177,10 +177,20 @@ def _what(result: DiscrepancyResult) -> Section | None:
     if alike:
         words.append(
             "What the machine acts like is in the model, for it closes a gap, and is no name: but for friction, what a "
-            f"machine is has one size in every motion (to within {100 * NAMING.constant:.0f} %)."
+            f"machine is has one size in every motion (to within {100 * NAMING.constant:.0f} %), and where it shows it "
+            f"closes {100 * VERDICT.whole:.0f} % of the gap, or all but noise."
         )
-        rows = [[_title(e), str(e.level), _nats(e.nats), f"{100 * e.spread:.0f} %", number(e.size)] for e in alike]
-        head = ["acts like", "level of its shape", "nats", "size differs by", "over the noise"]
+        rows = [
+            [
+                _title(e),
+                str(e.level),
+                _nats(e.nats),
+                *(f"{100 * v:.0f} %" for v in (e.spread, e.closes)),
+                number(e.size),
+            ]
+            for e in alike
+        ]
+        head = ["acts like", "level of its shape", "nats", "size differs by", "gap closed", "over the noise"]
         tables.append(TableData(head, rows, text=(1,)))
     if unnamed:
         rows = [[u.label, str(u.level), _nats(u.nats), "; ".join(u.reasons) or "–"] for u in unnamed]

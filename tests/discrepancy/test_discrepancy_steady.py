@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from discrepancy_core import RUNS, SAMPLES, joint_log
+from discrepancy_core import RUNS, SAMPLES, joint_log, motors
 from discrepancy_support import nominal
 
 from gpcorrect.discrepancy import Level, find_discrepancy
@@ -17,7 +17,7 @@ from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.discrepancy.search.state import start_search
-from gpcorrect.sim.effects import Hysteresis, PulleyEccentricity
+from gpcorrect.sim.effects import Backlash, Hysteresis, PulleyEccentricity
 from gpcorrect.types import CalibrationLog
 
 ERROR, WAVES = 0.01, 6.0
@@ -58,6 +58,21 @@ def test_what_a_machine_only_acts_like_closes_the_gap_and_has_no_name() -> None:
     (alike,) = found.to_report()["verdict"]["alike"]
     assert alike["name"] == "pulley_eccentricity"
     assert 0.1 < alike["spread"] < 0.4
+
+
+def test_what_closes_but_a_part_of_a_gap_has_no_name() -> None:
+    """A backlash beside a product of two positions, on one joint: what it leaves is beyond doubt no noise."""
+    q = motors(np.random.default_rng(3))[1]
+    more = np.zeros(q.shape)
+    more[..., 0] = 0.05 * q[..., 0] * q[..., 1]
+    found = find_discrepancy(nominal(), joint_log(3, Backlash(1, 0.007), more=more))
+    assert found.level == Level.UNKNOWN
+    assert found.effects == ()
+    (alike,) = found.verdict.alike
+    assert alike.name == "backlash"
+    assert 0.4 < alike.closes < 0.8
+    assert "(joint 1), but closes only" in verdict_sentence(found)
+    assert "maps below" in next_step(found)
 
 
 def test_a_fuller_law_of_a_rival_is_weighed() -> None:

@@ -253,7 +253,10 @@ def _doubts_of_evidence(weighed: Weighed, cost: float) -> list[str]:
     confirmed = own.confirmation.sum() / own.overdispersion
     if own.found < cost:
         doubts.append(f"gains only {own.found:.1f} nats on the discovery part, {cost:.1f} are needed")
-    if confirmed < NAMING.confirmed:
+    if not weighed.active[len(own.discovery) :].any():  # such as a slip after the last motion of that part
+        if own.found < NAMING.strong:
+            doubts.append("acts in no motion of the confirmation part, and is not beyond doubt in the others")
+    elif confirmed < NAMING.confirmed:
         doubts.append(f"not confirmed: {confirmed:.1f} nats on the confirmation part")
     gains = np.concatenate([own.discovery, own.confirmation])[weighed.active]
     if len(gains) < NAMING.few:

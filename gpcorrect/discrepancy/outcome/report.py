@@ -69,6 +69,7 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
         "size_over_noise": effect.size,
         "minor": effect.is_minor,
         "spread": effect.spread,
+        "closes": effect.closes,
     }
 
 

@@ -13,7 +13,7 @@ from gpcorrect.discrepancy.outcome.report import report_of
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.search.candidates import Estimate
 from gpcorrect.discrepancy.search.state import Step
-from gpcorrect.discrepancy.settings import NAMING, TESTS
+from gpcorrect.discrepancy.settings import NAMING, TESTS, VERDICT
 from gpcorrect.sim.effects import EFFECTS, Family
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.plan import Plan
@@ -48,6 +48,8 @@ class NamedEffect:
         Whether that channel is a motor's.
     spread : float
         By how much its size differs between trajectories beyond noise, as a part of the size.
+    closes : float
+        Part of the gap that all effects together close where it shows, on the test set; 1 where the rest may be noise.
     """
 
     name: str
@@ -62,6 +64,7 @@ class NamedEffect:
     size: float = float("inf")
     of_motor: bool = False
     spread: float = 0.0
+    closes: float = 1.0
 
     @property
     def is_constant(self) -> bool:
@@ -71,6 +74,16 @@ class NamedEffect:
         """
         about = EFFECTS[self.name].about
         return about.family == Family.REVERSAL or about.carries_over or self.spread <= NAMING.constant
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether what is left where it shows may be noise, or is little: else it is a part of something else."""
+        return self.closes >= VERDICT.whole
+
+    @property
+    def is_a_name(self) -> bool:
+        """Whether the machine has it, and does not only act like it."""
+        return self.is_constant and self.is_whole
 
     @property
     def is_minor(self) -> bool:
@@ -165,8 +178,8 @@ class Verdict:
     minor : tuple of NamedEffect
         Sure, but too small to matter beside those, and not in the model.
     alike : tuple of NamedEffect
-        What the machine acts like, though not by the same size in every motion: in the model, for it closes a gap, and
-        no name.
+        What the machine acts like, though not by the same size in every motion, or only in a part of what it does: in
+        the model, for it closes a gap, and no name.
     """
 
     level: Level

@@ -55,7 +55,7 @@ def next_step(result: DiscrepancyResult) -> str:
         case Level.UNKNOWN:
             changes = "look for what changes it from motion to motion: load, heat, wear, speed, the way it came"
             dark = "look at the machine where the maps below are dark; no effect of the catalogue acts like that"
-            return changes if result.verdict.alike else dark
+            return changes if any(not e.is_constant for e in result.verdict.alike) else dark
         case _ if not found and _tolerated(result) > VERDICT.most_tolerated:
             return "calibrate the table, or leave T_tracker_base out of the model: then it is registered from the data"
         case _ if result.provenance.bursts and not found:
@@ -110,8 +110,12 @@ def _alike_words(result: DiscrepancyResult) -> str:
         return ""
     names = [f"{_named(e, interval=False, sized=False)} ({place(e.joint)})" for e in alike[:SHOWN]]
     more = f" and {len(alike) - SHOWN} more" if len(alike) > SHOWN else ""
-    spread = _percent(max(e.spread for e in alike))
-    return f" It acts like {' + '.join(names)}{more}, but by another size in every motion (up to {spread})."
+    but = []
+    if spreads := [e.spread for e in alike if not e.is_constant]:
+        but.append(f"by another size in every motion (up to {_percent(max(spreads))})")
+    if parts := [e.closes for e in alike if not e.is_whole]:
+        but.append(f"closes only {_percent(min(parts))} of the gap")
+    return f" It acts like {' + '.join(names)}{more}, but {' and '.join(but)}."
 
 
 def _by_place(result: DiscrepancyResult) -> str:

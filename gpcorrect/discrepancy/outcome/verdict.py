@@ -16,7 +16,7 @@ from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.search.prepared import PreparedData
 from gpcorrect.discrepancy.search.state import Search, penalty
-from gpcorrect.discrepancy.settings import VERDICT
+from gpcorrect.discrepancy.settings import TESTS, VERDICT
 
 SURENESS = (Level.EXACT, Level.CLASS, Level.SET)
 
@@ -89,6 +89,34 @@ def is_plain(before: Localisation, channels: Set[Channel], dropped: Sequence[Nam
     found = [f.nats for f in before.findings if f.counts and f.channel in channels & matters]
     explained = max((n.nats for n in dropped if n.level != Level.UNKNOWN), default=0.0)
     return max(found, default=0.0) > max(VERDICT.plain * before.threshold, explained / VERDICT.explained)
+
+
+def closed_where_they_show(
+    state: Search, fitted: Sequence[FittedEffect], gaps: Sequence[ChannelGap], left: Localisation | None
+) -> list[float]:
+    """Return for each effect which part of the gap all of them close where it shows; 1 where the rest may be noise.
+
+    Every channel counts by the square of what the effect changes there beside the noise. Effects that show in common
+    channels share the least of theirs: together they are fitted to what one of them does not explain.
+
+    Parameters
+    ----------
+    state : Search
+        After the naming.
+    fitted : sequence of FittedEffect
+        All that are in the model.
+    gaps : sequence of ChannelGap
+        Of every channel, in the scene's order.
+    left : Localisation, optional
+        Of the residual that they leave.
+    """
+    findings = [] if left is None else [f for f in left.findings if f.counts and f.size > TESTS.equivalence]
+    plain = {f.channel for f in findings if left is not None and f.nats > VERDICT.plain * left.threshold}
+    closed = np.array([min(np.nan_to_num(g.closed), 1.0) if g.channel in plain else 1.0 for g in gaps])
+    nominal, noise = state.dataset.predict(), np.array([g.noise for g in gaps])
+    changes = [np.nanmean((state.dataset.predict([f.effect]) - nominal) ** 2, axis=0) / noise**2 for f in fitted]
+    own = [float(change @ closed / change.sum()) if change.any() else 1.0 for change in changes]
+    return [min(c for g, c in zip(fitted, own, strict=True) if state.alike(f.candidate, g.candidate)) for f in fitted]
 
 
 def place_verdicts(
