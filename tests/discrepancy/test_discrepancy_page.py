@@ -10,7 +10,8 @@ import pytest
 from discrepancy_support import estimate, finding, named, outside, result, rival
 
 from gpcorrect.discrepancy.evidence.variables import Quantity, Span, Variable
-from gpcorrect.discrepancy.outcome.sentences import verdict_sentence
+from gpcorrect.discrepancy.outcome.result import Experiment
+from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentence
 from gpcorrect.discrepancy.outcome.verdict import place_verdicts
 from gpcorrect.discrepancy.outcome.words import estimate_words, in_reader_units, number, region_words
 from gpcorrect.discrepancy.search.candidates import Estimate
@@ -111,6 +112,14 @@ def test_a_place_is_not_given_one_name_of_a_class(tmp_path: Path) -> None:
     write_discrepancy_report(replace(found, verdict=replace(found.verdict, places=places)), tmp_path / "report.html")
     table = (tmp_path / "report.html").read_text().split("At a glance", 1)[1].split("</table>", 1)[0]
     assert "backlash or hysteresis" in table
+
+
+def test_what_has_no_name_comes_before_a_run_for_a_smaller_question() -> None:
+    """A run that tells two laws of one joint apart is the next step only where nothing larger is unknown."""
+    run = Experiment("load joint 3", True, ("backlash (3)", "hysteresis (3)"), 40.0, 2.0)
+    steps = {level: next_step(replace(result(level), next_experiment=run)) for level in ("SET", "UNKNOWN")}
+    assert steps["SET"].startswith("record: load joint 3")
+    assert steps["UNKNOWN"].startswith("look at the machine")
 
 
 @pytest.mark.parametrize("level", ["NONE", "EXACT", "SET", "UNKNOWN", "INCONCLUSIVE"])

@@ -38,7 +38,8 @@ def next_step(result: DiscrepancyResult) -> str:
     ----------
     result : DiscrepancyResult
     """
-    experiment, found = result.next_experiment, result.localisation.findings
+    found = result.localisation.findings
+    experiment = None if result.level == Level.UNKNOWN else result.next_experiment  # the name of a smaller part can wait
     if experiment is not None and not experiment.decisive:
         return f"{' and '.join(experiment.separates)} are {experiment.run}"
     if experiment is not None:
