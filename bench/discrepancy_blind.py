@@ -138,7 +138,7 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, help="published figures: 930000 and up; of MuJoCo 500000 and up")
     parser.add_argument("--workers", type=int, default=-1, help="processes; all cores by default")
     parser.add_argument("--scheduler", help="address of a Dask scheduler whose workers have bench/ on PYTHONPATH")
-    parser.add_argument("--no-baselines", action="store_true")
+    parser.add_argument("--baselines-every", type=int, default=1, help="baselines on every so-manieth case; 0: on none")
     parser.add_argument("--results", type=Path, default=None, help="file that finished cases are stored in")
     arguments = parser.parse_args()
     name = "discrepancy_blind_short" if arguments.short else "discrepancy_blind"

@@ -78,9 +78,11 @@ def _jobs_of(name: str, arguments: argparse.Namespace) -> Iterator[Job]:
         large = (s for s in count(first) if _size(module, suite, s) >= (arguments.least_ratio))
         seeds = list(islice(large, numbers[suite]))
         turns += [((i + 0.5) / number, suite, seeds[o]) for i, o in enumerate(offsets)]
-    for _, suite, seed in sorted(turns):
+    every = arguments.baselines_every
+    for turn, (_, suite, seed) in enumerate(sorted(turns)):
         spec, _ = next(module.specs(suite, 1, seed))
-        yield Job(module.short(spec) if arguments.short else spec, seed, not arguments.no_baselines)
+        baselines = every > 0 and turn % every == 0
+        yield Job(module.short(spec) if arguments.short else spec, seed, baselines)
 
 
 def _size(module: ModuleType, suite: str, seed: int) -> float:

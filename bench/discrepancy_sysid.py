@@ -240,7 +240,7 @@ def main() -> None:
     parser.add_argument("--beside", type=Path, help="results of discrepancy_blind.py on the same cases")
     parser.add_argument("--results", type=Path, default=RESULTS / "discrepancy_sysid.jsonl")
     arguments = parser.parse_args()
-    arguments.truth, arguments.no_baselines = "mujoco", True
+    arguments.truth, arguments.baselines_every = "mujoco", 0
     path: Path = arguments.results
     path.parent.mkdir(parents=True, exist_ok=True)
     entries = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []

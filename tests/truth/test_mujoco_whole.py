@@ -92,7 +92,7 @@ def test_the_bench_asks_for_both_truths() -> None:
         short=True,
         share=None,
         first_seed=None,
-        no_baselines=True,
+        baselines_every=0,
         least_ratio=0.0,
     )
     jobs = list(jobs_of(asked))
