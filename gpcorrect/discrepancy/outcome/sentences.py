@@ -39,7 +39,8 @@ def next_step(result: DiscrepancyResult) -> str:
     result : DiscrepancyResult
     """
     found = result.localisation.findings
-    experiment = None if result.level == Level.UNKNOWN else result.next_experiment  # the name of a smaller part can wait
+    # While something is unknown, the name of a smaller part can wait.
+    experiment = None if result.level == Level.UNKNOWN else result.next_experiment
     if experiment is not None and not experiment.decisive:
         return f"{' and '.join(experiment.separates)} are {experiment.run}"
     if experiment is not None:
