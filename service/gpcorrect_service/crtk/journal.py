@@ -16,6 +16,7 @@ from gpcorrect_service.crtk.messages import TOPICS, Message
 
 BEGINS = b"gpcorrect recording 1\n"  # first line of a journal, with the number of its form
 LENGTH = struct.Struct("<I")
+LONGEST = 1 << 16  # bytes of an entry: a hundred joints have a tenth of it
 SUFFIX = ".unfinished"  # behind the name of the recording to come
 
 
@@ -137,6 +138,8 @@ def _entries(path: Path, rest: memoryview) -> Iterator[tuple[str, int, Any]]:
     read = msgspec.msgpack.Decoder(_Entry)
     while len(rest) >= LENGTH.size:
         (length,) = LENGTH.unpack(rest[: LENGTH.size])
+        if length > LONGEST:  # no torn end, behind which nothing would be lost
+            raise _altered(path, f"an entry of {length} bytes")
         body, rest = rest[LENGTH.size : LENGTH.size + length], rest[LENGTH.size + length :]
         if len(body) < length:
             return
@@ -144,4 +147,8 @@ def _entries(path: Path, rest: memoryview) -> Iterator[tuple[str, int, Any]]:
             entry = read.decode(body)
             yield entry.topic, entry.epoch, msgspec.msgpack.decode(entry.message, type=TOPICS[entry.topic].form)
         except (msgspec.MsgspecError, ValueError, KeyError) as error:
-            raise LogError(f"it was altered ({error}).", path=str(path), hint="Copy it again.") from error
+            raise _altered(path, str(error)) from error
+
+
+def _altered(path: Path, why: str) -> LogError:
+    return LogError(f"it was altered ({why}).", path=str(path), hint="Copy it again.")
