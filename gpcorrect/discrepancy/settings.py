@@ -186,7 +186,7 @@ class VerdictSettings:
     # at another. A definition.
     rest: float = 1.0
     # Of the gap on the test set, that must close where an effect shows and the rest is beyond doubt no noise: with more
-    # of it left the effect is a part of something else. In 35 recordings of one or two effects 0.88 and more close, or
+    # of it left the effect is a part of something else. In 25 recordings of one or two effects 0.88 and more close, or
     # nothing is left; beside causes outside the catalogue that had been given names, 0.02, 0.5 and 0.62.
     whole: float = 0.8
     most_tolerated: float = 0.5  # of the noise: more of it put down to tolerances may hide what is missing
