@@ -210,17 +210,18 @@ def _judge(
     sure = [e for e in on_noise if e.named.may_be_named]
     looked = before.worth_a_search or state.fitted
     remainder = localise_residual(prepared, fitted, noises, tolerance, rng) if looked else None
+    left = remainder or before
     progress.step("what is left", 1.0)
     progress.step("test set", 0.0)
     gap = gaps_of(prepared, fitted, noises, rng)
     progress.step("test set", 1.0)
-    closes = closed_where_they_show(state, fitted, gap, remainder)
+    closes = closed_where_they_show(state, fitted, gap, left)
     in_model = sorted(
         (replace(e, closes=c) for e, c in zip(found.values(), closes, strict=True)), key=lambda e: -e.nats
     )
     effects, alike = ([e for e in in_model if e.is_a_name is named_so] for named_so in (True, False))
     effects += [NamedEffect.of(e.named, e.parameters) for e in sure]
-    places = place_verdicts(effects, gap, remainder or before, bursts_of(dataset, noises, shown), alike)
+    places = place_verdicts(effects, gap, left, bursts_of(dataset, noises, shown), alike)
     level = headline(verdict_level(prepared, state, before, effects, alike, fitted, dropped), effects, alike, places)
     verdict = Verdict(level, tuple(effects), places, tuple(minor), tuple(alike))
     return _Judged(named, dropped, fitted, on_noise, noises, remainder, gap, verdict)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,12 +16,13 @@ from gpcorrect.discrepancy import Level, find_discrepancy
 from gpcorrect.discrepancy.naming.view import view_of
 from gpcorrect.discrepancy.naming.weigh import own_gain, weigh
 from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentence
+from gpcorrect.discrepancy.outcome.verdict import closed_where_they_show
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.discrepancy.search.state import start_search
-from gpcorrect.sim.effects import Backlash, Hysteresis, PulleyEccentricity
-from gpcorrect.types import CalibrationLog
+from gpcorrect.sim.effects import Backlash, CableSlip, Hysteresis, PulleyEccentricity
+from gpcorrect.types import CalibrationLog, FloatArray
 
 ERROR, WAVES = 0.01, 6.0
 REVERSALS = ("backlash", "hysteresis")
@@ -73,6 +77,35 @@ def test_what_closes_but_a_part_of_a_gap_has_no_name() -> None:
     assert 0.4 < alike.closes < 0.8
     assert "(joint 1), but closes only" in verdict_sentence(found)
     assert "maps below" in next_step(found)
+
+
+def test_effects_that_show_in_one_channel_share_what_they_leave() -> None:
+    """What is left counts where it is plain; who shows beside an effect there was fitted together with it."""
+    shown: dict[str, list[float]] = {"delay": [2.0, 0.0, 0.0], "resonance": [1.0, 1.0, 0.0], "wave": [0.0, 0.0, 1.0]}
+
+    def predict(effects: Sequence[str] = ()) -> FloatArray:
+        return np.sum([np.zeros((5, 3)), *(np.tile(shown[e], (5, 1)) for e in effects)], axis=0)
+
+    def together(a: str, b: str) -> bool:
+        return bool(np.any(np.multiply(shown[a], shown[b])))
+
+    state: Any = SimpleNamespace(dataset=SimpleNamespace(predict=predict), alike=together)
+    fitted: Any = [SimpleNamespace(effect=name, candidate=name) for name in shown]
+    gaps: Any = [SimpleNamespace(channel=i, closed=0.5, noise=1.0) for i in range(3)]
+    plain, faint = ({"counts": True, "size": size, "nats": 100.0} for size in (0.5, 0.2))
+    findings = [SimpleNamespace(channel=0, **plain), SimpleNamespace(channel=2, **faint)]
+    left: Any = SimpleNamespace(findings=findings, threshold=10.0)
+    assert closed_where_they_show(state, fitted, gaps, left) == [0.5, 0.5, 1.0]
+
+
+def test_a_slip_after_the_last_motion_of_the_confirmation_part_has_its_name() -> None:
+    """No motion of that part could confirm it; those of discovery foretell one another beyond doubt."""
+    log, seed = joint_log(3, CableSlip(1, 0.003, instant=604.0)), 13
+    dataset = prepare_data(log, nominal(), np.random.default_rng(seed)).dataset
+    assert dataset.trajectory[dataset.confirmation].max() < 10
+    found = find_discrepancy(nominal(), log, seed=seed)
+    assert found.level == Level.EXACT
+    assert [e.name for e in found.effects] == ["cable_slip"]
 
 
 def test_a_fuller_law_of_a_rival_is_weighed() -> None:

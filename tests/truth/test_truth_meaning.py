@@ -7,7 +7,7 @@ operators; what the two do not share is stated below, effect by effect.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -29,6 +29,7 @@ from gpcorrect.sim import (
     run,
 )
 from gpcorrect.sim.effects import EncoderQuantisation, Hysteresis
+from gpcorrect.sim.effects.operators import PAUSES
 from gpcorrect.sim.motion import Readings
 
 RATE = 100.0
@@ -120,6 +121,18 @@ def test_the_products_effect_with_the_hidden_numbers_does_what_the_hidden_one_do
         assert _explained(hidden[:, half:], ours[:, half:]) > ELSE
     if name == "creep":
         assert _explained(hidden, ours + _fading(hidden - ours, pair.label["params"]["time_constant"])) > 0.995
+
+
+def test_a_held_load_is_what_the_hidden_creep_remembers() -> None:
+    """The hidden payload changes as the next run begins: of the three pauses, the held one explains the most."""
+    pair, shares = _pair("creep"), {}
+    plan, model = _plan(pair.truth), model_from_dict(dict(pair.truth.case.nominal))
+    for pause in PAUSES:
+        effect = replace(_effect(pair.label), pause=pause)
+        ours = replace(pair, with_it=run(machine_of(model.with_effects(effect)), plan))
+        shares[pause] = _explained(*ours.traces())
+    assert max(shares, key=lambda pause: shares[pause]) == "held"
+    assert 1.0 - shares["held"] < 0.5 * (1.0 - shares["linear"])
 
 
 def _fading(rest: np.ndarray, time_constant: float) -> np.ndarray:

@@ -92,7 +92,7 @@ def is_plain(before: Localisation, channels: Set[Channel], dropped: Sequence[Nam
 
 
 def closed_where_they_show(
-    state: Search, fitted: Sequence[FittedEffect], gaps: Sequence[ChannelGap], left: Localisation | None
+    state: Search, fitted: Sequence[FittedEffect], gaps: Sequence[ChannelGap], left: Localisation
 ) -> list[float]:
     """Return for each effect which part of the gap all of them close where it shows; 1 where the rest may be noise.
 
@@ -107,11 +107,11 @@ def closed_where_they_show(
         All that are in the model.
     gaps : sequence of ChannelGap
         Of every channel, in the scene's order.
-    left : Localisation, optional
+    left : Localisation
         Of the residual that they leave.
     """
-    findings = [] if left is None else [f for f in left.findings if f.counts and f.size > TESTS.equivalence]
-    plain = {f.channel for f in findings if left is not None and f.nats > VERDICT.plain * left.threshold}
+    limit = VERDICT.plain * left.threshold
+    plain = {f.channel for f in left.findings if f.counts and f.size > TESTS.equivalence and f.nats > limit}
     closed = np.array([min(np.nan_to_num(g.closed), 1.0) if g.channel in plain else 1.0 for g in gaps])
     nominal, noise = state.dataset.predict(), np.array([g.noise for g in gaps])
     changes = [np.nanmean((state.dataset.predict([f.effect]) - nominal) ** 2, axis=0) / noise**2 for f in fitted]
