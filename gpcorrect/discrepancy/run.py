@@ -26,6 +26,7 @@ from gpcorrect.discrepancy.outcome.store import StageStore, inputs_key, load_or_
 from gpcorrect.discrepancy.outcome.verdict import closed_where_they_show, headline, place_verdicts, verdict_level
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates, describe
+from gpcorrect.discrepancy.search.instants import with_open_instant_placed
 from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.needs import split_by_needs
 from gpcorrect.discrepancy.search.prepared import PreparedData, localise_residual, prepare_data
@@ -231,14 +232,20 @@ def _refit(state: Search, fitted: Sequence[FittedEffect], rows: BoolArray) -> tu
     """Estimate all numbers anew on these rows, together where effects show in common channels."""
     if not fitted:
         return ()
-    whitener = whitener_on(state.dataset, state.residual(fitted), rows)
-    done = list(fitted)
+    residual = state.residual(fitted)
+    whitener, done = whitener_on(state.dataset, residual, rows), list(fitted)
     for group in _groups(state, fitted):
         fixed = [f for i, f in enumerate(done) if i not in group]
         found = [refine(whitener, fixed, start, EVALUATIONS) for start in _starts([done[i] for i in group])]
         left = [float((whitener.whiten(state.residual([*fixed, *fits])) ** 2).sum()) for fits in found]
         for i, fit in zip(group, found[int(np.argmin(left))], strict=True):
             done[i] = fit.canonical()
+    for i, fit in enumerate(done):
+        if fit.candidate.instant is not None:  # that these rows leave open: where the others show it
+            others = [f for f in done if f is not fit]
+            done[i], _ = with_open_instant_placed(
+                whitener_on(state.dataset, residual, state.dataset.test), others, fit, rows
+            )
     return tuple(done)
 
 

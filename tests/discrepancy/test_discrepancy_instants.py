@@ -72,6 +72,20 @@ def test_an_effect_is_asked_to_help_only_where_it_acts() -> None:
     assert [(e.name, e.level) for e in found.effects] == [("cable_slip", "EXACT")]
 
 
+@pytest.mark.parametrize("part", ["confirmation", "test"])
+@pytest.mark.parametrize("beside", [-20.0, 3.0, 20.0])
+def test_a_slip_beside_a_motion_that_the_search_never_saw_is_on_its_right_side(part: str, beside: float) -> None:
+    """Discovery leaves open on which side of another part's motion it was: that motion shows it, and it has its name."""
+    dataset = prepare_data(joint_log(3), nominal(), np.random.default_rng(0)).dataset
+    begins = 60.0 * next(k for k in range(3, RUNS) if getattr(dataset, part)[dataset.trajectory == k].all())
+    log = joint_log(3, CableSlip(joint=1, step=6 * NOISE, instant=begins + beside))
+    found = find_discrepancy(nominal(), log, seed=0)
+    assert [(e.name, e.level) for e in found.effects] == [("cable_slip", "EXACT")]
+    assert found.level == "EXACT"
+    low, high = found.effects[0].parameters["instant"].ci95
+    assert low < begins + beside < high
+
+
 def test_the_interval_of_an_instant_holds_it_and_is_no_point(slipped: tuple[Search, FittedEffect]) -> None:
     """No slope leads to an instant, and yet its interval is neither empty nor the whole session."""
     state, found = slipped

@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener, whitener_on
 from gpcorrect.discrepancy.search.candidates import FittedEffect
+from gpcorrect.discrepancy.search.instants import with_open_instant_placed
 from gpcorrect.discrepancy.search.prepared import PreparedData
 from gpcorrect.discrepancy.search.state import Search
 from gpcorrect.types import FloatArray
@@ -28,8 +31,31 @@ class View:
         fitted : sequence of FittedEffect
             The set.
         """
-        discovery, confirmation = self.whitened(self.search.residual(fitted)[:, :, None])
+        placed = [self.placed(fitted, fit)[0] for fit in fitted]
+        discovery, confirmation = self.whitened(self.search.residual(placed)[:, :, None])
         return discovery[:, 0], confirmation[:, 0]
+
+    def placed(self, fitted: Sequence[FittedEffect], fit: FittedEffect) -> tuple[FittedEffect, float]:
+        """Return an effect with the instant that confirmation shows where discovery leaves it open, and its price.
+
+        Parameters
+        ----------
+        fitted : sequence of FittedEffect
+            The set.
+        fit : FittedEffect
+            One of them.
+
+        Returns
+        -------
+        fit : FittedEffect
+        nats : float
+            That the choice among so many instants costs the confirmation part.
+        """
+        if fit.candidate.instant is None:
+            return fit, 0.0
+        others = [m for m in fitted if m is not fit]
+        found, instants = with_open_instant_placed(self.confirmation, others, fit, self.search.dataset.discovery)
+        return found, float(np.log(instants))
 
     def whitened(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return columns whitened on discovery and confirmation.

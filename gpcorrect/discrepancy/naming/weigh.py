@@ -121,7 +121,7 @@ def own_gain(view: View, fit: FittedEffect) -> Own:
     search, candidate = view.search, fit.candidate
     rest = search.refit([m for m in search.fitted if m is not fit], candidate)
     reference = view.whitened_residuals(rest)
-    gains = _gains(view, reference, search.fitted, candidate)
+    gains = _gains(view, reference, search.fitted, fit)
     left = search.overdispersion(view.whitened_residuals(search.fitted)[0], search.touched(candidate))
     return Own(rest, reference, *gains, max(left, size_overdispersion(search, fit)))
 
@@ -180,13 +180,15 @@ def _active(view: View, fit: FittedEffect) -> BoolArray:
 
 
 def _gains(
-    view: View, reference: tuple[FloatArray, FloatArray], fitted: Sequence[FittedEffect], candidate: Candidate
+    view: View, reference: tuple[FloatArray, FloatArray], fitted: Sequence[FittedEffect], fit: FittedEffect
 ) -> tuple[FloatArray, FloatArray]:
-    """Nats of each trajectory, of discovery and of confirmation, that a set gains over a reference residual."""
-    linearised = view.search.linearise_near(fitted, candidate)
+    """Nats of each trajectory, of discovery and of confirmation, that a set gains with a fit over a reference."""
+    linearised = view.search.linearise_near(fitted, fit.candidate)
     discovery = held_out(view.search.whitener, reference[0], linearised.z, linearised.slopes)
     change = 0.5 * (reference[1] ** 2 - view.whitened_residuals(fitted)[1] ** 2)
-    return discovery, np.bincount(view.confirmation.block, change).astype(np.float64)
+    confirmation = np.bincount(view.confirmation.block, change).astype(np.float64)
+    confirmation[confirmation.argmax()] -= view.placed(fitted, fit)[1]
+    return discovery, confirmation
 
 
 def _rivals(view: View, own: Own, fit: FittedEffect, margin: float) -> list[Rival]:
@@ -216,7 +218,7 @@ def _rivals(view: View, own: Own, fit: FittedEffect, margin: float) -> list[Riva
             continue
         other = _change(view, own, fitted) - change
         differs = float(other @ other) > NAMING.shape_error**2 * float(change @ change)
-        gains = _gains(view, own.reference, fitted, candidate)
+        gains = _gains(view, own.reference, fitted, fitted[-1])
         shape_nats = _shape_nats(search, fitted) if fuller and differs else np.inf
         found.append(Rival(fitted[-1], float(gains[0].sum() + gains[1].sum()), shape_nats=shape_nats))
     best = sorted(found, key=lambda r: min(SEARCH.complexity * r.candidate.extra, r.shape_nats) - r.nats)

@@ -199,9 +199,9 @@ def headline(
     places : sequence of PlaceVerdict
         Of every place.
     """
-    if level not in SURENESS:
-        return level
     unknown = [v for v in places if v.level == Level.UNKNOWN]
+    if level not in SURENESS:
+        return Level.UNKNOWN if unknown else level
     large = [e for e in effects if not e.is_minor]
     acts_like = any(not e.is_minor for e in alike)
     if acts_like or any(v.remaining > VERDICT.rest for v in unknown) or (unknown and not large):

@@ -16,7 +16,7 @@ from scipy.stats import chi2
 from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.search.candidates import FittedEffect
-from gpcorrect.types import FloatArray
+from gpcorrect.types import BoolArray, FloatArray
 
 POINTS = 17  # instants in a row at which the gain is computed
 COARSE, NEAR = 8, 200  # rows: of a first look, and on either side of the best of it
@@ -49,6 +49,42 @@ def with_best_instant(whitener: DatasetWhitener, others: Sequence[FittedEffect],
             nats[i] = 0.5 * factor[i] ** 2 * energy
     best = int(np.argmax(nats)) if len(u) else None
     return fit if best is None else _resized(fit, float(u[best]), float(factor[best]))
+
+
+def with_open_instant_placed(
+    open_to: DatasetWhitener, others: Sequence[FittedEffect], fit: FittedEffect, known: BoolArray
+) -> tuple[FittedEffect, int]:
+    """Move a change-point between two known rows to where it explains other rows there best; its size stays.
+
+    An instant in a pause of the discovery part is open to its ends, and the confirmation part may lie between them.
+
+    Parameters
+    ----------
+    open_to : DatasetWhitener
+        Of the rows that may decide.
+    others : sequence of FittedEffect
+        Present beside it.
+    fit : FittedEffect
+    known : (m,) bool array
+        Rows that it was fitted on.
+
+    Returns
+    -------
+    fit : FittedEffect
+    instants : int
+        Among how many it was chosen: the mean of their likelihoods is the best one's divided by that, at least.
+    """
+    index, cuts = _place(fit), _cuts(open_to, others, fit)
+    coordinate = fit.candidate.coordinates[index]
+    at, clock = coordinate.value(float(fit.u[index])), cuts.clock[known & cuts.trace.any(axis=1)]
+    before, after = clock[clock < at].max(initial=-np.inf), clock[clock >= at].min(initial=np.inf)
+    tried = cuts.instants[(cuts.instants > before) & (cuts.instants <= after)]
+    if len(tried) < 2:
+        return fit, 1
+    nats = cuts.gain(tried)
+    if np.ptp(nats) == 0.0:
+        return fit, 1
+    return fit.moved(index, coordinate.coordinate(float(tried[int(nats.argmax())]))), len(tried)
 
 
 def _resized(fit: FittedEffect, u_instant: float, factor: float) -> FittedEffect:
@@ -96,17 +132,31 @@ class _Cuts:
         instants : (k,) array
             Session time, s.
         """
-        factor, nats = np.zeros(len(instants)), np.zeros(len(instants))
+        energy, along = self._products(instants)
+        factor = np.divide(along, energy, out=np.zeros(len(instants)), where=energy > 0.0)
+        return factor, 0.5 * factor * along
+
+    def gain(self, instants: FloatArray) -> FloatArray:
+        """Return the gain in nats of the trace as it is when it begins at each of k instants.
+
+        Parameters
+        ----------
+        instants : (k,) array
+            Session time, s.
+        """
+        energy, along = self._products(instants)
+        return along - 0.5 * energy
+
+    def _products(self, instants: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Of each whitened cut with itself, and with what is to be explained."""
+        energy, along = np.zeros(len(instants)), np.zeros(len(instants))
         for begin in range(0, len(instants), AT_ONCE):
             part = slice(begin, begin + AT_ONCE)
             white = self.whitener.whiten_columns(
                 self.trace[:, :, None] * (self.clock[:, None] >= instants[part])[:, None, :]
             )
-            energy, along = (white**2).sum(axis=0), white.T @ self.z
-            active = energy > 0.0
-            factor[part] = np.where(active, along / np.where(active, energy, 1.0), 0.0)
-            nats[part] = 0.5 * factor[part] * along
-        return factor, nats
+            energy[part], along[part] = (white**2).sum(axis=0), white.T @ self.z
+        return energy, along
 
 
 def _cuts(whitener: DatasetWhitener, others: Sequence[FittedEffect], fit: FittedEffect) -> _Cuts:
