@@ -75,7 +75,7 @@ def test_an_effect_is_asked_to_help_only_where_it_acts() -> None:
 @pytest.mark.parametrize("part", ["confirmation", "test"])
 @pytest.mark.parametrize("beside", [-20.0, 3.0, 20.0])
 def test_a_slip_beside_a_motion_that_the_search_never_saw_is_on_its_right_side(part: str, beside: float) -> None:
-    """Discovery leaves open on which side of another part's motion it was: that motion shows it, and it has its name."""
+    """Discovery leaves open on which side of another part's motion it was: that motion shows it, and it has a name."""
     dataset = prepare_data(joint_log(3), nominal(), np.random.default_rng(0)).dataset
     begins = 60.0 * next(k for k in range(3, RUNS) if getattr(dataset, part)[dataset.trajectory == k].all())
     log = joint_log(3, CableSlip(joint=1, step=6 * NOISE, instant=begins + beside))
