@@ -86,7 +86,7 @@ def solve(job: Job, case: Case | None = None) -> dict[str, Any]:
             return _entry(job) | {"refused": str(error), "outcome": _refused(job, label)}
         outcome = asdict(case_outcome(job.key, label, report))
         others = _baselines(case.log, model, job.seed, label) if job.baselines else {}
-        said = {"level": report["verdict"]["level"], "effects": [_brief(e) for e in report["verdict"]["effects"]]}
+        said = _said(report["verdict"])
         return _entry(job) | {"outcome": outcome, "said": said, "baselines": others}
 
 
@@ -112,7 +112,7 @@ def _advised(job: Job, found: DiscrepancyResult, label: dict[str, Any], model: M
     rng = np.random.default_rng([job.seed, 77])
     logs = [truth.case.log, *(further_recording(truth, plan, rng) for plan, _ in found.advised_plans)]
     report = find_discrepancy(model, joined(logs), seed=job.seed).to_report()
-    said = {"level": report["verdict"]["level"], "effects": [_brief(e) for e in report["verdict"]["effects"]]}
+    said = _said(report["verdict"])
     return entry | {"outcome": asdict(case_outcome(job.key, label, report)), "said": said}
 
 
@@ -122,8 +122,13 @@ def _refused(job: Job, label: dict[str, Any]) -> dict[str, Any]:
     return asdict(case_outcome(job.key, label, report))
 
 
+def _said(verdict: dict[str, Any]) -> dict[str, Any]:
+    return {"level": verdict["level"]} | {k: [_brief(e) for e in verdict[k]] for k in ("effects", "alike")}
+
+
 def _brief(effect: dict[str, Any]) -> str:
-    return f"{effect['level']} {effect['name']} {effect['joint']} {effect['probability']:.3f}"
+    numbers = f"{effect['probability']:.3f}, differs {effect['spread']:.2f}, closes {effect['closes']:.2f}"
+    return f"{effect['level']} {effect['name']} {effect['joint']} {numbers}"
 
 
 def _baselines(log: CalibrationLog, model: Model, seed: int, label: dict[str, Any]) -> dict[str, Any]:

@@ -29,7 +29,7 @@ HEAD = (
     "hidden",
     "verdict",
     "seconds",
-    "named (level, probability) | how it is scored",
+    "named (level, probability, differs between motions, closes) | acts like | how it is scored",
 )
 
 
@@ -48,15 +48,19 @@ def jobs_of(arguments: argparse.Namespace) -> Iterator[Job]:
 def line_of(job: Job, labels: dict[str, Any], entry: dict[str, Any], seconds: float) -> str:
     """Return one line: the case, what was hidden, what was said."""
     hidden = ", ".join(f"{e['name']} {e['joint']} ({e['ratio']:.2f})" for e in labels["effects"]) or "nothing"
-    outcome, said = entry["outcome"], entry.get("said", {"level": "REFUSED", "effects": [entry.get("refused", "")]})
+    outcome, said = (
+        entry["outcome"],
+        entry.get("said", {"level": "REFUSED", "effects": [entry.get("refused", "")], "alike": []}),
+    )
     scored = "WRONG" if outcome["wrong"] else " + ".join(outcome["answers"])
     named = "; ".join(said["effects"]) or "-"
+    like = "; ".join(said["alike"]) or "-"
     spec = job.spec
     cells = (
         spec.suite, str(job.seed), getattr(spec, "arm", "raven2_left"), spec.signals,
         f"{spec.ratio:g}" if spec.hidden else "-", hidden, said["level"], f"{seconds:.0f}",
     )  # fmt: skip
-    return " ".join(c.ljust(w) for c, w in zip(cells, WIDTHS, strict=True)) + f" {named} | {scored}"
+    return " ".join(c.ljust(w) for c, w in zip(cells, WIDTHS, strict=True)) + f" {named} | {like} | {scored}"
 
 
 def main() -> None:
