@@ -67,7 +67,7 @@ def run(
     gpcorrect discrepancy run --machine robot.xml --log monday.csv --output missing/
     """
     from gpcorrect.discrepancy import find_discrepancy
-    from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentence
+    from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentences
     from gpcorrect.parallel import workers
     from gpcorrect.report import write_discrepancy_report  # the report's libraries are an extra: say so before the work
     from gpcorrect.sim.model import write_completed
@@ -85,7 +85,8 @@ def run(
     if json:
         print_json(report)
         return
-    out.print(styled((verdict_sentence(result), "bold")))
+    headline, *beside = verdict_sentences(result)
+    out.print(styled((headline, "bold"), *(f" {sentence}" for sentence in beside)))
     out.print(_gap_table(result.gap))
     out.print(f"next: {next_step(result)}")
     robot = "" if written.robot is None else f"   robot: {written.robot}"

@@ -10,7 +10,7 @@ import numpy as np
 from gpcorrect.discrepancy.evidence.localise import Finding
 from gpcorrect.discrepancy.naming.posterior import Level
 from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect
-from gpcorrect.discrepancy.outcome.sentences import VISIBLE, next_step, short_words, verdict_sentence
+from gpcorrect.discrepancy.outcome.sentences import VISIBLE, next_step, short_words, verdict_sentences
 from gpcorrect.discrepancy.outcome.words import (
     MEANING,
     channel_words,
@@ -54,7 +54,7 @@ def write_discrepancy_report(result: DiscrepancyResult, path: Path) -> None:
     GpCorrectError
         The folder cannot be written.
     """
-    source = result.provenance
+    source, (headline, *beside) = result.provenance, verdict_sentences(result)
     loops = loop_chart(result.evidence, _worst(result)[:MOST_CHANNELS], machine_of(result.model).body)
     sections = [
         _glance(result),
@@ -69,8 +69,9 @@ def write_discrepancy_report(result: DiscrepancyResult, path: Path) -> None:
     ]
     page = Page(
         "gpcorrect discrepancy",
-        verdict_sentence(result),
+        headline,
         [
+            *(("and" if k else "also", sentence) for k, sentence in enumerate(beside)),
             ("verdict", f"{result.level}: {MEANING[result.level]}"),
             ("next", next_step(result)),
             *(("recording", f"{d.name}, {d.rows} samples") for d in source.data),
@@ -307,5 +308,6 @@ def _not_nameable(result: DiscrepancyResult) -> Section | None:
     for lack in lacks:
         by_reason.setdefault(lack.why, []).append(lack.effect.replace("_", " "))
     rows = [[", ".join(effects), why] for why, effects in by_reason.items()]
-    words = [f"Of the catalogue, {len(lacks)} effects cannot be named from these data, whether they are there or not."]
+    count = "one effect" if len(lacks) == 1 else f"{len(lacks)} effects"
+    words = [f"Of the catalogue, {count} cannot be named from these data, whether they are there or not."]
     return Section("What these data cannot show", words, (TableData(["effects", "because"], rows, "", (0, 1)),))

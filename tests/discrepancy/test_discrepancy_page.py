@@ -11,7 +11,7 @@ from discrepancy_support import estimate, finding, named, outside, result, rival
 
 from gpcorrect.discrepancy.evidence.variables import Quantity, Span, Variable
 from gpcorrect.discrepancy.outcome.result import Experiment
-from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentence
+from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentence, verdict_sentences
 from gpcorrect.discrepancy.outcome.verdict import place_verdicts
 from gpcorrect.discrepancy.outcome.words import estimate_words, in_reader_units, number, region_words
 from gpcorrect.discrepancy.search.candidates import Estimate
@@ -39,6 +39,18 @@ def test_several_effects_of_a_place_are_named_in_short() -> None:
     coupling = named("cable_coupling", 2, parameters={"coefficient": size, "source": Estimate(1, None, "")})
     said = verdict_sentence(result("CLASS", play, coupling))
     assert said == "Joint 2: backlash or hysteresis + cable coupling from joint 1, close 99 % of the gap."
+
+
+def test_the_first_sentence_is_of_what_matters_most() -> None:
+    """Of what is unknown while anything is, else of the place with the largest gap; the others follow in another."""
+    effects = [named("backlash", joint) for joint in (1, 2)]
+    first, rest = verdict_sentences(result("EXACT", *effects))
+    assert first.startswith("Joint 2: ")
+    assert rest.startswith("Joint 1: ")
+    unknown, beside = verdict_sentences(result("UNKNOWN", *effects))
+    assert unknown.startswith("Something outside the catalogue is missing")
+    assert beside.startswith("Beside it, joint 2: ")
+    assert "; joint 1: " in beside
 
 
 def test_noise_closes_no_gap() -> None:

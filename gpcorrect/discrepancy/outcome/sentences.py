@@ -1,4 +1,4 @@
-"""The verdict in one sentence, and what to do now in another."""
+"""The verdict in sentences, and what to do now in another."""
 
 from __future__ import annotations
 
@@ -88,28 +88,38 @@ def _excess(gap: ChannelGap | None) -> float:
 
 
 def verdict_sentence(result: DiscrepancyResult) -> str:
-    """Return the verdict in one sentence: what is missing, how much, and how much of the gap it closes.
+    """Return all of the verdict's sentences in a row.
+
+    Parameters
+    ----------
+    result : DiscrepancyResult
+    """
+    return " ".join(verdict_sentences(result))
+
+
+def verdict_sentences(result: DiscrepancyResult) -> list[str]:
+    """Return the verdict: first what matters most and how much of the gap it closes, then what is beside it.
 
     Parameters
     ----------
     result : DiscrepancyResult
     """
     if result.level == Level.NONE:
-        return _nothing(result)
+        return [_nothing(result)]
     if result.level == Level.INCONCLUSIVE and not result.effects:
-        return _undecided(result)
+        return [_undecided(result)]
     named = _by_place(result)
     if result.level != Level.UNKNOWN:
-        return f"{named}."
-    unknown = f"Something outside the catalogue is missing{_where(result)}.{_alike_words(result)}"
-    return unknown if not result.effects else f"{unknown} Beside it, {named[:1].lower()}{named[1:]}."
+        return [f"{words[:1].upper()}{words[1:]}." for words in (named[0], "; ".join(named[1:])) if words]
+    unknown = [f"Something outside the catalogue is missing{_where(result)}.", *_alike_words(result)]
+    return [*unknown, f"Beside it, {'; '.join(named)}."] if result.effects else unknown
 
 
-def _alike_words(result: DiscrepancyResult) -> str:
-    """Return what the machine acts like without being it, in a sentence of its own."""
+def _alike_words(result: DiscrepancyResult) -> list[str]:
+    """Return what the machine acts like without being it, in a sentence of its own, if there is anything."""
     alike = [e for e in result.verdict.alike if not e.is_minor]
     if not alike:
-        return ""
+        return []
     names = [f"{_named(e, interval=False, sized=False)} ({place(e.joint)})" for e in alike[:SHOWN]]
     more = f" and {len(alike) - SHOWN} more" if len(alike) > SHOWN else ""
     but = []
@@ -117,11 +127,11 @@ def _alike_words(result: DiscrepancyResult) -> str:
         but.append(f"by another size in every motion (up to {_percent(max(spreads))})")
     if parts := [e.closes for e in alike if not e.is_whole]:
         but.append(f"closes only {_percent(min(parts))} of the gap")
-    return f" It acts like {' + '.join(names)}{more}, but {' and '.join(but)}."
+    return [f"It acts like {' + '.join(names)}{more}, but {' and '.join(but)}."]
 
 
-def _by_place(result: DiscrepancyResult) -> str:
-    """Effects one place after the other, the one with the largest gap over its noise first."""
+def _by_place(result: DiscrepancyResult) -> list[str]:
+    """Effects of each place, the one with the largest gap over its noise first, and how many are not spoken of."""
     groups: dict[int | str, list[NamedEffect]] = {}
     for effect in result.effects:
         groups.setdefault(effect.joint, []).append(effect)
@@ -129,13 +139,15 @@ def _by_place(result: DiscrepancyResult) -> str:
     order = sorted(groups, key=lambda where: -_excess(gaps[where]))
     words = [_group_words(groups[where], gaps[where]) for where in order[:SHOWN]]
     others = sum(len(groups[where]) for where in order[SHOWN:])
-    minor = len(result.verdict.minor)
-    less = f"; {minor} below {_percent(TESTS.equivalence)} of the noise, listed as minor" if minor else ""
-    return "; ".join(words) + (f"; and {others} smaller elsewhere" if others else "") + less
+    if others:
+        words.append(f"and {others} smaller elsewhere")
+    if minor := len(result.verdict.minor):
+        words.append(f"{minor} below {_percent(TESTS.equivalence)} of the noise, listed as minor")
+    return words
 
 
 def _group_words(effects: Sequence[NamedEffect], gap: ChannelGap | None) -> str:
-    where = place(effects[0].joint).removeprefix("the ").capitalize()
+    where = place(effects[0].joint).removeprefix("the ")
     fraction = "" if gap is None else f"{_percent(min(gap.closed, 1.0))} of the gap"
     if all(e.family == Family.NOISE for e in effects):
         return f"{where}: {' + '.join(_named(e, interval=len(effects) == 1) for e in effects)}, noise: no gap to close"
