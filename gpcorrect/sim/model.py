@@ -257,7 +257,7 @@ def _problem(location: tuple[int | str, ...], kind: str, message: str) -> str:
         case "missing":
             return f"{key} is missing"
         case _:
-            return f"{key}: {message.removeprefix('Value error, ')}"
+            return f"{key}: {message.removeprefix('Value error, ').removesuffix('.')}"
 
 
 @dataclass(frozen=True)

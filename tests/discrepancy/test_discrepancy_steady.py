@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from discrepancy_core import RUNS, SAMPLES, joint_log, motors
-from discrepancy_support import nominal
+from discrepancy_support import named, nominal
 
 from gpcorrect.discrepancy import Level, find_discrepancy
 from gpcorrect.discrepancy.naming.view import view_of
@@ -62,6 +62,12 @@ def test_what_a_machine_only_acts_like_closes_the_gap_and_has_no_name() -> None:
     (alike,) = found.to_report()["verdict"]["alike"]
     assert alike["name"] == "pulley_eccentricity"
     assert 0.1 < alike["spread"] < 0.4
+
+
+@pytest.mark.parametrize(("name", "held_to_it"), [("pulley_eccentricity", True), ("backlash", False), ("creep", False)])
+def test_friction_and_creep_may_differ_between_motions(name: str, held_to_it: bool) -> None:
+    """Friction depends on load and wear, and no log holds the pauses that a creep remembers; geometry is one thing."""
+    assert named(name, 1, spread=0.2).is_a_name is not held_to_it
 
 
 def test_what_closes_but_a_part_of_a_gap_has_no_name() -> None:
