@@ -202,6 +202,15 @@ def test_an_edited_file_reads_back_as_edited(tmp_path):
     np.testing.assert_allclose(after.arm.chain.placements, expected, atol=2e-6)  # MuJoCo writes six digits
 
 
+def test_a_damping_ratio_stays_the_damping_it_was(tmp_path):
+    """A servo whose damping MuJoCo takes of the arm's inertia keeps its own when a payload is added."""
+    path = write_mjcf(tmp_path, ('kp="800" kv="60"', 'kp="800" dampratio="1"'))
+    before, edit = read_robot(path, **TIP).drives.kv, RobotEdit(path, tool="tip")
+    edit.add_payload(2.0)
+    edit.write(tmp_path / "new.xml")
+    np.testing.assert_allclose(read_robot(tmp_path / "new.xml", **TIP).drives.kv, before, rtol=1e-5)
+
+
 def test_the_file_that_was_read_is_not_written_over(tmp_path):
     """Writing to the same path is refused."""
     path = write_mjcf(tmp_path)
