@@ -177,7 +177,7 @@ def mujoco_library() -> Any:
 
 
 def parse(path: str | Path) -> Any:
-    """Return the file as MuJoCo's editable description (`MjSpec`), a URDF without its shapes.
+    """Return the file as MuJoCo's editable description (`MjSpec`), each body and joint named, a URDF without shapes.
 
     Parameters
     ----------
@@ -200,7 +200,20 @@ def parse(path: str | Path) -> Any:
     if root[1] == "robot":
         _delete(spec, [geom for body in spec.bodies for geom in body.geoms], spec.meshes)
         spec.compiler.fusestatic = False  # or a tool frame without mass is gone
+    _name_all("body", spec.bodies)
+    _name_all("joint", spec.joints)
     return spec
+
+
+def _name_all(kind: str, elements: Sequence[Any]) -> None:
+    """Give each element without a name its kind and number, for all that follows goes by names."""
+    taken = {element.name for element in elements}
+    for number, element in enumerate(elements):
+        if not element.name:
+            name = f"{kind} {number}"
+            while name in taken:
+                name += "_"
+            element.name = name
 
 
 def strip(spec: Any) -> None:
@@ -234,6 +247,8 @@ def _refused(path: str | Path, error: ValueError) -> DataError:
             f"{path}: a moving body has no inertia: {message}.",
             hint="Give every moving link an <inertial> with mass and inertia (or, in MJCF, shapes to take it from).",
         )
+    if "Element 'include'" in message:
+        return DataError(f"{path}: {message}.", hint="Put the included file where this one says, relative to it.")
     if "opening file" in message:
         return DataError(
             f"{path}: {message}: a body without <inertial> takes its mass from that mesh.",

@@ -107,6 +107,26 @@ def test_a_branch_is_chosen_by_joint_names_or_tool(tmp_path):
     assert read_robot(path, tool="finger").joints[-1] == "grip"
 
 
+def test_bodies_and_joints_without_names_are_read_and_edited(tmp_path):
+    """They are called by kind and number; the arm is that of the file with names, and the edited file reads back."""
+    names = [(f' name="{name}"', "") for name in ("wrist", "slider", "upper", "shoulder", "stand", "tip", "roll")]
+    path = write_mjcf(tmp_path, *names, (ROLL_SERVO.replace(' name="roll"', ""), ""))
+    robot = read_robot(path, joints=["pan", "joint 3"])
+    assert robot.joints == ("pan", "lift", "slide", "joint 3")
+    assert robot.tool == "body 5"
+    q = np.array([0.4, -0.3, 0.05, 1.0])
+    (tmp_path / "named").mkdir()
+    named = read_robot(write_mjcf(tmp_path / "named"), tool="wrist")
+    np.testing.assert_allclose(robot.arm.forward(q), named.arm.forward(q), atol=1e-12)
+    edit = RobotEdit(path, tool=robot.tool)
+    edit.add_friction(4, 0.5)
+    edit.add_payload(0.3)
+    edit.write(tmp_path / "new.xml")
+    after = read_robot(tmp_path / "new.xml", tool=robot.tool)
+    assert after.joints == robot.joints
+    np.testing.assert_allclose(after.drives.friction - robot.drives.friction, [0, 0, 0, 0.5])
+
+
 SECOND_ARM = '<body name="other"><joint name="away"/><geom size="0.1"/></body></worldbody>'
 LOOP = '<equality><connect name="strut" body1="wrist" body2="stand" anchor="0 0 0"/></equality></mujoco>'
 
@@ -131,6 +151,7 @@ REFUSED = {
     "no inertia": ([(SLIDER_MASS, "")], TIP, "has no inertia.*slider.*<inertial>"),
     "no mesh": ([(SHOULDER_MASS, "")], TIP, "nowhere.stl.*takes its mass from that mesh"),
     "no range": ([('axis="1 0 0.2" range="-0.1 0.2"', 'axis="1 0 0.2"')], TIP, "sliding joint 'slide' has no range"),
+    "no include": ([("<worldbody>", '<include file="gone.xml"/><worldbody>')], TIP, "gone.xml.*Put the included file"),
     "broken": ([("<worldbody>", "<worldbody")], TIP, "MuJoCo cannot read"),
     "another": ([("<mujoco", "<sdf"), ("</mujoco", "</sdf")], TIP, "begins with <sdf>, expected <mujoco>"),
 }
