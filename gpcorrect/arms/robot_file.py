@@ -120,7 +120,8 @@ def read_robot(
         Names of joints on the arm; the arm then ends at the last of them. Needed where the file branches, unless
         `tool` says the same.
     tool : str, optional
-        Body or site whose frame is the tip; the body behind the last joint when None.
+        Body or site whose frame is the tip. When None, the only site on the last link, or the end of its only chain of
+        fixed bodies; with several, the body behind the last joint.
     base : str, optional
         Body whose frame is the arm's base; the world when None.
 
