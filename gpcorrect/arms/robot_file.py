@@ -67,6 +67,8 @@ class Robot:
     tool : str, body or site whose frame is the tip
     drives : JointDrives, of its joints
     step : float, time step that the file asks for, s
+    brakes_late : bool
+        Whether servos brake by the speed before a step, as MuJoCo's Euler integrator has it, not by that behind it.
     remarks : tuple of str
         What the file says that is not simulated here.
     """
@@ -76,6 +78,7 @@ class Robot:
     tool: str
     drives: JointDrives
     step: float
+    brakes_late: bool = False
     remarks: tuple[str, ...] = ()
 
     @property
@@ -83,7 +86,8 @@ class Robot:
         """SHA-256 of every number that the simulator takes of it."""
         chain, links = self.arm.chain, self.arm.links
         numbers = [getattr(self.drives, f.name) for f in fields(self.drives)]
-        numbers += [chain.placements, chain.tool, chain.limits, self.arm.home, self.arm.gravity, np.array(self.step)]
+        numbers += [chain.placements, chain.tool, chain.limits, self.arm.home, self.arm.gravity]
+        numbers += [np.array([self.step, self.brakes_late])]
         numbers += [np.array([(j.theta, j.d) for j in chain.joints])]
         numbers += [np.concatenate([[link.mass], link.com, link.inertia.ravel()]) for link in links]
         return hashlib.sha256(b"".join(np.ascontiguousarray(n).tobytes() for n in numbers)).hexdigest()
@@ -165,7 +169,8 @@ def _read(
         gravity=pose_of(model, found.base)[:3, :3].T @ model.opt.gravity,
         links=_links(model, found),
     )
-    return Robot(arm, found.names, found.tool, drives, float(model.opt.timestep), (*found.remarks, *remarks))
+    step, late = float(model.opt.timestep), model.opt.integrator == mujoco_library().mjtIntegrator.mjINT_EULER
+    return Robot(arm, found.names, found.tool, drives, step, bool(late), (*found.remarks, *remarks))
 
 
 def mujoco_library() -> Any:
