@@ -43,6 +43,7 @@ class RobotEdit:
         self._spec = parse(path)
         if not self._has_meshes():  # MuJoCo compiles what was changed, and for that reads the meshes
             strip(self._spec)
+        self._hold_damping()
 
     def add_friction(self, joint: int, torque: float) -> None:
         """Add dry friction to a joint, and let it stick as dry friction does.
@@ -167,6 +168,13 @@ class RobotEdit:
         files = [Path(compiler.meshdir) / mesh.file for mesh in self._spec.meshes if mesh.file]
         files += [Path(compiler.texturedir) / texture.file for texture in self._spec.textures if texture.file]
         return all((self._path.parent / file).is_file() for file in files)
+
+    def _hold_damping(self) -> None:
+        """Write servos' damping as it is where the file gives a ratio, which MuJoCo would take of the new masses."""
+        for servo in self._spec.actuators:
+            kv = dict(zip(self.robot.joints, self.robot.drives.kv, strict=True)).get(servo.target, np.nan)
+            if servo.biasprm[2] > 0.0 and np.isfinite(kv):
+                servo.biasprm[2] = -kv / servo.gear[0] ** 2
 
     def _joint(self, joint: int) -> Any:
         return self._spec.joint(self.robot.joints[joint - 1])

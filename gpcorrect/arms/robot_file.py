@@ -67,6 +67,8 @@ class Robot:
     tool : str, body or site whose frame is the tip
     drives : JointDrives, of its joints
     step : float, time step that the file asks for, s
+    brakes_late : bool
+        Whether servos brake by the speed before a step, as MuJoCo's Euler integrator has it, not by that behind it.
     remarks : tuple of str
         What the file says that is not simulated here.
     """
@@ -76,6 +78,7 @@ class Robot:
     tool: str
     drives: JointDrives
     step: float
+    brakes_late: bool = False
     remarks: tuple[str, ...] = ()
 
     @property
@@ -83,7 +86,8 @@ class Robot:
         """SHA-256 of every number that the simulator takes of it."""
         chain, links = self.arm.chain, self.arm.links
         numbers = [getattr(self.drives, f.name) for f in fields(self.drives)]
-        numbers += [chain.placements, chain.tool, chain.limits, self.arm.home, self.arm.gravity, np.array(self.step)]
+        numbers += [chain.placements, chain.tool, chain.limits, self.arm.home, self.arm.gravity]
+        numbers += [np.array([self.step, self.brakes_late])]
         numbers += [np.array([(j.theta, j.d) for j in chain.joints])]
         numbers += [np.concatenate([[link.mass], link.com, link.inertia.ravel()]) for link in links]
         return hashlib.sha256(b"".join(np.ascontiguousarray(n).tobytes() for n in numbers)).hexdigest()
@@ -120,7 +124,8 @@ def read_robot(
         Names of joints on the arm; the arm then ends at the last of them. Needed where the file branches, unless
         `tool` says the same.
     tool : str, optional
-        Body or site whose frame is the tip; the body behind the last joint when None.
+        Body or site whose frame is the tip. When None, the only site on the last link, or the end of its only chain of
+        fixed bodies; with several, the body behind the last joint.
     base : str, optional
         Body whose frame is the arm's base; the world when None.
 
@@ -164,7 +169,8 @@ def _read(
         gravity=pose_of(model, found.base)[:3, :3].T @ model.opt.gravity,
         links=_links(model, found),
     )
-    return Robot(arm, found.names, found.tool, drives, float(model.opt.timestep), (*found.remarks, *remarks))
+    step, late = float(model.opt.timestep), model.opt.integrator == mujoco_library().mjtIntegrator.mjINT_EULER
+    return Robot(arm, found.names, found.tool, drives, step, bool(late), (*found.remarks, *remarks))
 
 
 def mujoco_library() -> Any:
@@ -177,7 +183,7 @@ def mujoco_library() -> Any:
 
 
 def parse(path: str | Path) -> Any:
-    """Return the file as MuJoCo's editable description (`MjSpec`), a URDF without its shapes.
+    """Return the file as MuJoCo's editable description (`MjSpec`), each body and joint named, a URDF without shapes.
 
     Parameters
     ----------
@@ -200,7 +206,20 @@ def parse(path: str | Path) -> Any:
     if root[1] == "robot":
         _delete(spec, [geom for body in spec.bodies for geom in body.geoms], spec.meshes)
         spec.compiler.fusestatic = False  # or a tool frame without mass is gone
+    _name_all("body", spec.bodies)
+    _name_all("joint", spec.joints)
     return spec
+
+
+def _name_all(kind: str, elements: Sequence[Any]) -> None:
+    """Give each element without a name its kind and number, for all that follows goes by names."""
+    taken = {element.name for element in elements}
+    for number, element in enumerate(elements):
+        if not element.name:
+            name = f"{kind} {number}"
+            while name in taken:
+                name += "_"
+            element.name = name
 
 
 def strip(spec: Any) -> None:
@@ -234,6 +253,8 @@ def _refused(path: str | Path, error: ValueError) -> DataError:
             f"{path}: a moving body has no inertia: {message}.",
             hint="Give every moving link an <inertial> with mass and inertia (or, in MJCF, shapes to take it from).",
         )
+    if "Element 'include'" in message:
+        return DataError(f"{path}: {message}.", hint="Put the included file where this one says, relative to it.")
     if "opening file" in message:
         return DataError(
             f"{path}: {message}: a body without <inertial> takes its mass from that mesh.",

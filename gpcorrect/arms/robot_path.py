@@ -108,29 +108,41 @@ def joint_frame(anchor: FloatArray, axis: FloatArray) -> FloatArray:
 def _end(model: Any, file: str, start: int, names: list[str], tool: str | None) -> tuple[int, FloatArray, str]:
     """Body at which the arm ends, pose of the tip, and its name."""
     sites = [model.site(s).name for s in range(model.nsite)]
+    if tool is None:
+        tool = _only_tip(model, _last_named(model, names) if names else _only_end(model, file, start))
     if tool in sites:
         site = sites.index(tool)
         body = int(model.site_bodyid[site])
         return body, pose_of(model, body) @ se3.from_parts(model.site_pos[site], model.site_quat[site]), str(tool)
-    if tool is not None:
-        body = _body(model, file, tool, "tool")
-    elif names:
-        body = max((int(model.joint(name).bodyid[0]) for name in names), key=lambda b: len(_ancestors(model, b)))
-    else:
-        body = _only_end(model, file, start)
-    return body, pose_of(model, body), model.body(body).name
+    body = _body(model, file, tool, "tool")
+    return body, pose_of(model, body), tool
+
+
+def _last_named(model: Any, names: list[str]) -> int:
+    """Body of the named joint that is farthest from the world."""
+    return max((int(model.joint(name).bodyid[0]) for name in names), key=lambda b: len(_ancestors(model, b)))
+
+
+def _only_tip(model: Any, body: int) -> str:
+    """Name of the one site on the last link, or of the end of its one chain of fixed bodies; else of its own body.
+
+    The body itself has its origin on its joint, where a payload would not load it.
+    """
+    fixed = [b for b in range(model.nbody) if model.body_weldid[b] == body]
+    sites = [model.site(s).name for s in range(model.nsite) if model.site_bodyid[s] in fixed and model.site(s).name]
+    ends = [b for b in fixed if b not in model.body_parentid[fixed]]
+    tips = sites if len(sites) == 1 else [model.body(b).name for b in ends]
+    return str(tips[0] if len(tips) == 1 else model.body(body).name)
 
 
 def _only_end(model: Any, file: str, start: int) -> int:
     """Last moving body, where the file has only one end."""
-    moving = [b for b in range(model.nbody) if _hinges(model, b) and (start == WORLD or start in _ancestors(model, b))]
+    moving = [b for b in range(model.nbody) if _held(model, b) and (start == WORLD or start in _ancestors(model, b))]
     ends = [b for b in moving if not any(b in _ancestors(model, other) for other in moving)]
     if not ends:
         raise DataError(f"{file} has no joint that turns or slides.", hint="Give a robot file with an arm in it.")
     if len(ends) > 1:
-        branches = [
-            [_name(model, j) for a in (*_ancestors(model, b)[::-1], b) for j in _hinges(model, a)] for b in ends
-        ]
+        branches = [[_name(model, j) for a in (*_ancestors(model, b)[::-1], b) for j in _held(model, a)] for b in ends]
         lines = "; ".join(f"({i}) {', '.join(branch)}" for i, branch in enumerate(branches, start=1))
         hint = "Choose one in a model file: robot, and joints = [names] or tool = a body or site."
         raise DataError(f"{file} has {len(ends)} branches, expected one serial arm: {lines}.", hint=hint)
@@ -142,7 +154,7 @@ def _check_joints(model: Any, file: str, ids: Sequence[int]) -> None:
     if free:
         raise DataError(
             f"{file}: {', '.join(free)} is a free or ball joint; an arm has joints that turn or slide.",
-            hint="Name a base behind it (base = a body), or fix it in the file.",
+            hint="Name a base behind it or a tool before it (base, tool = a body), or fix it in the file.",
         )
     if not ids:
         hint = "Name a base before it and a tool behind."
@@ -162,9 +174,11 @@ def _check_loops(model: Any, file: str, ids: Sequence[int], link_of: Sequence[in
         else:
             closed = model.eq_type[e] == COUPLED and first in ids and (second < 0 or second in ids)
         if closed:
+            joints = [_name(model, j) for j in (first, second) if j >= 0] if model.eq_type[e] == COUPLED else []
+            tied = f" that ties joints {' and '.join(joints)}" if joints else ""
             raise DataError(
-                f"{file}: the equality constraint {model.equality(e).name or e} closes a loop on the arm.",
-                hint='Only serial arms are read: remove it, or set active="false" in a copy of the file.',
+                f"{file}: the equality constraint {model.equality(e).name or e}{tied} closes a loop on the arm.",
+                hint='Only serial arms are read: remove it (a URDF\'s <mimic>), or set active="false" in a copy.',
             )
 
 
@@ -200,9 +214,10 @@ def _joints_of(model: Any, body: int) -> list[int]:
     return list(range(first, first + count)) if count else []
 
 
-def _hinges(model: Any, body: int) -> list[int]:
-    return [j for j in _joints_of(model, body) if model.jnt_type[j] not in (FREE, BALL)]
+def _held(model: Any, body: int) -> list[int]:
+    """Joints of a body that tie it to its parent: a ball joint ends up refused, a loose thing is no arm."""
+    return [j for j in _joints_of(model, body) if model.jnt_type[j] != FREE]
 
 
 def _name(model: Any, j: int) -> str:
-    return model.joint(j).name or f"joint {j}"
+    return str(model.joint(j).name)

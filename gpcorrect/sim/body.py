@@ -135,6 +135,7 @@ class Drive:
         accelerates it and its motors.
     kv : (dof,) array or None
         Gains on the motor's own velocity, which a controller without a velocity command brakes by; none when None.
+    brakes_late : bool, whether kv acts on the speed before a step, not behind it
     friction, damping, limit : (dof,) arrays or None
         Dry friction, viscous damping and largest torque that the drives are known to have, as a robot file gives them;
         none where it is silent.
@@ -149,6 +150,7 @@ class Drive:
     rate_hz: float = 1000.0
     feedforward: Feedforward = "none"
     kv: FloatArray | None = None
+    brakes_late: bool = False
     friction: FloatArray | None = None
     damping: FloatArray | None = None
     limit: FloatArray | None = None

@@ -145,7 +145,8 @@ def _drive(model: Model, body: Body, robot: Robot | None) -> Drive:
             return Drive(kp, kd, inertia)
         servo, known = robot.drives.servo[columns], robot.drives
         kp, kd = np.where(servo, known.kp[columns], kp), np.where(servo, 0.0, kd)
-        drive = Drive(kp, kd, inertia, 1.0 / robot.step, kv=np.where(servo, known.kv[columns], 0.0))
+        kv = np.where(servo, known.kv[columns], 0.0)
+        drive = Drive(kp, kd, inertia, 1.0 / robot.step, kv=kv, brakes_late=robot.brakes_late)
     if robot is None:
         return drive
     known = robot.drives

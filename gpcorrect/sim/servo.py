@@ -125,7 +125,9 @@ class Loop:
         """
         stops, column = np.zeros(len(inertia)), np.repeat(np.arange(len(inertia)), np.diff(self._laws.torque_of))
         np.add.at(stops, column, self._laws.torque[:, TorqueLaw._fields.index("stiffness")])
-        for j, (kp, kd, mass) in enumerate(zip(self._drive.kp + stops, self._drive.kd, inertia, strict=True)):
+        for j, (kp, kd, mass) in enumerate(
+            zip(self._drive.kp + stops, _speed_gains(self._drive)[0], inertia, strict=True)
+        ):
             if not mass > 0.0:
                 raise DataError(
                     f"column {j + 1} has no inertia: nothing says how its motor moves.",
@@ -231,12 +233,20 @@ def _own_laws(drive: Drive) -> tuple[list[tuple[int, int, FrictionLaw]], list[tu
     return frictions, [law for law in limits if np.isfinite(law[1].limit)]
 
 
+def _speed_gains(drive: Drive) -> tuple[FloatArray, FloatArray]:
+    """Gains `(dof,)` on the speed before a step, and on that behind it."""
+    nothing = np.zeros(len(drive.kp))
+    brakes = nothing if drive.kv is None else drive.kv
+    return (drive.kd + brakes, nothing) if drive.brakes_late else (drive.kd, brakes)
+
+
 def _given(drive: Drive, reference: Reference, clock: Clock) -> _Given:
     gain = clock.step / reference.inertia
-    brakes = np.zeros(len(gain)) if drive.kv is None else drive.kv
-    kp, kd, kv, gain = (np.asarray(a, dtype=np.float64) for a in (drive.kp, drive.kd, brakes, gain))
+    before, behind = _speed_gains(drive)
+    kp, kd, kv, gain = (np.asarray(a, dtype=np.float64) for a in (drive.kp, before, behind, gain))
+    pace = reference.velocity * drive.kd / np.maximum(kd, TINY) if drive.brakes_late else reference.velocity
     carried = reference.load if reference.carried is None else reference.carried
-    position, velocity = (np.ascontiguousarray(p) for p in (reference.position, reference.velocity))
+    position, velocity = (np.ascontiguousarray(p) for p in (reference.position, pace))
     sampled = (reference.feedforward, reference.load, carried)
     feedforward, load, carried = (np.ascontiguousarray(p.swapaxes(0, 1)) for p in sampled)
     return _Given(kp, kd, kv, gain, clock.step, clock.stride, position, velocity, feedforward, load, carried)

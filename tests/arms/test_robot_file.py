@@ -102,9 +102,40 @@ def test_a_branch_is_chosen_by_joint_names_or_tool(tmp_path):
     path = write_mjcf(tmp_path)
     by_joints = read_robot(path, joints=["pan", "roll"])
     assert by_joints.joints == ("pan", "lift", "slide", "roll")
-    assert by_joints.tool == "wrist"
     assert by_joints.arm.links[-1].mass == pytest.approx(0.45)
     assert read_robot(path, tool="finger").joints[-1] == "grip"
+
+
+def test_the_tip_is_the_only_site_or_the_end_of_the_only_fixed_chain(tmp_path):
+    """Without a tool's name the last link's one site or flange is the tip; of two, none is chosen."""
+    path, flange = write_mjcf(tmp_path), write_urdf(tmp_path)
+    assert read_robot(path, joints=["roll"]).tool == "tip"
+    assert read_robot(flange).tool == "flange"
+    second = '<joint name="side" type="fixed"><parent link="three"/><child link="camera"/></joint><link name="camera"/>'
+    flange.write_text(URDF.replace("</robot>", second + "</robot>"), encoding="utf-8")
+    assert read_robot(flange).tool == "three"
+    two = write_mjcf(tmp_path, ('<site name="tip"', '<site name="lens"/><site name="tip"'))
+    assert read_robot(two, joints=["roll"]).tool == "wrist"
+
+
+def test_bodies_and_joints_without_names_are_read_and_edited(tmp_path):
+    """They are called by kind and number; the arm is that of the file with names, and the edited file reads back."""
+    names = [(f' name="{name}"', "") for name in ("wrist", "slider", "upper", "shoulder", "stand", "tip", "roll")]
+    path = write_mjcf(tmp_path, *names, (ROLL_SERVO.replace(' name="roll"', ""), ""))
+    robot = read_robot(path, joints=["pan", "joint 3"])
+    assert robot.joints == ("pan", "lift", "slide", "joint 3")
+    assert robot.tool == "body 5"
+    q = np.array([0.4, -0.3, 0.05, 1.0])
+    (tmp_path / "named").mkdir()
+    named = read_robot(write_mjcf(tmp_path / "named"), tool="wrist")
+    np.testing.assert_allclose(robot.arm.forward(q), named.arm.forward(q), atol=1e-12)
+    edit = RobotEdit(path, tool=robot.tool)
+    edit.add_friction(4, 0.5)
+    edit.add_payload(0.3)
+    edit.write(tmp_path / "new.xml")
+    after = read_robot(tmp_path / "new.xml", tool=robot.tool)
+    assert after.joints == robot.joints
+    np.testing.assert_allclose(after.drives.friction - robot.drives.friction, [0, 0, 0, 0.5])
 
 
 SECOND_ARM = '<body name="other"><joint name="away"/><geom size="0.1"/></body></worldbody>'
@@ -112,6 +143,9 @@ LOOP = '<equality><connect name="strut" body1="wrist" body2="stand" anchor="0 0 
 
 ROLL = '<joint name="roll" axis="0 0 -1" range="-3 3" armature="0.02" damping="0.05"/>'
 ROLL_SERVO = '<position joint="roll" kp="60" kv="4"/>'
+GRIP = '<joint name="grip" type="slide" axis="0 1 0" range="0 0.04"/>'
+GRIP_SERVO = '<position joint="grip" kp="10"/>'
+TIED = '<equality><joint joint1="roll" joint2="pan"/></equality></mujoco>'
 STAND = 'euler="0.2 -0.1 0.4">'
 FLOATING = f'{STAND}<freejoint name="loose"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
 SLIDER_MASS = '<inertial pos="0 0 0.05" mass="0.8" diaginertia="0.002 0.002 0.001"/>'
@@ -131,6 +165,13 @@ REFUSED = {
     "no inertia": ([(SLIDER_MASS, "")], TIP, "has no inertia.*slider.*<inertial>"),
     "no mesh": ([(SHOULDER_MASS, "")], TIP, "nowhere.stl.*takes its mass from that mesh"),
     "no range": ([('axis="1 0 0.2" range="-0.1 0.2"', 'axis="1 0 0.2"')], TIP, "sliding joint 'slide' has no range"),
+    "tied joints": ([("</mujoco>", TIED)], TIP, "ties joints roll and pan closes a loop.*<mimic>"),
+    "ball at the end": (
+        [(GRIP, '<joint type="ball"/>'), (GRIP_SERVO, "")],
+        {},
+        "joint 4 is a free or ball.*tool before",
+    ),
+    "no include": ([("<worldbody>", '<include file="gone.xml"/><worldbody>')], TIP, "gone.xml.*Put the included file"),
     "broken": ([("<worldbody>", "<worldbody")], TIP, "MuJoCo cannot read"),
     "another": ([("<mujoco", "<sdf"), ("</mujoco", "</sdf")], TIP, "begins with <sdf>, expected <mujoco>"),
 }
@@ -200,6 +241,15 @@ def test_an_edited_file_reads_back_as_edited(tmp_path):
     placements = before.arm.chain.placements
     expected = [placements[0], placements[1] @ motion, *placements[2:]]
     np.testing.assert_allclose(after.arm.chain.placements, expected, atol=2e-6)  # MuJoCo writes six digits
+
+
+def test_a_damping_ratio_stays_the_damping_it_was(tmp_path):
+    """A servo whose damping MuJoCo takes of the arm's inertia keeps its own when a payload is added."""
+    path = write_mjcf(tmp_path, ('kp="800" kv="60"', 'kp="800" dampratio="1"'))
+    before, edit = read_robot(path, **TIP).drives.kv, RobotEdit(path, tool="tip")
+    edit.add_payload(2.0)
+    edit.write(tmp_path / "new.xml")
+    np.testing.assert_allclose(read_robot(tmp_path / "new.xml", **TIP).drives.kv, before, rtol=1e-5)
 
 
 def test_the_file_that_was_read_is_not_written_over(tmp_path):

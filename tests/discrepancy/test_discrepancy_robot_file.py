@@ -8,6 +8,7 @@ from gpcorrect.discrepancy import find_discrepancy
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.search.candidates import all_candidates
 from gpcorrect.discrepancy.search.needs import split_by_needs
+from gpcorrect.errors import DataError
 from gpcorrect.sim import effect_from_dict, joint_motion_log, model_from_dict
 from gpcorrect.sim.settings import Noise
 
@@ -37,6 +38,14 @@ def test_friction_that_a_robot_file_lacks_is_named(nominal):
     (effect,) = result.effects
     assert (effect.name, effect.joint) == ("coulomb_friction", 1)
     assert effect.parameters["torque"].value == pytest.approx(2.0, rel=0.05)
+
+
+def test_joints_in_degrees_are_refused_by_the_range_of_the_robot_file(nominal):
+    """Where all signals are in degrees no ratio shows it; the file's range does."""
+    log = recorded(nominal)
+    degrees = {name: np.rad2deg(getattr(log, name)) for name in ("setpoint_jp", "measured_jp", "external_jp")}
+    with pytest.raises(DataError, match=r"measured_jp: joint 1 goes .* not in the same unit.*0\.0174533"):
+        build_scene(replace(log, **degrees), nominal, np.ones(len(log), dtype=np.bool_))
 
 
 def test_an_arm_without_a_remote_centre_has_none_of_its_effects(nominal):

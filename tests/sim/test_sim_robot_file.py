@@ -65,9 +65,10 @@ def test_inverse_dynamics_are_mujocos(tmp_path):
         np.testing.assert_allclose(torque, data.qfrc_inverse, atol=1e-9)
 
 
-def test_the_simulator_moves_as_mujoco_does(tmp_path):
+@pytest.mark.parametrize("integrator", ["implicitfast", "Euler"])
+def test_the_simulator_moves_as_mujoco_does(tmp_path, integrator):
     """Without dry friction both follow the same commands within 2e-6 rad and m, though the servos lag and sag."""
-    path = write_mjcf(tmp_path, (' frictionloss="0.2"', ""))
+    path = write_mjcf(tmp_path, (' frictionloss="0.2"', ""), ("implicitfast", integrator))
     model = model_from_dict({"robot": path.name, "tool": "tip"}, folder=tmp_path)
     plan = plan_for(model)
     ours = run(machine_of(model), plan).q[:, 0]

@@ -16,6 +16,7 @@ from gpcorrect.discrepancy.recording.tracker import Tracker
 from gpcorrect.discrepancy.settings import NOISE
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body
+from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan, Segment, plan_of
@@ -25,6 +26,7 @@ from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 PIECE, WARM_UP = 200, 400  # rows; pieces of long motions are replayed after a warm-up that fills the memories
 RUN_OUT = 40  # rows that a motion goes on for behind a piece's or a recording's end
 LAST = 5  # rows whose parabola it goes on along
+FAR = 3.0  # half ranges from a joint's middle: degrees and millimetres are farther
 EVEN = 0.02  # relative spread of the time steps of a clock that a servo loop can be run on
 
 
@@ -52,6 +54,7 @@ def build_scene(
     joints = machine.body.joints
     source = _motor_side(log)
     motor = _joint_columns(log, source, joints)
+    _refuse_other_units(motor, source, machine)
     label = _continuous_runs(log, motor)
     layout = layout_of(label, piece=PIECE, warm_up=WARM_UP, run_out=RUN_OUT)
     loop, remarks = _loop_remarks(log, model, label, source)
@@ -121,7 +124,8 @@ def _motor_side(log: CalibrationLog) -> str:
             return name
     raise DataError(
         "the log has neither measured_jp nor setpoint_jp: nothing says where the motors were.",
-        hint="Log measured_jp (joint positions from the motor encoders) or setpoint_jp.",
+        hint="Log measured_jp_1, _2, ... (joint positions from the motor encoders) or setpoint_jp_1, ..., or name the "
+        "columns in a mapping file (--columns).",
     )
 
 
@@ -136,6 +140,21 @@ def _joint_columns(log: CalibrationLog, signal: str, joints: tuple[int, ...]) ->
             hint="Name the recorded joints in the model's `joints`.",
         )
     return values[:, [j - 1 for j in joints]]
+
+
+def _refuse_other_units(motor: FloatArray, signal: str, machine: Machine) -> None:
+    """Refuse joint positions `(n, k)` far beyond the limits of the arm's joints: they are in another unit."""
+    if machine.description is None:
+        return
+    for j, q in zip(machine.body.joints, motor.T, strict=True):
+        low, high = machine.description.limits[j - 1]
+        reach = float(np.nanpercentile(np.abs(q - (low + high) / 2), 95))
+        if reach > FAR * (high - low) / 2 and not np.isclose(high - low, 2 * np.pi):  # which stands for no limits
+            raise DataError(
+                f"{signal}: joint {j} goes {reach:.3g} from the middle of its range in the model, {low:.3g} to "
+                f"{high:.3g}: they are not in the same unit.",
+                hint="A mapping file scales columns: 0.0174533 for degrees, 0.001 for mm. Or correct the range.",
+            )
 
 
 def _compared_channels(
