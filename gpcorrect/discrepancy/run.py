@@ -19,6 +19,7 @@ from gpcorrect.discrepancy.naming.intervals import away_from_nothing, interval_e
 from gpcorrect.discrepancy.naming.posterior import Level, Named
 from gpcorrect.discrepancy.naming.selection import name_effects, name_rare
 from gpcorrect.discrepancy.naming.sensor_noise import NoiseEffect, noise_effects
+from gpcorrect.discrepancy.outcome.beginnings import open_beginnings
 from gpcorrect.discrepancy.outcome.figures import evidence_of, gaps_of
 from gpcorrect.discrepancy.outcome.provenance import provenance_of
 from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect, UnnamedEffect, Verdict
@@ -158,7 +159,7 @@ def _find(
         next_experiment=experiment,
         model=model.with_effects(*in_order((*model.effects, *added))),
         evidence=evidence_of(prepared, state, found.fitted),
-        provenance=provenance_of(log, seed, prepared, state, before, lacks, time.monotonic() - started),
+        provenance=provenance_of(log, seed, found.prepared, state, before, lacks, time.monotonic() - started),
         advised_plans=plans,
     )
 
@@ -167,6 +168,7 @@ def _find(
 class _Judged:
     """What the named effects come to: their final numbers, what they leave, and the verdict."""
 
+    prepared: PreparedData
     named: tuple[Named, ...]
     dropped: tuple[Named, ...]
     fitted: tuple[FittedEffect, ...]
@@ -209,6 +211,7 @@ def _judge(
     noises = estimate_noises(dataset, state.residual(fitted), train)
     on_noise = noise_effects(dataset, shown, np.array([n.std for n in noises]) * np.sqrt(dataset.samples_a_row))
     sure = [e for e in on_noise if e.named.may_be_named]
+    prepared = prepared.without(open_beginnings(dataset, shown, noises))
     looked = before.worth_a_search or state.fitted
     remainder = localise_residual(prepared, fitted, noises, tolerance, rng) if looked else None
     left = remainder or before
@@ -222,10 +225,10 @@ def _judge(
     )
     effects, alike = ([e for e in in_model if e.is_a_name is named_so] for named_so in (True, False))
     effects += [NamedEffect.of(e.named, e.parameters) for e in sure]
-    places = place_verdicts(effects, gap, left, bursts_of(dataset, noises, shown), alike)
+    places = place_verdicts(effects, gap, left, bursts_of(prepared.dataset, noises, shown), alike)
     level = headline(verdict_level(prepared, state, before, effects, alike, fitted, dropped), effects, alike, places)
     verdict = Verdict(level, tuple(effects), places, tuple(minor), tuple(alike))
-    return _Judged(named, dropped, fitted, on_noise, noises, remainder, gap, verdict)
+    return _Judged(prepared, named, dropped, fitted, on_noise, noises, remainder, gap, verdict)
 
 
 def _refit(state: Search, fitted: Sequence[FittedEffect], rows: BoolArray) -> tuple[FittedEffect, ...]:

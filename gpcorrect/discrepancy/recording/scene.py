@@ -130,6 +130,11 @@ class Scene:
         """Replayed motor path `(n, k)` of the log's rows."""
         return self.layout.gather(self.motion.position)
 
+    def way(self) -> FloatArray:
+        """How far `(n, k)` each joint has come in its motion until then: the range of positions that it has been in."""
+        path = self.motion.position
+        return self.layout.gather(np.fmax.accumulate(path) - np.fmin.accumulate(path))
+
     def load(self) -> FloatArray:
         """Load `(n, k)` of each joint of the nominal model at the log's rows, N m or N."""
         return self.layout.gather(self._replay(self._machine(())).load)

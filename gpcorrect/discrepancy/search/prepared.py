@@ -20,7 +20,7 @@ from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.settings import BURSTS, SPLIT, TESTS
 from gpcorrect.sim import machine_of
 from gpcorrect.sim.model import Model
-from gpcorrect.types import CalibrationLog
+from gpcorrect.types import BoolArray, CalibrationLog
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +37,20 @@ class PreparedData:
     tests: tuple[tuple[Cells, ...], ...]
     inputs: tuple[Covariates, ...]
     remarks: tuple[str, ...]
+
+    def without(self, samples: BoolArray) -> PreparedData:
+        """Return the recording without samples that may be off by how a motion began, and a remark on them.
+
+        Parameters
+        ----------
+        samples : (n, c) bool array
+            Of the log's rows and the channels.
+        """
+        if not samples.any():
+            return self
+        part = f"{100 * samples.mean():.1f} % of the samples"
+        remark = f"{part} count for nothing but names: no log says how the motion began, and an effect remembers it"
+        return replace(self, dataset=self.dataset.without(samples), remarks=(*self.remarks, remark))
 
 
 def prepare_data(log: CalibrationLog, model: Model, rng: np.random.Generator) -> PreparedData:

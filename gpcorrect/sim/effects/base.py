@@ -94,6 +94,10 @@ class Effect(ABC):
         """Return effects of the same kind that a periodic error of another cause would show beside this one."""
         return ()
 
+    def forgets_after(self) -> dict[int, float]:
+        """Return how far joints must have moved, rad or m, until it no longer counts how the motion began."""
+        return {}
+
     def column(self, joints: tuple[int, ...], number: int | str | None = None) -> int:
         """Return the column of a joint in arrays whose columns are the joints of these numbers.
 
@@ -215,6 +219,10 @@ class FrictionEffect(Effect):
     side: str = "motor"
 
     stage = Stage.FRICTION
+
+    def forgets_after(self) -> dict[int, float]:
+        """Return that any move will do: at rest it holds whatever came before."""
+        return dict.fromkeys(self.joints, 0.0)
 
     @abstractmethod
     def law(self) -> FrictionLaw:

@@ -158,6 +158,10 @@ class CableCoupling(JointEffect):
         """Both joints."""
         return (*super().joints, self.source)
 
+    def forgets_after(self) -> dict[int, float]:
+        """Return the way over which the drag turns round."""
+        return {self.source: 2.0 * self.drag_radius} if self.drag else {}
+
     def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
         k = self.column(motion.joints, self.source)
         wound = self.coefficient * (q[..., k] - self.home)

@@ -46,6 +46,10 @@ class Backlash(JointEffect):
         separating_runs=(Run.AMPLITUDES, Run.LOAD_SWAP, Run.GAIN_CHANGE, Run.SPEED_LADDER),
     )
 
+    def forgets_after(self) -> dict[int, float]:
+        """Return the whole gap."""
+        return dict.fromkeys(self.joints, 2.0 * self.radius)
+
     def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
         return play(q[..., j], self.radius, memory)
 
@@ -246,6 +250,10 @@ class Hysteresis(JointEffect):
             raise DataError(f"effect hysteresis: sharpness must be > 0, got {self.sharpness!r}.")
         if not 0 < self.depth <= 1:
             raise DataError(f"effect hysteresis: depth must be above 0 and at most 1, got {self.depth!r}.")
+
+    def forgets_after(self) -> dict[int, float]:
+        """Return the way over which it turns from one side to the other."""
+        return dict.fromkeys(self.joints, 2.0 * self.radius / self.depth)
 
     def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
         m, width = q[..., j], self.radius / self.depth
