@@ -101,7 +101,7 @@ def _gap_table(gaps: Sequence[ChannelGap]) -> Table:
     for gap in gaps:
         scale, symbol = in_reader_units(1.0, gap.channel.unit)
         sizes = [number(scale * size) for size in (gap.before, gap.after, gap.noise)]
-        closed = f"{100 * gap.closed:.0f} %" if isfinite(gap.closed) else "–"
+        closed = f"{100 * min(gap.closed, 1.0):.0f} %" if isfinite(gap.closed) else "–"
         table.add_row(f"{channel_words(gap.channel)} [{symbol}]", *sizes, closed)
     return table
 

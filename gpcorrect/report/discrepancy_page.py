@@ -239,7 +239,7 @@ def _how_much(result: DiscrepancyResult) -> Section:
     for g in result.gap:
         sizes, interval = _sizes(g, g.before, g.after, g.noise), " to ".join(map(_fraction, g.closed_ci95))
         controls = _fraction(g.black_box_ceiling), _fraction(g.permutation_control)
-        rows.append([channel_words(g.channel), *sizes, _fraction(g.closed), interval, *controls])
+        rows.append([channel_words(g.channel), *sizes, _fraction(min(g.closed, 1.0)), interval, *controls])
         tails.append([channel_words(g.channel), *_sizes(g, *g.p95, *g.largest)])
     tables = (
         TableData(head, rows, "Root mean squares; intervals by drawing whole trajectories."),

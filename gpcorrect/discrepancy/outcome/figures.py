@@ -46,10 +46,11 @@ def gaps_of(
         interval = _closed_ci95(own, noise, dataset.block[seen], rng)
         sizes = np.abs(own) if seen.any() else np.full((2, 1), np.nan)
         rms = np.sqrt(np.mean(sizes**2, axis=1))
-        boxed = black_box(inputs, before[:, i], train, rng)
+        known = bool((train & np.isfinite(before[:, i])).any())
+        boxed = black_box(inputs, before[:, i], train, rng) if known else before[:, i]
         columns = signatures[:, i, signatures[:, i].any(axis=0)]
         control = np.nan
-        if columns.shape[1]:
+        if known and columns.shape[1]:
             left = _permutation_control(columns, before[:, i], dataset.block, train, rng)
             control = float(_closed(rms[0], _rms(left[test]), noise))
         gaps.append(

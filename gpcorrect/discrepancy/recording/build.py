@@ -26,7 +26,7 @@ from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 PIECE, WARM_UP = 200, 400  # rows; pieces of long motions are replayed after a warm-up that fills the memories
 RUN_OUT = 40  # rows that a motion goes on for behind a piece's or a recording's end
 LAST = 5  # rows whose parabola it goes on along
-FAR = 3.0  # half ranges from a joint's middle: degrees and millimetres are farther
+FAR = 10.0  # half ranges from the middle: degrees of a joint that uses a fifth of its range are eleven
 EVEN = 0.02  # relative spread of the time steps of a clock that a servo loop can be run on
 
 

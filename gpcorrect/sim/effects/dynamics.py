@@ -83,7 +83,10 @@ class FeedforwardError(DriveEffect):
         equation="tau = tau_nominal + fraction tau_term(q_commanded)",
         source="computed-torque control with wrong terms; Siciliano et al. 2009, Robotics, Sec. 8.5",
         parameters=(
-            Parameter("fraction", "fraction fed forward beyond the model", Range("1", -3.0, 3.0, 0.3), positive=False),
+            # From a term that is missing (-1) to one that is fed twice, and a quarter beyond: more is another thing.
+            Parameter(
+                "fraction", "fraction fed forward beyond the model", Range("1", -1.25, 1.25, 0.3), positive=False
+            ),
         ),
         needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
         neighbours=("gain_error", "payload", "viscous_friction"),
