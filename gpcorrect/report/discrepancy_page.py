@@ -237,7 +237,10 @@ def _how_much(result: DiscrepancyResult) -> Section:
     tail_head = ["channel", "95 %, before", "95 %, after", "maximum, before", "maximum, after"]
     rows, tails = [], []
     for g in result.gap:
-        sizes, interval = _sizes(g, g.before, g.after, g.noise), " to ".join(map(_fraction, g.closed_ci95))
+        sizes, interval = (
+            _sizes(g, g.before, g.after, g.noise),
+            " to ".join(_fraction(min(c, 1.0)) for c in g.closed_ci95),
+        )
         controls = _fraction(g.black_box_ceiling), _fraction(g.permutation_control)
         rows.append([channel_words(g.channel), *sizes, _fraction(min(g.closed, 1.0)), interval, *controls])
         tails.append([channel_words(g.channel), *_sizes(g, *g.p95, *g.largest)])
