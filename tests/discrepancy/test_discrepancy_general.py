@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gpcorrect.discrepancy.naming.intervals import half_widths
 from gpcorrect.discrepancy.naming.posterior import Named, name_effect
 from gpcorrect.discrepancy.naming.view import view_of
 from gpcorrect.discrepancy.naming.weigh import own_gain
-from gpcorrect.discrepancy.search.candidates import all_candidates
-from gpcorrect.discrepancy.search.prepared import prepare_data
+from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
+from gpcorrect.discrepancy.search.linearisation import refine
+from gpcorrect.discrepancy.search.prepared import PreparedData, prepare_data
 from gpcorrect.discrepancy.search.state import start_search
 from gpcorrect.discrepancy.search.stepwise import search
 from gpcorrect.sim import machine_of, model_from_dict, simulate
@@ -29,8 +31,8 @@ MODEL = model_from_dict(
 )
 
 
-def named(size: float, seed: int = 1) -> Named:
-    """Return what the first row of the table is called where it is off by `size` times half a millimetre and 2 mrad."""
+def recorded(row: DhError, seed: int = 1) -> PreparedData:
+    """Return ten motions of an arm whose table is off in a row, as a tracker sees them."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 5.0, 0.01)[:, None]
     middle, swing = np.array([0.3, 1.4, -0.38]), np.array([0.7, 0.6, 0.05])
@@ -39,9 +41,13 @@ def named(size: float, seed: int = 1) -> Named:
         rate, phase = rng.uniform(0.5, 2.0, 3), rng.uniform(0.0, 2 * np.pi, 3)
         path = middle + swing * np.sin(rate * t + phase)
         segments.append(Segment(path, np.zeros(len(path), dtype=np.int64), 0, 0.0, 0.2))
-    row = DhError(joint=1, a=5e-4 * size, alpha=2e-3 * size, d=-5e-4 * size, theta=2e-3 * size)
     recording = simulate(machine_of(MODEL).with_effects(row), plan_of(segments, 100.0), seed=seed)
-    prepared = prepare_data(replace(recording, external_jp=None), MODEL, np.random.default_rng(0))
+    return prepare_data(replace(recording, external_jp=None), MODEL, np.random.default_rng(0))
+
+
+def named(size: float) -> Named:
+    """Return what the first row of the table is called where it is off by `size` times half a millimetre and 2 mrad."""
+    prepared = recorded(DhError(joint=1, a=5e-4 * size, alpha=2e-3 * size, d=-5e-4 * size, theta=2e-3 * size))
     wanted = [
         c for c in all_candidates(prepared.dataset.scene)
         if (c.name, c.joint) in {("dh_error", 1), ("registration_error", "base")}
@@ -57,3 +63,17 @@ def named(size: float, seed: int = 1) -> Named:
 def test_a_registration_is_ruled_out_only_by_what_would_show_it(size: float, rivals: set[str]) -> None:
     """A small error of the first row may be one of the registration; a large one would show its other numbers."""
     assert {r.name for r in named(size).rivals} == rivals
+
+
+def test_what_these_sensors_do_not_see_stays_where_it_is_and_may_be_anything() -> None:
+    """A turn about the last axis is the marker's own: rounding took it, and with it the name, to the edge of its range."""
+    prepared = recorded(DhError(joint=3, a=0.0, alpha=-0.078, d=0.0, theta=0.0))
+    (row,) = [c for c in all_candidates(prepared.dataset.scene) if (c.name, c.joint) == ("dh_error", 3)]
+    state = start_search(prepared.dataset, [row])
+    (fit,) = refine(state.whitener, [], [FittedEffect(row, np.array(row.start))])
+    alpha, theta = (next(i for i, c in enumerate(row.coordinates) if c.parameter.name == n) for n in ("alpha", "theta"))
+    assert fit.at_edge == ()
+    assert row.coordinates[alpha].value(float(fit.u[alpha])) == pytest.approx(-0.078, rel=0.03)
+    widths = half_widths(state, state.whitener, [fit], fit)
+    assert widths[theta] == row.coordinates[theta].width
+    assert widths[alpha] < 0.1 * row.coordinates[alpha].width

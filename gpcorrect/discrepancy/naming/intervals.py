@@ -16,12 +16,13 @@ from gpcorrect.discrepancy.search.instants import instant_half_width
 from gpcorrect.discrepancy.search.linearisation import linearise, refine
 from gpcorrect.discrepancy.search.state import Search
 from gpcorrect.discrepancy.settings import NAMING
-from gpcorrect.types import FloatArray, IntArray
+from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 FEW_BLOCKS = 3  # trajectories a size: there Hotelling's limit is about twice that of known covariances
 NEAREST = 0.02  # of a size, that counts as nothing: there its signature is within an error of our own signatures
 HALVINGS = 5  # of the way to the end of an interval: to a thirtieth of it
 PROFILED = 12  # evaluations of a fit with one number held
+DROPPED = 1e-3  # of the product of variance and information, which is 1 at least: below, rounding has left nothing
 TANGENT = 0.5  # the part of a signature's error that a change of a single number could make
 
 
@@ -70,12 +71,14 @@ def half_widths(
     """
     own = columns_of(fitted, fit)
     left = [i for i in range(len(own)) if i not in known]
-    sandwich, plain, freedom = _covariances(whitener, fitted, own[list(known)])
+    sandwich, plain, freedom, seen = _covariances(whitener, fitted, own[list(known)])
     variance = np.maximum(np.diag(sandwich), np.diag(plain))
     variance += (TANGENT * NAMING.shape_error) ** 2 * _energy(search, whitener, fitted, fit) * np.diag(plain)
-    half = (student.ppf(0.975, freedom) * np.sqrt(variance))[own[0] : own[0] + len(left)]
+    half = np.where(seen, student.ppf(0.975, freedom) * np.sqrt(variance), np.inf)[own[0] : own[0] + len(left)]
     widths = dict(zip(left, np.maximum(half, NAMING.finest * np.abs(fit.u[left])).tolist(), strict=True))
     for i in left:
+        if not np.isfinite(widths[i]):  # these sensors do not see it: it may be anything
+            widths[i] = fit.candidate.coordinates[i].width
         if fit.candidate.coordinates[i].parameter.change_point:  # no slope says how well an instant is known
             widths[i] = instant_half_width(whitener, [m for m in fitted if m is not fit], fit)
     return widths
@@ -190,7 +193,7 @@ def away_from_nothing(
     if not np.isfinite(distance).all():  # a size that only its logarithm measures has no nothing
         return True
     shape = np.delete(own, sizes)
-    sandwich, plain, freedom = _covariances(whitener, fitted, shape)
+    sandwich, plain, freedom, _ = _covariances(whitener, fitted, shape)
     places = own[sizes] - np.searchsorted(shape, own[sizes])
     covariances = [v[np.ix_(places, places)] for v in (sandwich, plain)]
     if FEW_BLOCKS * len(sizes) > freedom:  # too few trajectories to know how all sizes scatter: their mixture alone
@@ -209,17 +212,22 @@ def away_from_nothing(
 
 def _covariances(
     whitener: DatasetWhitener, fitted: Sequence[FittedEffect], without: IntArray
-) -> tuple[FloatArray, FloatArray, int]:
-    """Sandwich and Gauss-Newton covariance of all coordinates but some, and the sandwich's degrees of freedom."""
+) -> tuple[FloatArray, FloatArray, int, BoolArray]:
+    """Sandwich and Gauss-Newton covariance of all coordinates but some, the sandwich's freedom, and which are seen.
+
+    A variance is no smaller than it would be were all the others known, but where rounding has dropped it.
+    """
     linearised = linearise(whitener, fitted)
     slopes, block = np.delete(linearised.slopes, without, axis=1), whitener.block
     n_blocks = int(block.max()) + 1
     freedom = max(n_blocks - 1, 1)
-    inverse: FloatArray = np.linalg.pinv(slopes.T @ slopes, hermitian=True).astype(np.float64)
+    gram = slopes.T @ slopes
+    inverse: FloatArray = np.linalg.pinv(gram, hermitian=True).astype(np.float64)
+    seen: BoolArray = np.diag(inverse) * np.diag(gram) > DROPPED
     # each trajectory's influence first: of columns that are nearly one, the product of all would leave rounding only
     influence = np.stack([inverse @ (slopes[block == b].T @ linearised.z[block == b]) for b in range(n_blocks)])
     sandwich: FloatArray = influence.T @ influence * n_blocks / freedom
-    return sandwich, inverse, freedom
+    return sandwich, inverse, freedom, seen
 
 
 def explained_by_others(whitener: DatasetWhitener, fitted: Sequence[FittedEffect], fit: FittedEffect) -> float:
