@@ -66,7 +66,7 @@ def test_a_registration_is_ruled_out_only_by_what_would_show_it(size: float, riv
 
 
 def test_what_these_sensors_do_not_see_stays_where_it_is_and_may_be_anything() -> None:
-    """A turn about the last axis is the marker's own: rounding took it, and with it the name, to the edge of its range."""
+    """A turn about the last axis is the marker's own: rounding took it to an end of its range, and the name with it."""
     prepared = recorded(DhError(joint=3, a=0.0, alpha=-0.078, d=0.0, theta=0.0))
     (row,) = [c for c in all_candidates(prepared.dataset.scene) if (c.name, c.joint) == ("dh_error", 3)]
     state = start_search(prepared.dataset, [row])
