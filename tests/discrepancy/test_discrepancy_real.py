@@ -23,10 +23,8 @@ def test_the_wrist_is_explained() -> None:
     found = find_discrepancy(model, log)
     named = {(e.name, e.joint) for e in found.effects}
     assert ("homing_offset", 4) in named
-    assert {(e.joint, e.parameters["source"].value) for e in found.effects if e.name == "cable_coupling"} & {
-        (5, 6),
-        (6, 5),
-    }
+    coupled = {(e.joint, e.parameters["source"].value) for e in found.effects if e.name == "cable_coupling"}
+    assert {(5, 6), (6, 5)} <= coupled
     for joint in (5, 6):
         assert {(n, joint) for n in ("backlash", "hysteresis")} & named
     shares = {g.channel.name: 1.0 - g.after / g.before for g in found.gap}
