@@ -145,8 +145,8 @@ class NamingSettings:
     steady: float = 0.4
     # The same, above which the machine only acts like an effect that is no friction: it closes a gap, and is no name.
     # Of 182 true names that are no friction, in 358 recordings of machines not our own, two differ by more than 0.06
-    # (0.11, 0.12); couplings of a real wrist differ by 0.06 to 0.13. Names for causes outside the catalogue that close most of the gap
-    # differed by 0.10, 0.12, 0.17 and 0.18 and more. Friction depends on load and wear, and is let off.
+    # (0.11, 0.12); couplings of a real wrist differ by 0.06 to 0.13. Names for causes outside the catalogue that close
+    # most of the gap differed by 0.10, 0.12, 0.17 and 0.18 and more. Friction depends on load and wear, and is let off.
     constant: float = 0.15
     chance_of_spread: float = 1e-3  # chance that noise alone makes such a difference; a definition
     most_overtones: float = 0.25  # of an effect's own nats: with more in its overtones it is a part of something else

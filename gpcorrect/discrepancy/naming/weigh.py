@@ -187,7 +187,8 @@ def _gains(
     discovery = held_out(view.search.whitener, reference[0], linearised.z, linearised.slopes)
     change = 0.5 * (reference[1] ** 2 - view.whitened_residuals(fitted)[1] ** 2)
     confirmation = np.bincount(view.confirmation.block, change).astype(np.float64)
-    confirmation[confirmation.argmax()] -= view.placed(fitted, fit)[1]
+    if price := view.placed(fitted, fit)[1]:
+        confirmation[confirmation.argmax()] -= price
     return discovery, confirmation
 
 

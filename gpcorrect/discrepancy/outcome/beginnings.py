@@ -33,7 +33,7 @@ def open_beginnings(dataset: Dataset, effects: Sequence[Effect], noises: Sequenc
     left_open = np.zeros(dataset.good.shape, dtype=np.bool_)
     way, run, nominal = scene.way(), scene.run_of_row(), dataset.predict()
     least = TESTS.resolution * np.ptp(scene.motor_path(), axis=0)
-    usual = np.median([way[run == k].max(axis=0) for k in np.unique(run)], axis=0)
+    usual = np.median([np.nan_to_num(way[run == k]).max(axis=0) for k in np.unique(run)], axis=0)
     for effect in effects:
         if not (needed := effect.forgets_after()):
             continue
