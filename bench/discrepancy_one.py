@@ -48,10 +48,8 @@ def jobs_of(arguments: argparse.Namespace) -> Iterator[Job]:
 def line_of(job: Job, labels: dict[str, Any], entry: dict[str, Any], seconds: float) -> str:
     """Return one line: the case, what was hidden, what was said."""
     hidden = ", ".join(f"{e['name']} {e['joint']} ({e['ratio']:.2f})" for e in labels["effects"]) or "nothing"
-    outcome, said = (
-        entry["outcome"],
-        entry.get("said", {"level": "REFUSED", "effects": [entry.get("refused", "")], "alike": []}),
-    )
+    outcome, refused = entry["outcome"], {"level": "REFUSED", "effects": [entry.get("refused", "")], "alike": []}
+    said = entry.get("said", refused)
     scored = "WRONG" if outcome["wrong"] else " + ".join(outcome["answers"])
     named = "; ".join(said["effects"]) or "-"
     like = "; ".join(said["alike"]) or "-"

@@ -1,4 +1,7 @@
-"""The workflow: split, localise, search, name, add, and figures on the test set, which nothing has seen."""
+"""The workflow: split, localise, search, name, add, and figures on the test set, which nothing has seen.
+
+But for the instant of a slip: where the other parts leave it open, the test set says where it lies.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,6 @@ from gpcorrect.discrepancy.naming.intervals import away_from_nothing, interval_e
 from gpcorrect.discrepancy.naming.posterior import Level, Named
 from gpcorrect.discrepancy.naming.selection import name_effects, name_rare
 from gpcorrect.discrepancy.naming.sensor_noise import NoiseEffect, noise_effects
-from gpcorrect.discrepancy.outcome.beginnings import open_beginnings
 from gpcorrect.discrepancy.outcome.figures import evidence_of, gaps_of
 from gpcorrect.discrepancy.outcome.provenance import provenance_of
 from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect, UnnamedEffect, Verdict
@@ -30,7 +32,7 @@ from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.instants import with_open_instant_placed
 from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.needs import split_by_needs
-from gpcorrect.discrepancy.search.prepared import PreparedData, localise_residual, prepare_data
+from gpcorrect.discrepancy.search.prepared import PreparedData, localise_residual, open_beginnings, prepare_data
 from gpcorrect.discrepancy.search.state import Search, start_search
 from gpcorrect.discrepancy.search.stepwise import search
 from gpcorrect.discrepancy.settings import SEARCH
@@ -246,9 +248,8 @@ def _refit(state: Search, fitted: Sequence[FittedEffect], rows: BoolArray) -> tu
     for i, fit in enumerate(done):
         if fit.candidate.instant is not None:  # that these rows leave open: where the others show it
             others = [f for f in done if f is not fit]
-            done[i], _ = with_open_instant_placed(
-                whitener_on(state.dataset, residual, state.dataset.test), others, fit, rows
-            )
+            unseen = whitener_on(state.dataset, residual, state.dataset.test)
+            done[i], _ = with_open_instant_placed(unseen, others, fit, rows)
     return tuple(done)
 
 

@@ -8,9 +8,8 @@ from discrepancy_core import NOISE, RUNS, SAMPLES, joint_log, motors
 from discrepancy_support import nominal
 
 from gpcorrect.discrepancy import find_discrepancy
-from gpcorrect.discrepancy.outcome.beginnings import open_beginnings
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
-from gpcorrect.discrepancy.search.prepared import prepare_data
+from gpcorrect.discrepancy.search.prepared import open_beginnings, prepare_data
 from gpcorrect.sim.effects import Backlash, CableCoupling, CoulombFriction, Effect, HomingOffset, Hysteresis, play
 from gpcorrect.types import CalibrationLog, FloatArray
 

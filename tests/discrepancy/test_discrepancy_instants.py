@@ -9,10 +9,12 @@ import pytest
 from discrepancy_core import NOISE, RUNS, SAMPLES, joint_log
 from discrepancy_support import nominal
 
+from gpcorrect.discrepancy.evidence.whitener import whitener_on
 from gpcorrect.discrepancy.naming.intervals import half_widths
 from gpcorrect.discrepancy.naming.spread import size_overdispersion
 from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates, watched
+from gpcorrect.discrepancy.search.instants import with_open_instant_placed
 from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.discrepancy.search.state import Search, start_search
@@ -84,6 +86,22 @@ def test_a_slip_beside_a_motion_that_the_search_never_saw_is_on_its_right_side(p
     assert found.level == "EXACT"
     low, high = found.effects[0].parameters["instant"].ci95
     assert low < begins + beside < high
+
+
+def test_an_instant_is_chosen_among_the_rows_between_two_known_ones(
+    slipped: tuple[Search, FittedEffect],
+) -> None:
+    """So many are paid for: those of the motions that discovery has not seen, and one where every row is known."""
+    state, found = slipped
+    dataset = state.dataset
+    unseen = whitener_on(dataset, state.residual([found]), ~dataset.discovery)
+    between = np.count_nonzero((dataset.time > SEEN[0]) & (dataset.time < SEEN[1] + 0.1))
+    _, chosen = with_open_instant_placed(unseen, [], found, dataset.discovery)
+    assert chosen == pytest.approx(between, abs=2)
+    assert chosen > 100
+    same, one = with_open_instant_placed(unseen, [], found, np.ones(len(dataset), dtype=np.bool_))
+    assert one == 1
+    assert same is found
 
 
 def test_the_interval_of_an_instant_holds_it_and_is_no_point(slipped: tuple[Search, FittedEffect]) -> None:

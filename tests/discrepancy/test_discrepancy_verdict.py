@@ -10,7 +10,8 @@ from discrepancy_support import outside
 from gpcorrect.discrepancy.evidence.localise import Equivalence, Finding, Localisation
 from gpcorrect.discrepancy.evidence.variables import Quantity, Variable
 from gpcorrect.discrepancy.naming.posterior import Level, Named
-from gpcorrect.discrepancy.outcome.verdict import is_plain
+from gpcorrect.discrepancy.outcome.result import PlaceVerdict
+from gpcorrect.discrepancy.outcome.verdict import headline, is_plain
 from gpcorrect.discrepancy.settings import SETTINGS
 
 THRESHOLD = 10.0
@@ -44,3 +45,11 @@ def test_what_the_catalogue_says_half_of_is_not_plain(level: Level, plain: bool)
     half = SETTINGS.verdict.explained * 500.0
     assert is_plain(localisation(500.0), {A}, [dropped(level, half + 1.0)]) == plain
     assert is_plain(localisation(500.0), {A}, [dropped(level, half - 1.0)])
+
+
+@pytest.mark.parametrize("level", [Level.NONE, Level.INCONCLUSIVE])
+def test_a_headline_is_no_weaker_than_its_places(level: Level) -> None:
+    """Where a joint is UNKNOWN so is the whole; a place that is not decided takes nothing from it."""
+    unknown, open_ = (PlaceVerdict(1, v, A, 2.0, 2.0, 1.0, 0.5, ()) for v in (Level.UNKNOWN, Level.INCONCLUSIVE))
+    assert headline(level, (), (), [unknown, open_]) == Level.UNKNOWN
+    assert headline(level, (), (), [open_]) == level

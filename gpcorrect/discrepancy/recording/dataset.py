@@ -91,16 +91,6 @@ class Dataset:
         result: FloatArray = (sums / count[:, None]).reshape(len(self), *values.shape[1:])
         return result
 
-    def without(self, rows: BoolArray) -> Dataset:
-        """Return the dataset in which samples are missing.
-
-        Parameters
-        ----------
-        rows : (n, c) bool array
-            Of the log's rows and the channels, those to leave out.
-        """
-        return replace(self, good=self.good & ~rows)
-
     @property
     def samples_a_row(self) -> int:
         """How many samples a condensed row is usually the mean of."""

@@ -19,8 +19,11 @@ from gpcorrect.discrepancy.recording.split import Split, split_rows
 from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.settings import BURSTS, SPLIT, TESTS
 from gpcorrect.sim import machine_of
+from gpcorrect.sim.effects import Effect
 from gpcorrect.sim.model import Model
 from gpcorrect.types import BoolArray, CalibrationLog
+
+MOST = 0.5  # of a joint's usual way: what remembers more depends on the beginning all along, as the fit has taken it
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +53,8 @@ class PreparedData:
             return self
         part = f"{100 * samples.mean():.1f} % of the samples"
         remark = f"{part} count for nothing but names: no log says how the motion began, and an effect remembers it"
-        return replace(self, dataset=self.dataset.without(samples), remarks=(*self.remarks, remark))
+        dataset = replace(self.dataset, good=self.dataset.good & ~samples)
+        return replace(self, dataset=dataset, remarks=(*self.remarks, remark))
 
 
 def prepare_data(log: CalibrationLog, model: Model, rng: np.random.Generator) -> PreparedData:
@@ -144,3 +148,34 @@ def localise_residual(
         for i, c in enumerate(dataset.scene.channels)
     ]
     return localise(channels, rng, draws=TESTS.draws, tolerance=tolerance)
+
+
+def open_beginnings(dataset: Dataset, effects: Sequence[Effect], noises: Sequence[ChannelNoise]) -> BoolArray:
+    """Return samples `(n, c)` that may be off by an effect only because no log says how the motion began.
+
+    A play stands anywhere in its gap, and friction holds a joint where it came to rest, until the joint has moved far
+    enough. The model begins in the middle. A channel counts where the effect changes it by more than matters.
+
+    Parameters
+    ----------
+    dataset : Dataset
+    effects : sequence of Effect
+        Those that are named.
+    noises : sequence of ChannelNoise
+        Of every channel.
+    """
+    scene = dataset.scene
+    left_open = np.zeros(dataset.good.shape, dtype=np.bool_)
+    way, run, nominal = scene.way(), scene.run_of_row(), dataset.predict()
+    least = TESTS.resolution * np.ptp(scene.motor_path(), axis=0)
+    usual = np.median([np.nan_to_num(way[run == k]).max(axis=0) for k in np.unique(run)], axis=0)
+    for effect in effects:
+        if not (needed := effect.forgets_after()):
+            continue
+        change = np.sqrt(np.mean((dataset.predict([effect]) - nominal) ** 2, axis=0))
+        shows = change > TESTS.equivalence * np.array([n.std for n in noises])
+        columns = [effect.column(scene.joints, joint) for joint in needed]
+        enough = np.maximum(np.minimum(list(needed.values()), MOST * usual[columns]), least[columns])
+        moved = (way[:, columns] > enough).all(axis=1)
+        left_open |= ~moved[:, None] & shows
+    return left_open
