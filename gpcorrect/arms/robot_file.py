@@ -22,6 +22,8 @@ from gpcorrect.arms.robot_path import ArmPath, arm_path, joint_frame, pose_of
 from gpcorrect.errors import DataError, MissingExtraError
 from gpcorrect.types import BoolArray, FloatArray
 
+LONGEST = 50.0  # m that an arm's links come to: a crane's; in millimetres the shortest arm is longer
+
 
 @dataclass(frozen=True, eq=False)
 class JointDrives:
@@ -277,7 +279,14 @@ def _chain(model: Any, found: ArmPath) -> Chain:
         theta, d = (zero, 0.0) if turning else (0.0, zero)
         joints.append(Joint("R" if turning else "P", 0.0, 0.0, d, theta, lower, upper, placement))
         before = T_world_joint
-    return Chain(tuple(joints), "modified", tool=se3.invert(before) @ found.T_world_tool)
+    tool = se3.invert(before) @ found.T_world_tool
+    lengths = [np.linalg.norm(T[:3, 3]) for T in (*(j.placement for j in joints[1:]), tool) if T is not None]
+    if (length := float(np.sum(lengths))) > LONGEST:
+        raise DataError(
+            f"the arm's links are {length:.3g} m long together: the file is not in metres.",
+            hint="MJCF and URDF are in metres. Scale positions, sizes and meshes by 0.001 if it is in millimetres.",
+        )
+    return Chain(tuple(joints), "modified", tool=tool)
 
 
 def _turns(model: Any, j: int) -> bool:

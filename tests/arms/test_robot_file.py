@@ -152,6 +152,11 @@ SLIDER_MASS = '<inertial pos="0 0 0.05" mass="0.8" diaginertia="0.002 0.002 0.00
 SHOULDER_MASS = '<inertial pos="0.01 0.02 0.05" mass="2.5" fullinertia="0.02 0.03 0.025 0.004 -0.003 0.002"/>'
 BRANCHES = r"2 branches.*\(1\) pan, lift, slide, roll, grip; \(2\) away.*joints = "
 
+MILLIMETRES = [
+    ('"slider" pos="0.25 0 0"', '"slider" pos="250 0 0"'),
+    ('"wrist" pos="0.1 0 0"', '"wrist" pos="100 0 0"'),
+]
+
 REFUSED = {
     "two branches": ([("</worldbody>", SECOND_ARM)], {}, BRANCHES),
     "unknown joint": ([], {"joints": ["pan", "elbow"]}, "no joint 'elbow'. Its joints: pan, lift"),
@@ -172,6 +177,7 @@ REFUSED = {
         "joint 4 is a free or ball.*tool before",
     ),
     "no include": ([("<worldbody>", '<include file="gone.xml"/><worldbody>')], TIP, "gone.xml.*Put the included file"),
+    "millimetres": (MILLIMETRES, TIP, "links are .* m long together: the file is not in metres"),
     "broken": ([("<worldbody>", "<worldbody")], TIP, "MuJoCo cannot read"),
     "another": ([("<mujoco", "<sdf"), ("</mujoco", "</sdf")], TIP, "begins with <sdf>, expected <mujoco>"),
 }

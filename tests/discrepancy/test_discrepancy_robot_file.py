@@ -48,6 +48,31 @@ def test_joints_in_degrees_are_refused_by_the_range_of_the_robot_file(nominal):
         build_scene(replace(log, **degrees), nominal, np.ones(len(log), dtype=np.bool_))
 
 
+def test_an_arm_that_never_moves_is_refused(nominal):
+    """One pose fits any number of effects; one joint that moves is enough."""
+    log = recorded(nominal)
+    every = np.ones(len(log), dtype=np.bool_)
+    still = np.repeat(log.measured_jp[:1], len(log), axis=0)
+    with pytest.raises(DataError, match="no joint moves by more than"):
+        build_scene(replace(log, measured_jp=still), nominal, every)
+    still[:, 1] = log.measured_jp[:, 1]
+    build_scene(replace(log, measured_jp=still), nominal, every)
+
+
+def test_columns_beyond_the_arm_are_told(nominal):
+    """A gripper behind the arm's joints is left aside, and the report says that the first columns were taken."""
+    log = recorded(nominal)
+    every = np.ones(len(log), dtype=np.bool_)
+    plain = build_scene(log, nominal, every)
+    dof = plain.machine.body.chain.dof
+    columns = np.zeros((len(log), dof + 1))
+    columns[:, plain.machine.body.columns] = log.measured_jp
+    built = build_scene(replace(log, measured_jp=columns), nominal, every)
+    np.testing.assert_array_equal(built.residual(), plain.residual())
+    said = f"measured_jp has {dof + 1} columns for an arm of {dof} joints: the first are taken for them"
+    assert [r for r in built.remarks if r not in plain.remarks] == [said]
+
+
 def test_an_arm_without_a_remote_centre_has_none_of_its_effects(nominal):
     """Bending shaft and giving remote centre are no candidates, and the report says why."""
     log = recorded(nominal, payloads=(0.2, 0.5))

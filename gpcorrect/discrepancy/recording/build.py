@@ -11,6 +11,7 @@ from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.layout import Layout, layout_of
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, estimate_noise
 from gpcorrect.discrepancy.recording.scene import Scene
+from gpcorrect.discrepancy.recording.servo_clock import RUN_OUT, commanded_plan, holes, settled_stamps
 from gpcorrect.discrepancy.recording.tolerance import Slack, slack_of, table_slopes
 from gpcorrect.discrepancy.recording.tracker import Tracker
 from gpcorrect.discrepancy.settings import NOISE
@@ -19,15 +20,12 @@ from gpcorrect.sim.body import Body
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion
-from gpcorrect.sim.plan import Plan, Segment, plan_of
 from gpcorrect.sim.resolve import has_controller, machine_of
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
 PIECE, WARM_UP = 200, 400  # rows; pieces of long motions are replayed after a warm-up that fills the memories
-RUN_OUT = 40  # rows that a motion goes on for behind a piece's or a recording's end
-LAST = 5  # rows whose parabola it goes on along
+MOVES = 1e-3  # rad, or a tenth of it in m, that some joint goes at least
 FAR = 10.0  # half ranges from the middle: degrees of a joint that uses a fifth of its range are eleven
-EVEN = 0.02  # relative spread of the time steps of a clock that a servo loop can be run on
 
 
 def build_scene(
@@ -55,15 +53,26 @@ def build_scene(
     source = _motor_side(log)
     motor = _joint_columns(log, source, joints)
     _refuse_other_units(motor, source, machine)
+    _refuse_still_arm(motor, source, machine.body)
     label = _continuous_runs(log, motor)
     layout = layout_of(label, piece=PIECE, warm_up=WARM_UP, run_out=RUN_OUT)
-    loop, remarks = _loop_remarks(log, model, label, source)
+    driven = has_controller(model) and log.setpoint_jp is not None
+    command = _joint_columns(log, "setpoint_jp", joints) if driven else None
+    time = None if command is None else settled_stamps(log.time, label, command)
+    loop, remarks = _loop_remarks(log, model, source, clock=time is not None)
+    columns, chain = getattr(log, source).shape[1], machine.body.chain
+    if chain is not None and columns > chain.dof:
+        remarks.append(f"{source} has {columns} columns for an arm of {chain.dof} joints: the first are taken for them")
+    if time is not None and (moved := 1e3 * float(np.std(time - log.time))) > 0:
+        remarks.append(f"stamps are put on the even clock on which commands are smooth, moved by {moved:.2g} ms")
+        log = replace(log, time=time)
     session = np.unique(log.session, return_inverse=True)[1].astype(np.int64)
     payload = np.full(layout.rows.shape[1], model.payload)
     if log.payload is not None:
         payload = np.median(layout.spread(np.nan_to_num(log.payload)), axis=0)
     motion = _motion(log, joints, motor, session, label, layout)
     channels, observed = _compared_channels(log, machine.body, source, loop=loop)
+    plan, stamps = commanded_plan(command, layout, motion, payload) if loop and command is not None else (None, None)
     scene = Scene(
         model=model,
         machine=machine,
@@ -71,7 +80,8 @@ def build_scene(
         observed=observed,
         motion=motion,
         layout=layout,
-        plan=_commanded_plan(log, joints, layout, motion, payload) if loop else None,
+        plan=plan,
+        stamps=stamps,
         payload=payload,
         time=log.time,
         trajectory=log.trajectory,
@@ -157,6 +167,18 @@ def _refuse_other_units(motor: FloatArray, signal: str, machine: Machine) -> Non
             )
 
 
+def _refuse_still_arm(motor: FloatArray, signal: str, body: Body) -> None:
+    """Refuse joint positions `(n, k)` of which none changes: one pose fits any number of effects."""
+    low, high = np.nanpercentile(motor, [1, 99], axis=0)
+    units = np.where([kind == "P" for kind in body.types], 0.1, 1.0)
+    if not (high - low > MOVES * units).any():
+        raise DataError(
+            f"{signal}: no joint moves by more than {MOVES:g} rad ({0.1 * MOVES:g} m): what an arm does in one pose "
+            "tells no effect from another.",
+            hint="Record motions that use each joint's range, as `gpcorrect zigzag` makes them.",
+        )
+
+
 def _compared_channels(
     log: CalibrationLog, body: Body, source: str, *, loop: bool
 ) -> tuple[tuple[Channel, ...], FloatArray]:
@@ -186,28 +208,31 @@ def _continuous_runs(log: CalibrationLog, motor: FloatArray) -> IntArray:
     """Label `(n,)` of the continuous motion of each row, for play and hysteresis remember across trajectory numbers.
 
     Two trajectories of a session are one motion when time and motors `(n, k)` step from one to the next no further than
-    they ever do inside a trajectory.
+    they ever do inside a trajectory. A hole in the stamps ends a motion.
     """
-    change = np.diff(log.trajectory) != 0
-    if change.all():
+    change, hole = np.diff(log.trajectory) != 0, holes(log.time)[1:]
+    inside = ~change & ~hole
+    if not inside.any():
         return np.arange(len(log), dtype=np.int64)
     step, moved = np.diff(log.time), np.abs(np.diff(motor, axis=0))
-    near = (moved <= np.nanmax(moved[~change], axis=0)).all(axis=1)
-    joined = (step > 0) & (step <= step[~change].max()) & near & (np.diff(log.session) == 0)
-    return np.concatenate([[0], np.cumsum(change & ~joined)]).astype(np.int64)
+    near = (moved <= np.nanmax(moved[inside], axis=0)).all(axis=1)
+    joined = (step > 0) & (step <= step[inside].max()) & near & (np.diff(log.session) == 0)
+    return np.concatenate([[0], np.cumsum(hole | (change & ~joined))]).astype(np.int64)
 
 
-def _loop_remarks(log: CalibrationLog, model: Model, label: IntArray, source: str) -> tuple[bool, list[str]]:
+def _loop_remarks(log: CalibrationLog, model: Model, source: str, *, clock: bool) -> tuple[bool, list[str]]:
     """Whether the closed loop can be run, and what to say of it."""
     remarks = [f"motor side taken from {source}"]
-    steps = np.diff(log.time)[np.diff(label) == 0]
     why = ""
     if not has_controller(model):
         why = "the model has no controller: effects inside the servo loop leave no trace and cannot be named"
     elif log.setpoint_jp is None:
         why = "the closed loop needs setpoint_jp: effects inside it cannot be named"
-    elif len(steps) == 0 or not (np.abs(steps - np.median(steps)) < EVEN * np.median(steps)).all():
-        why = "samples are uneven in time: the closed loop is not run, effects inside it cannot be named"
+    elif not clock:
+        why = (
+            "stamps are uneven, and commands as rough on them as on an even clock: the closed loop is not run, "
+            "effects inside it cannot be named"
+        )
     if why:
         remarks.append(why)
     if source != "measured_jp":
@@ -234,31 +259,3 @@ def _motion(
     position, nothing = layout.spread(motor), np.zeros((*layout.rows.shape, len(joints)))
     clock = layout.spread(log.time - begin[session])
     return Motion(joints, clock, session[layout.rows[0]], position, layout.spread(velocity), nothing, nothing)
-
-
-def _commanded_plan(
-    log: CalibrationLog, joints: tuple[int, ...], layout: Layout, motion: Motion, payload: FloatArray
-) -> Plan:
-    """Plan of the commands that a log holds on an even clock, a run for each column of its layout."""
-    command = _joint_columns(log, "setpoint_jp", joints)
-    rate = 1.0 / float(np.median(np.diff(motion.time, axis=0)[layout.valid[1:]]))
-    segments = []
-    for k in range(layout.rows.shape[1]):
-        length = int(np.argmax(layout.rows[:, k])) + 1  # behind its end a column repeats its last row
-        path = _run_out(command[layout.rows[:length, k]], len(layout.rows))
-        trajectory, session, start = np.zeros(len(path), dtype=np.int64), int(motion.session[k]), motion.time[0, k]
-        segments.append(Segment(path, trajectory, session, float(start), float(payload[k])))
-    return plan_of(segments, rate)
-
-
-def _run_out(path: FloatArray, n: int) -> FloatArray:
-    """Let a path `(m, dof)` that ends before the grid's n samples swing on, with its last acceleration.
-
-    A hard stop would be an acceleration that no motor was asked for, and the interpolation would spread it backwards.
-    """
-    more, last = min(RUN_OUT, n - len(path)), path[-LAST:]
-    if more <= 0 or len(last) < LAST:
-        return path
-    t = np.arange(1 - LAST, more + 1)
-    on = np.polynomial.polynomial.polyval(t[LAST:], np.polynomial.polynomial.polyfit(t[:LAST], last - last[-1], 2))
-    return np.concatenate([path, last[-1] + on.T])

@@ -2,7 +2,7 @@
 
 The motor side is replayed: where motors are measured, everything behind them is predicted from their measured path, so
 that an error of the servo model cannot pass for one of the transmission. Where the model has a controller, and the log
-commands on an even clock, the closed loop is run as well and predicts the motors themselves.
+commands, the closed loop is run as well and predicts the motors themselves.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.layout import Layout
+from gpcorrect.discrepancy.recording.servo_clock import Stamps
 from gpcorrect.discrepancy.recording.tolerance import Slack
 from gpcorrect.discrepancy.recording.tracker import Tracker
 from gpcorrect.sim.dynamics import posture_at
@@ -72,6 +73,8 @@ class Scene:
         The motors as replayed, n samples of N continuous runs, and where the log's rows stand in these.
     plan : Plan or None
         Commands for the closed loop; None when it cannot be run.
+    stamps : Stamps or None
+        Where the log's samples lie on the loop's clock; None when it has their own.
     payload : (N,) array
         kg at the tip in each run.
     time, trajectory, session : (n,) arrays
@@ -97,6 +100,7 @@ class Scene:
     trajectory: IntArray
     session: IntArray
     effort: FloatArray | None
+    stamps: Stamps | None = None
     tracker: Tracker | None = None
     measured: bool = True
     slack: Slack | None = None
@@ -238,7 +242,8 @@ class Scene:
         if inside not in memory.loops:
             while len(memory.loops) >= REMEMBERED:
                 memory.loops.pop(next(iter(memory.loops)))
-            memory.loops[inside] = follow_command(machine.with_effects(*inside), memory.command)
+            driven = follow_command(machine.with_effects(*inside), memory.command)
+            memory.loops[inside] = driven if self.stamps is None else self.stamps.read(driven)
         return memory.loops[inside]
 
     def _joint_paths(self, machine: Machine, motion: Motion) -> tuple[list[int], list[FloatArray]]:

@@ -1,0 +1,125 @@
+"""Recordings whose stamps jitter or whose rows are lost: the servo loop runs on a clock of its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from gpcorrect.discrepancy.recording.build import build_scene
+from gpcorrect.discrepancy.recording.commanded import with_joint_paths
+from gpcorrect.discrepancy.recording.scene import Scene
+from gpcorrect.sim import machine_of, model_from_dict, simulate
+from gpcorrect.sim.effects import CoulombFriction, Effect, GainError
+from gpcorrect.sim.plan import Segment, plan_of
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
+
+EVERY = 5  # samples of the fine recording to one of a log
+MODEL = model_from_dict(
+    {
+        "arm": "raven2_left",
+        "joints": [1, 2, 3],
+        "controller": {"kp": [120.0, 120.0, 8000.0], "kd": [12.0, 12.0, 400.0]},
+        "transmission": {"motor_inertia": [0.05, 0.05, 2.0]},
+    }
+)
+HIDDEN: tuple[Effect, ...] = (CoulombFriction(1, torque=0.5, side="motor"), GainError(2, proportional=-0.3))
+
+
+@cache
+def fine() -> CalibrationLog:
+    """Return three motions at 500 Hz without noise, in which a motor sticks and another's gain is too low."""
+    rng, t = np.random.default_rng(1), np.arange(0.0, 8.0, 0.002)[:, None]
+    middle, swing = np.array([0.3, 1.4, -0.38]), np.array([0.5, 0.4, 0.05])
+    segments = []
+    for i in range(3):
+        rate, phase = rng.uniform(0.5, 2.5, 3), rng.uniform(0.0, 2 * np.pi, 3)
+        path = middle + swing * (np.sin(rate * t + phase) - np.sin(phase) * np.exp(-3.0 * t))
+        segments.append(Segment(path, np.full(len(path), i), 0, 20.0 * i, 0.2))
+    return simulate(machine_of(MODEL).with_effects(*HIDDEN), plan_of(segments, 500.0))
+
+
+def taken(rows: IntArray) -> CalibrationLog:
+    """Return these rows of the fine recording."""
+    return fine().select(np.isin(np.arange(len(fine())), rows))
+
+
+def even() -> IntArray:
+    """Return the rows of a log at 100 Hz."""
+    return np.arange(0, len(fine()), EVERY)
+
+
+def scene(log: CalibrationLog) -> Scene:
+    """Return a log beside the model."""
+    log, _ = with_joint_paths(log, machine_of(MODEL).body)
+    every: BoolArray = np.ones(len(log), dtype=np.bool_)
+    return build_scene(log, MODEL, every)
+
+
+def motor_errors(log: CalibrationLog, effects: tuple[Effect, ...] = HIDDEN) -> FloatArray:
+    """Return how far the first two motors are from the simulated loop, root mean square, rad."""
+    built = scene(log)
+    assert [c.name for c in built.channels[:2]] == ["measured_jp_1", "measured_jp_2"]
+    size: FloatArray = np.sqrt(np.nanmean(built.residual(effects)[:, :2] ** 2, axis=0))
+    return size
+
+
+def test_rows_taken_early_and_late_change_nothing() -> None:
+    """Up to two fifths of a step: the loop is read where they were taken, and says the same as on an even clock."""
+    rng, rows = np.random.default_rng(2), even()
+    moved = np.clip(rows + rng.integers(-2, 3, len(rows)), 0, len(fine()) - 1)
+    uneven, on_clock = scene(taken(moved)), scene(taken(rows))
+    assert uneven.stamps is not None
+    assert on_clock.stamps is None
+    np.testing.assert_array_equal(uneven.time, taken(moved).time)
+    assert (motor_errors(taken(moved)) < 3.0 * motor_errors(taken(rows))).all()
+    np.testing.assert_allclose(motor_errors(taken(moved), ()), motor_errors(taken(rows), ()), rtol=0.02)
+
+
+@pytest.mark.parametrize("jitter", [5e-4, 2e-3])
+def test_rows_only_stamped_early_and_late_change_nothing(jitter: float) -> None:
+    """Samples of an even clock: they are put back on it, for the command would be rough on their stamps."""
+    log, rng = taken(even()), np.random.default_rng(3)
+    late = np.clip(rng.normal(0.0, jitter, len(log)), -4e-3, 4e-3)
+    stamped = scene(replace(log, time=log.time + late))
+    assert stamped.stamps is None
+    assert any("even clock" in remark for remark in stamped.remarks)
+    steps = np.diff(stamped.time)[np.diff(log.trajectory) == 0]
+    np.testing.assert_allclose(steps, 0.01, rtol=1e-3)
+    np.testing.assert_allclose(motor_errors(replace(log, time=log.time + late)), motor_errors(log), rtol=0.02)
+
+
+@pytest.mark.parametrize("lost", ["here and there", "a third of a second", "only measured"])
+def test_rows_that_are_lost_leave_the_loop_as_it_is(lost: str) -> None:
+    """One row of twenty, thirty in a row, or motor positions alone: what is left is explained as well as before."""
+    rows, rng = even(), np.random.default_rng(3)
+    keep = rng.random(len(rows)) > 0.05 if lost == "here and there" else np.ones(len(rows), dtype=np.bool_)
+    keep[400:430] = lost != "a third of a second"
+    log = taken(rows[keep])
+    if lost == "only measured":
+        measured = np.array(log.measured_jp)
+        measured[400:430] = np.nan
+        log = replace(log, measured_jp=measured)
+    assert (motor_errors(log) < 1.3 * motor_errors(taken(rows))).all()
+    assert (motor_errors(log, ()) > 10 * motor_errors(log)).all()
+
+
+def test_a_long_hole_begins_a_motion_anew() -> None:
+    """Two seconds without a row: the command there is not known, and the loop starts again behind them."""
+    rows = even()
+    whole, cut = scene(taken(rows)), scene(taken(np.delete(rows, slice(300, 500))))
+    assert len(np.unique(cut.run_of_row())) == len(np.unique(whole.run_of_row())) + 1
+
+
+def test_where_neither_clock_is_right_no_loop_is_run() -> None:
+    """Messages that come in bunches, and commands that are noise: the answer is that effects in the servo stay open."""
+    log, rng = taken(even()), np.random.default_rng(4)
+    bunches = replace(log, time=np.repeat(log.time[::4], 4) + np.tile([0.0, 2e-4, 4e-4, 6e-4], len(log) // 4))
+    shaken = log.setpoint_jp + rng.normal(0.0, 0.05, (len(log), 3))
+    noisy = replace(log, time=log.time + rng.uniform(-3e-3, 3e-3, len(log)), setpoint_jp=shaken)
+    for odd in (bunches, noisy):
+        built = scene(odd)
+        assert built.plan is None
+        assert any("uneven" in remark for remark in built.remarks)
