@@ -24,6 +24,19 @@ class SplitSettings:
 
 
 @dataclass(frozen=True)
+class ClockSettings:
+    """When samples were taken, for the servo loop that is run beside them; `bench/discrepancy_clock.py` has a table."""
+
+    even: float = 0.02  # relative spread of the steps up to which a clock is the servo's own
+    clearly: float = 0.1  # of the mean square roughness on the other clock, that commands have at most on the right one
+    full: float = 0.5  # of the mean step, that the usual one is at least: less is messages that come in bunches
+    hole: float = 0.5  # s without a row in which the command is bridged; a longer one begins a motion anew
+    near: float = (
+        0.2  # of the usual step: rows nearer to the one before are no new point of a command, which would swing
+    )
+
+
+@dataclass(frozen=True)
 class NoiseSettings:
     """What of a residual is noise."""
 
@@ -208,6 +221,7 @@ class DiscrepancySettings:
     """All of them, by what they decide."""
 
     split: SplitSettings = SplitSettings()
+    clock: ClockSettings = ClockSettings()
     noise: NoiseSettings = NoiseSettings()
     tests: TestSettings = TestSettings()
     bursts: BurstSettings = BurstSettings()
@@ -220,6 +234,7 @@ class DiscrepancySettings:
 
 SETTINGS = DiscrepancySettings()
 SPLIT = SETTINGS.split
+CLOCK = SETTINGS.clock
 NOISE = SETTINGS.noise
 TESTS = SETTINGS.tests
 BURSTS = SETTINGS.bursts

@@ -14,7 +14,7 @@ from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.servo_clock import RUN_OUT, commanded_plan, holes, settled_stamps
 from gpcorrect.discrepancy.recording.tolerance import Slack, slack_of, table_slopes
 from gpcorrect.discrepancy.recording.tracker import Tracker
-from gpcorrect.discrepancy.settings import NOISE
+from gpcorrect.discrepancy.settings import CLOCK, NOISE
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body
 from gpcorrect.sim.machine import Machine
@@ -72,6 +72,8 @@ def build_scene(
         payload = np.median(layout.spread(np.nan_to_num(log.payload)), axis=0)
     motion = _motion(log, joints, motor, session, label, layout)
     channels, observed = _compared_channels(log, machine.body, source, loop=loop)
+    of_motors = np.array([c.signal == "measured_jp" for c in channels])
+    observed[_behind_a_hole(log, label)[:, None] & of_motors] = np.nan
     plan, stamps = commanded_plan(command, layout, motion, payload) if loop and command is not None else (None, None)
     scene = Scene(
         model=model,
@@ -218,6 +220,16 @@ def _continuous_runs(log: CalibrationLog, motor: FloatArray) -> IntArray:
     near = (moved <= np.nanmax(moved[inside], axis=0)).all(axis=1)
     joined = (step > 0) & (step <= step[inside].max()) & near & (np.diff(log.session) == 0)
     return np.concatenate([[0], np.cumsum(hole | (change & ~joined))]).astype(np.int64)
+
+
+def _behind_a_hole(log: CalibrationLog, label: IntArray) -> BoolArray:
+    """Say of which rows `(n,)` the servo's state is not known, for their motion begins where a hole ended, not at rest.
+
+    As long as a hole that is bridged: a servo has settled then.
+    """
+    first = np.flatnonzero(np.diff(label, prepend=-1))[label]
+    same = log.trajectory[first] == log.trajectory[np.maximum(first - 1, 0)]
+    return np.asarray((first > 0) & same & (log.time - log.time[first] < CLOCK.hole))
 
 
 def _loop_remarks(log: CalibrationLog, model: Model, source: str, *, clock: bool) -> tuple[bool, list[str]]:

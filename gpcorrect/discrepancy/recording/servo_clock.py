@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from gpcorrect.discrepancy.recording.layout import Layout
+from gpcorrect.discrepancy.settings import CLOCK
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan, Segment, plan_of
 from gpcorrect.sim.plant import Driven
@@ -20,17 +21,7 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 RUN_OUT = 40  # rows that a motion goes on for behind a piece's or a recording's end
 LAST = 5  # rows whose parabola it goes on along
-EVEN = 0.02  # relative spread of the steps up to which a clock is the servo's own
-NEAR = 0.2  # of the usual step: rows nearer to the one before are no new point of the command, which would swing
-CLEARLY = 0.1  # of the mean square roughness on the other clock, that commands have at most on the right one
-FULL = (
-    0.5  # of the mean step, that the usual one is at least: messages in bunches say nothing of when samples were taken
-)
-SHORTEST, TRIED = (
-    8,
-    17,
-)  # rows of the shortest stretches in which a clock's period is sought, and periods tried for each
-HOLE = 0.5  # s: the longest time without a row in which the command is bridged; a longer one begins a motion anew
+SHORTEST, TRIED = 8, 17  # rows of the shortest stretches in which a clock's period is sought, and periods tried there
 LONG = 1.5  # usual steps that a hole has at least
 
 
@@ -79,7 +70,7 @@ def holes(time: FloatArray) -> BoolArray:
     """
     step = np.diff(time, prepend=time[:1])
     usual = np.median(step[step > 0]) if (step > 0).any() else np.inf
-    return np.asarray(step > max(HOLE, LONG * usual))
+    return np.asarray(step > max(CLOCK.hole, LONG * usual))
 
 
 def settled_stamps(time: FloatArray, label: IntArray, command: FloatArray) -> FloatArray | None:
@@ -100,23 +91,23 @@ def settled_stamps(time: FloatArray, label: IntArray, command: FloatArray) -> Fl
         None where commands are about as rough on either clock, or there is nothing to tell by.
     """
     steps = np.diff(time)[np.diff(label) == 0]
-    if len(steps) == 0 or not (steps > 0).all() or np.median(steps) < FULL * np.mean(steps):
+    if len(steps) == 0 or not (steps > 0).all() or np.median(steps) < CLOCK.full * np.mean(steps):
         return None
     if _is_even(steps):
         return time
     steady, usual = _on_even_clock(time, label), float(np.median(steps))
-    if steady is not None and np.abs(steady - time).max() < EVEN * usual:
+    if steady is not None and np.abs(steady - time).max() < CLOCK.even * usual:
         return steady  # only rows are missing
     other = np.asarray(usual * np.arange(len(time)) if steady is None else steady)
     as_stamped, as_even = _roughness(time, label, command), _roughness(other, label, command)
-    if as_stamped <= CLEARLY * as_even:
+    if as_stamped <= CLOCK.clearly * as_even:
         return time
-    return steady if as_even <= CLEARLY * as_stamped else None
+    return steady if as_even <= CLOCK.clearly * as_stamped else None
 
 
 def _is_even(steps: FloatArray) -> bool:
     usual = np.median(steps)
-    return bool((np.abs(steps - usual) < EVEN * usual).all())
+    return bool((np.abs(steps - usual) < CLOCK.even * usual).all())
 
 
 def _on_even_clock(time: FloatArray, label: IntArray) -> FloatArray | None:
@@ -209,7 +200,7 @@ def _on_clock(place: FloatArray, path: FloatArray) -> FloatArray:
     """Put a path `(n, dof)` that was sampled at these places `(n,)` on every whole one, as far as it goes."""
     kept = [0]
     for i in range(1, len(place)):
-        if place[i] - place[kept[-1]] >= NEAR:
+        if place[i] - place[kept[-1]] >= CLOCK.near:
             kept.append(i)
     on = np.arange(int(np.ceil(place[-1])) + 1)
     return CubicSpline(place[kept], path[kept])(on) if len(kept) > 1 else np.repeat(path[:1], len(on), axis=0)
