@@ -142,6 +142,7 @@ class Drive:
     beyond : (3, dof) array
         Fractions of gravity's torque, of the inertia's, and of kd times the commanded velocity that are fed forward
         beyond that.
+    latency : float, s by which commands reach the controllers late; below 0 where the log's are stamped late
     """
 
     kp: FloatArray
@@ -155,6 +156,7 @@ class Drive:
     damping: FloatArray | None = None
     limit: FloatArray | None = None
     beyond: FloatArray = field(default_factory=lambda: np.zeros((3, 1)))
+    latency: float = 0.0
 
     @property
     def feeds(self) -> bool:

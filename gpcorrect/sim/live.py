@@ -95,6 +95,12 @@ class LiveArm:
         still = np.zeros(self._desired.shape)
         self._position, self._q = self._desired, self._desired
         self._rate, self._velocity, self._acceleration = still, still, still
+        if self._drive.latency < 0:
+            raise DataError(
+                f"an arm that runs live cannot follow what is commanded {-self._drive.latency} s later.",
+                hint="Leave the effect `command_delay` out, or give it a delay of at least 0.",
+            )
+        self._sent = np.repeat(self._desired[0], int(np.ceil(self._drive.latency / self.step)) + 1, axis=0)
         for _ in range(SETTLING):
             self._settle()
         self._loop.check_stable(self._drive.motor_inertia + self._mass, self.step)
@@ -106,10 +112,22 @@ class LiveArm:
         ----------
         desired : (m, dof) array, a row a servo step, rad or m
         """
-        path = np.concatenate([self._desired[0], np.asarray(desired, dtype=np.float64)])
+        path = np.concatenate([self._desired[0], self._late(np.asarray(desired, dtype=np.float64))])
         for first in range(0, len(desired), self._block):
             self._advance_block(path[first : first + self._block + 1])
         return self.moment
+
+    def _late(self, desired: FloatArray) -> FloatArray:
+        """Return what reaches the controllers `(m, dof)` while these joints are sent."""
+        steps = self._drive.latency / self.step
+        if steps == 0:
+            return desired
+        sent = np.concatenate([self._sent, desired])
+        at = np.arange(len(self._sent), len(sent)) - steps
+        whole = np.floor(at).astype(np.int64)
+        part = (at - whole)[:, None]
+        self._sent = sent[len(sent) - len(self._sent) :]
+        return np.asarray((1.0 - part) * sent[whole] + part * sent[whole + 1])
 
     def _settle(self) -> None:
         """Let the motors stand where their controllers and the load balance, and forget the past."""

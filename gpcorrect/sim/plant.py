@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from gpcorrect.sim.body import Body, Drive
 from gpcorrect.sim.dynamics import JointPath, LinkLoad, link_load, mean_inertia
@@ -94,6 +95,8 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
     """
     plan, clock = command.plan, command.clock
     body, drive = machine.actual_body(machine.payload(plan)), machine.actual_drive
+    if drive.latency != machine.drive.latency:
+        command = Command.of(machine, plan, drive.latency)
     fed = command.feedforward if drive is machine.drive else feedforward(drive, command.desired, command.nominal_load)
     mass = command.mass if machine.has_nominal_body else mean_inertia(body, plan.q)
     path, load = _first_guess(machine, body, command, drive, fed)
@@ -205,22 +208,26 @@ class Command:
     mass: FloatArray
 
     @classmethod
-    def of(cls, machine: Machine, plan: Plan) -> Command:
+    def of(cls, machine: Machine, plan: Plan, latency: float = 0.0) -> Command:
         """Compute it for the arm and the drive of a machine.
 
         Parameters
         ----------
         machine : Machine, arm and drive; its effects do not count
         plan : Plan
+        latency : float, s that it is late; before a run begins it goes on as it begins
         """
         clock, spline = Clock.of(machine.drive.rate_hz, plan.rate_hz), plan.spline()
         body = machine.nominal_body(machine.payload(plan))
-        samples = np.arange(len(plan.q)) / plan.rate_hz
+        samples = np.arange(len(plan.q), dtype=np.float64) / plan.rate_hz
         steps = np.arange((len(plan.q) - 1) * clock.stride + 1) * clock.step
-        desired = JointPath(plan.q, spline(samples, 1), spline(samples, 2))
+        q, rate, acceleration = (_late(spline, samples, latency, order) for order in range(3))
+        desired = JointPath(q, rate, acceleration)
         load = link_load(body, desired)
         fed = feedforward(machine.drive, desired, load)
-        position, velocity = (np.ascontiguousarray(spline(steps, order).swapaxes(0, 1)) for order in (0, 1))
+        position, velocity = (
+            np.ascontiguousarray(_late(spline, steps, latency, order).swapaxes(0, 1)) for order in (0, 1)
+        )
         mass = mean_inertia(body, plan.q)
         return cls(plan, body, machine.drive, clock, desired, position, velocity, load, fed, mass)
 
@@ -234,6 +241,16 @@ class Command:
     def guess_load(self) -> LinkLoad:
         """Load of the nominal arm there."""
         return link_load(self.body, self.guess)
+
+
+def _late(spline: CubicSpline, time: FloatArray, latency: float, order: int) -> FloatArray:
+    """Return a derivative of paths `(n, N, dof)` at an earlier time; beyond either end it goes straight on."""
+    inside = np.clip(time - latency, spline.x[0], spline.x[-1])
+    beyond = (time - latency - inside)[:, None, None]
+    value: FloatArray = spline(inside, order)
+    if order == 1 or not beyond.any():
+        return value
+    return np.asarray(np.where(beyond == 0, value, 0.0) if order else value + beyond * spline(inside, 1))
 
 
 def _pushed_aside(drive: Drive, desired: JointPath, load: LinkLoad, feedforward: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ from gpcorrect.sim import Model, Plan, machine_of, model_from_dict, run
 from gpcorrect.sim.effects.dynamics import TERMS, FeedforwardError, GainError
 from gpcorrect.sim.effects.geometry import TransmissionRatio
 from gpcorrect.sim.effects.operators import play, plays
+from gpcorrect.sim.effects.over_time import CommandDelay
 from gpcorrect.sim.effects.reversal import Hysteresis
 from gpcorrect.sim.plan import Segment, plan_of
 
@@ -45,6 +46,18 @@ def test_gains_of_the_effect_are_gains_of_the_controller() -> None:
     twice = replace(machine_of(model("gravity")).drive, kp=np.array([KP, 2 * KP, 4000.0]))
     other = replace(machine_of(model("gravity")), drive=twice)
     np.testing.assert_allclose(motors("gravity", GainError(2, 1.0)), run(other, plan()).motion.position, atol=1e-12)
+
+
+@pytest.mark.parametrize("feedforward", ["none", "rigid-body"])
+def test_motors_follow_a_late_command_late(feedforward: str) -> None:
+    """From rest, a command that is four samples late is what was done four samples ago, whatever the controller."""
+    t = np.clip(np.arange(200)[:, None] / 100.0 - 0.3, 0.0, 1.0)
+    path = np.array([0.3, 1.4, -0.38]) + np.array([0.6, -0.5, 0.1]) * t**3 * (10.0 - 15.0 * t + 6.0 * t**2)
+    moves = plan_of([Segment(path, np.zeros(len(path), dtype=np.int64), 0, 0.0, 0.2)], 100.0)
+    machine = machine_of(model(feedforward))
+    on_time, late = (run(m, moves).motion.position for m in (machine, machine.with_effects(CommandDelay("all", 0.04))))
+    np.testing.assert_allclose(late[30:], on_time[26:-4], atol=2e-6)
+    assert np.abs(late[30:] - on_time[30:]).max() > 0.02
 
 
 @pytest.mark.parametrize("term", TERMS)

@@ -14,6 +14,7 @@ from gpcorrect.sim.effects import (
     CableSlip,
     CableStretch,
     CapstanFriction,
+    CommandDelay,
     CoulombFriction,
     Creep,
     Delay,
@@ -81,6 +82,7 @@ NEUTRAL = (
     FeedforwardError(2, 0.0, "gravity"),
     GainError(2, 0.0, 0.0),
     SpeedNoise(1, 0.0),
+    CommandDelay("all", 0.0),
 )
 ACTIVE = (
     HomingOffset(1, 0.02),
@@ -115,6 +117,7 @@ ACTIVE = (
     FeedforwardError(2, 0.3, "gravity"),
     GainError(2, 0.2, -0.1),
     SpeedNoise(1, 1e-3),
+    CommandDelay("all", 0.02),
 )
 ids = [e.about.name for e in ACTIVE]
 PATH_EFFECTS = [e for e in ACTIVE if isinstance(e, PathEffect) and e.joint != "all"]

@@ -32,6 +32,7 @@ OF_THE_MACHINE = {
     "dh_error": "geometry of the body",
     "feedforward_error": "what the controller adds",
     "gain_error": "gains of the controller",
+    "command_delay": "when commands reach the controller",
 }
 # Where live and recorded differ, and why.
 EXCEPTIONS = (
@@ -149,6 +150,22 @@ def test_the_future_is_not_known():
     machine = weightless(effect_from_dict({"name": "delay", "joint": "all", "delay": -0.03}))
     with pytest.raises(DataError, match="before it moves"):
         LiveArm(machine, np.zeros(3))
+    machine = weightless(effect_from_dict({"name": "command_delay", "joint": "all", "delay": -0.03}))
+    with pytest.raises(DataError, match="cannot follow what is commanded"):
+        LiveArm(machine, np.zeros(3))
+
+
+@pytest.mark.parametrize("delay", [0.05, 0.0125])
+def test_a_live_arm_follows_late_commands_late(delay):
+    """Twelve and a half servo steps or fifty, in samples of any length: where an arm is that was commanded later."""
+    plan = moves(runs=1, seconds=1.0)
+    spline, machine = plan.spline(), raven()
+    steps = np.arange(1, 1001) / machine.drive.rate_hz
+    late = LiveArm(raven(effect_from_dict({"name": "command_delay", "joint": "all", "delay": delay})), plan.q[0, 0])
+    later = LiveArm(machine, plan.q[0, 0])
+    sent, delayed = spline(steps)[:, 0], spline(np.maximum(steps - delay, 0.0))[:, 0]
+    for part in np.array_split(np.arange(len(steps)), 37):
+        np.testing.assert_allclose(late.advance(sent[part]).q, later.advance(delayed[part]).q, atol=1e-6)
 
 
 def test_a_delay_moves_what_is_seen_live_and_not_what_is_felt():

@@ -119,7 +119,7 @@ class GainError(DriveEffect):
             Parameter("derivative", "relative error of kd", Range("1", -0.9, 9.0, 0.2), positive=False),
         ),
         needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
-        neighbours=("feedforward_error", "viscous_friction"),
+        neighbours=("feedforward_error", "viscous_friction", "command_delay"),
         separating_runs=(Run.SPEED_LADDER, Run.LOAD_SWAP),
     )
 

@@ -1,14 +1,15 @@
-"""Effects of time: what creeps, drifts and slips, and what is seen late."""
+"""Effects of time: what creeps, drifts and slips, and what is seen or commanded late."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.base import JointEffect, PathEffect, PathOperator, Stage
+from gpcorrect.sim.body import Drive
+from gpcorrect.sim.effects.base import DriveEffect, JointEffect, PathEffect, PathOperator, Stage
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import PAUSES, Memory, lag, shifted
 from gpcorrect.sim.motion import Motion
@@ -134,6 +135,34 @@ class Delay(PathEffect):
         passed = int((time <= time[-1] - self.delay).sum(axis=0).min())
         memory["path"], memory["time"] = path[max(passed - 2, 0) :], time[max(passed - 2, 0) :]
         return behind[len(path) - len(q) :]
+
+
+@dataclass(frozen=True)
+class CommandDelay(DriveEffect):
+    """Every controller follows what was commanded `delay` seconds ago.
+
+    Transport to the controllers is such a delay, a command that is held until the next one comes is half its period,
+    and so is a log that stamps commands earlier than motors.
+    """
+
+    delay: float  # negative where the log's commands are the late ones
+
+    about = Description(
+        name="command_delay",
+        number=33,
+        family=Family.TIME,
+        equation="q_d(t) = q_logged(t - delay), all joints alike",
+        source="zero-order hold and transport delay; Astrom and Wittenmark 1997, Computer-Controlled Systems, Sec. 2.3",
+        parameters=(Parameter("delay", "age of what is followed", Range("s", -0.1, 0.2, 0.01), positive=False),),
+        needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
+        neighbours=("viscous_friction", "gain_error", "delay"),
+        separating_runs=(Run.SPEED_LADDER, Run.ONE_JOINT),
+        sites=(Site.ALL,),
+    )
+
+    def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
+        """Add to the latency."""
+        return replace(drive, latency=drive.latency + self.delay)
 
 
 @dataclass(frozen=True)
