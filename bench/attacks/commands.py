@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import socket
 import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,6 @@ from service_bench import free_endpoint
 
 from attacks.lab import Lab, Scenario, Seen
 from attacks.programs import held, waited
-from attacks.relay import relay
 from gpcorrect.calibration import JointCorrector, load
 from gpcorrect_service import ClientSettings
 from gpcorrect_service.crtk import BusSettings, OperatingState, Pose
@@ -169,3 +169,43 @@ SCENARIOS = (
     Scenario("planner's clock an hour behind", "commands of unknown age", foreign_clock),
     Scenario("the same, and robot states without a time", "commands of unknown age", timeless_states),
 )
+
+
+PIECE = 65536  # bytes
+
+
+@contextmanager
+def relay(endpoint: str) -> Iterator[tuple[str, threading.Event]]:
+    """Pass on what comes for an address; gives the relay's own address, and an event that is set while it flows.
+
+    Parameters
+    ----------
+    endpoint : str, as `tcp/127.0.0.1:7448`
+    """
+    host, port = endpoint.removeprefix("tcp/").split(":")
+    flows, links = threading.Event(), []
+    flows.set()
+
+    def _pass(source: socket.socket, sink: socket.socket) -> None:
+        with suppress(OSError):
+            while piece := source.recv(PIECE):
+                flows.wait()
+                sink.sendall(piece)
+
+    def _accept(listening: socket.socket) -> None:
+        with suppress(OSError):
+            while True:
+                near, _ = listening.accept()
+                far = socket.create_connection((host, int(port)))
+                links.extend((near, far))
+                for pair in ((near, far), (far, near)):
+                    threading.Thread(target=_pass, args=pair, daemon=True).start()
+
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        threading.Thread(target=_accept, args=(listening,), daemon=True).start()
+        try:
+            yield f"tcp/127.0.0.1:{listening.getsockname()[1]}", flows
+        finally:
+            flows.set()
+            for link in links:
+                link.close()
