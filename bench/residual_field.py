@@ -14,9 +14,7 @@ from gpcorrect import se3
 from gpcorrect.types import FloatArray, IntArray
 
 WORKSPACE = np.array([0.08, 0.08, 0.02])  # m: Mahler et al. 2014, Sec. V
-LENGTH_SCALES = np.array(
-    [0.03, 0.10]
-)  # range of the field's over position, m; over orientation 10 rad/m times as large
+LENGTH_SCALES = np.array([0.03, 0.10])  # range over position, m; over orientation 10 rad/m times as large
 NOISE = 2e-4  # standard deviation of what is measured, m; of rotations 10 rad/m times as large
 WAVES = 400  # of a random field
 

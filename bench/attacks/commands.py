@@ -30,6 +30,7 @@ LIMIT = 0.25  # s: nothing older moves a robot
 CARRIED = 0.1  # s that a message may be under way between two processes of a busy machine
 RATE = 50.0  # Hz of a planner
 STOPPED = 5.0  # s
+PIECE = 65536  # bytes that a relay passes on at once
 
 
 def held_prefilter(lab: Lab) -> Seen:
@@ -162,18 +163,6 @@ def held_estimates(lab: Lab) -> Seen:
     )
 
 
-SCENARIOS = (
-    Scenario("pre-filter stopped for 5 s", "commands older than 0.25 s that move", held_prefilter),
-    Scenario("network still for 5 s", "commands older than 0.25 s that move", held_network),
-    Scenario("estimates of a server stopped for 5 s", "estimates older than 0.25 s, not STALE", held_estimates),
-    Scenario("planner's clock an hour behind", "commands of unknown age", foreign_clock),
-    Scenario("the same, and robot states without a time", "commands of unknown age", timeless_states),
-)
-
-
-PIECE = 65536  # bytes
-
-
 @contextmanager
 def relay(endpoint: str) -> Iterator[tuple[str, threading.Event]]:
     """Pass on what comes for an address; gives the relay's own address, and an event that is set while it flows.
@@ -209,3 +198,12 @@ def relay(endpoint: str) -> Iterator[tuple[str, threading.Event]]:
             flows.set()
             for link in links:
                 link.close()
+
+
+SCENARIOS = (
+    Scenario("pre-filter stopped for 5 s", "commands older than 0.25 s that move", held_prefilter),
+    Scenario("network still for 5 s", "commands older than 0.25 s that move", held_network),
+    Scenario("estimates of a server stopped for 5 s", "estimates older than 0.25 s, not STALE", held_estimates),
+    Scenario("planner's clock an hour behind", "commands of unknown age", foreign_clock),
+    Scenario("the same, and robot states without a time", "commands of unknown age", timeless_states),
+)
