@@ -27,7 +27,8 @@ def main() -> None:
     options.add_argument("--only", default="", help="word in the name or group of a scenario")
     options.add_argument("--list", action="store_true", help="name the scenarios")
     given = options.parse_args()
-    chosen = [(group, s) for group, s in _scenarios() if given.only in group or given.only in s.name]
+    scenarios = ((group, s) for group in GROUPS for s in import_module(f"attacks.{group}").SCENARIOS)
+    chosen = [(group, s) for group, s in scenarios if given.only in group or given.only in s.name]
     if given.list:
         print_table(("scenario", "group", "must not happen"), [[s.name, group, s.promised] for group, s in chosen])
         return
@@ -40,7 +41,7 @@ def main() -> None:
             seconds = f"{time.monotonic() - began:.0f}", f"{_worked() - worked:.0f}"
             rows.append([scenario.name, scenario.promised, "0", str(int(seen.broken)), str(seen.tried), *seconds])
             notes.append(f"{scenario.name}: {seen.note}")
-            print(f"{'ok    ' if not _broken(seen) else 'BROKEN'} {notes[-1]}", flush=True)
+            print(f"{'ok    ' if seen.tried and not seen.broken else 'BROKEN'} {notes[-1]}", flush=True)
     print()
     print_load()
     print_table(HEAD, rows)
@@ -56,20 +57,12 @@ def _worked() -> float:
     return used.user + used.system + used.children_user + used.children_system
 
 
-def _scenarios() -> list[tuple[str, Scenario]]:
-    return [(group, one) for group in GROUPS for one in import_module(f"attacks.{group}").SCENARIOS]
-
-
 def _tried(lab: Lab, scenario: Scenario) -> Seen:
     """Run a scenario; one that fails by itself is broken."""
     try:
         return scenario.run(lab)
     except Exception as error:  # noqa: BLE001  # whatever it is, the others are run
         return Seen(0, 1, f"did not come about: {type(error).__name__}: {error}")
-
-
-def _broken(seen: Seen) -> bool:
-    return bool(seen.broken) or not seen.tried
 
 
 if __name__ == "__main__":

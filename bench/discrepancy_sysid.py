@@ -68,7 +68,7 @@ def fitted_places(case: Case, arm: Any) -> dict[Place, float]:
     log, controller = case.log, case.nominal["controller"]
     kp, kd = np.array(controller["kp"]), np.array(controller["kd"])
     spec = _driven(arm, case.nominal, kp, kd, log.external_jp is None)
-    parameters, places, transform = _parameters(arm, kp, log)
+    parameters, places, transform = _parameters(arm, log)
     sequences = ModelSequences(arm.name, spec, *_sequences(spec, log, case.nominal, kp, kd))
 
     def compared(*arguments: Any, **named: Any) -> tuple[Any, TimeSeries, TimeSeries]:
@@ -110,7 +110,7 @@ def _driven(arm: Any, nominal: Any, kp: Array, kd: Array, tracked: bool) -> mujo
     return spec
 
 
-def _parameters(arm: Any, kp: Array, log: CalibrationLog) -> tuple[ParameterDict, list[Place], SignalTransform]:
+def _parameters(arm: Any, log: CalibrationLog) -> tuple[ParameterDict, list[Place], SignalTransform]:
     """Return all numbers with bounds, the effect that each stands for, and those of the sensors once more."""
     parameters, transform = ParameterDict(), SignalTransform(normalize=False)
     places: list[Place] = []

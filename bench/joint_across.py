@@ -53,7 +53,7 @@ def main() -> None:
 
 def show(title: str, what: str, model: JointCorrector, log: CalibrationLog) -> None:
     evaluation = evaluate_model(model, log)
-    raw, corrected = (rmse(evaluation.dirty_errors[name]) for name in ("raw", "corrected"))
+    raw, corrected = (np.array([row["rmse"] for row in evaluation.dirty_errors[name]]) for name in ("raw", "corrected"))
     inside = 100 * float(evaluation.dirty.in_domain.mean())
     held = " ".join(f"{100 * share:4.0f}" for share in evaluation.dirty.coverage95)
     print(
@@ -77,10 +77,6 @@ def joints(log: CalibrationLog) -> tuple[FloatArray, FloatArray]:
 
 def rms(values: FloatArray) -> FloatArray:
     return np.sqrt((values**2).mean(axis=0))
-
-
-def rmse(table: list[dict[str, float]]) -> FloatArray:
-    return np.array([row["rmse"] for row in table])
 
 
 def numbers(values: FloatArray) -> str:

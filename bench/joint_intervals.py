@@ -44,7 +44,7 @@ def main() -> None:
                 widths.append(half / np.sqrt((measured.corrected**2).mean(axis=0)))
                 shown = [
                     " ".join(f"{value:.1f}" for value in share),
-                    " ".join(f"{v:.3g}" for v in in_units(half, model)),
+                    " ".join(f"{v:.3g}" for v in half * joint_units(model.types)[1]),
                 ]
                 rows.append([f"{name}, fifth {k + 1}, {method}", *shown])
                 print(*rows[-1], sep=" | ", flush=True)
@@ -54,10 +54,6 @@ def main() -> None:
         totals.append([method, *numbers, float(np.exp(np.log(all_widths).mean()))])
     print_table(["joints and splits", "< 93 %", "93 to 97", "> 97 %", "least %", "mean %", "width"], totals)
     save_results("joint_intervals", {"rows": rows, "totals": totals})
-
-
-def in_units(half: np.ndarray, model: JointCorrector) -> np.ndarray:
-    return half * joint_units(model.types)[1]
 
 
 if __name__ == "__main__":

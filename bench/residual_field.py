@@ -14,6 +14,9 @@ from gpcorrect import se3
 from gpcorrect.types import FloatArray, IntArray
 
 WORKSPACE = np.array([0.08, 0.08, 0.02])  # m: Mahler et al. 2014, Sec. V
+LENGTH_SCALES = np.array([0.03, 0.10])  # range over position, m; over orientation 10 rad/m times as large
+NOISE = 2e-4  # standard deviation of what is measured, m; of rotations 10 rad/m times as large
+WAVES = 400  # of a random field
 
 
 @dataclass(frozen=True)
@@ -32,8 +35,6 @@ def simulate_reaches(
     n_samples: int,
     rng: np.random.Generator,
     *,
-    length_scale: tuple[float, float] = (0.03, 0.10),
-    noise: float = 2e-4,
     noise_correlation: float = 0.0,
 ) -> Reaches:
     """Return straight reaches in an 8 x 8 x 2 cm box with a planted residual field.
@@ -42,15 +43,12 @@ def simulate_reaches(
     ----------
     n_reaches, n_samples : int, number of reaches and samples in each
     rng : numpy.random.Generator, source of the paths, the field and the noise
-    length_scale : tuple
-        Range of the field's length scales over position, m; over orientation they are 10 rad/m times as large.
-    noise : float, standard deviation of the measurement noise, m; the rotation noise is 10 rad/m times as large
     noise_correlation : float, correlation of the noise of neighbouring samples, 0 (white) to 1
     """
     positions, rotvecs, twists = _paths(n_reaches, n_samples, rng)
-    field = _planted_field(positions, rotvecs, twists, length_scale, rng)
+    field = _planted_field(positions, rotvecs, twists, rng)
     trajectory = np.repeat(np.arange(n_reaches), n_samples)
-    errors = _correlated_noise(n_reaches, n_samples, noise_correlation, rng) * noise * np.repeat([1.0, 10.0], 3)
+    errors = _correlated_noise(n_reaches, n_samples, noise_correlation, rng) * NOISE * np.repeat([1.0, 10.0], 3)
     rotations = se3.matrix_from_rotvec(rotvecs)
     return Reaches(positions, rotations, twists, field + errors, trajectory)
 
@@ -75,33 +73,27 @@ def _paths(n_reaches: int, n_samples: int, rng: np.random.Generator) -> tuple[Fl
 
 
 def _planted_field(
-    positions: FloatArray,
-    rotvecs: FloatArray,
-    twists: FloatArray,
-    length_scale: tuple[float, float],
-    rng: np.random.Generator,
+    positions: FloatArray, rotvecs: FloatArray, twists: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
     """Pose field + friction tanh(v / v0) of locally varying strength + a mild field over pose and velocity together."""
     pose = np.hstack([positions, rotvecs / 10.0])  # rad to the metres that matter as much
-    pose_field = _random_field(pose, length_scale, rng) * 1.5e-3
-    strength = 1.0 + 0.5 * _random_field(pose, length_scale, rng)
+    pose_field = _random_field(pose, LENGTH_SCALES, rng) * 1.5e-3
+    strength = 1.0 + 0.5 * _random_field(pose, LENGTH_SCALES, rng)
     direction = np.tanh(twists / np.repeat([0.02, 0.2], 3))
     friction = 7e-4 * strength * (direction @ (np.eye(6) + 0.3 * rng.standard_normal((6, 6))))
     joint = np.hstack([pose, twists * np.repeat([1.0, 0.1], 3)])
-    mixed = 4e-4 * _random_field(joint, (2 * length_scale[0], 2 * length_scale[1]), rng)
+    mixed = 4e-4 * _random_field(joint, 2 * LENGTH_SCALES, rng)
     return (pose_field + friction + mixed) * np.repeat([1.0, 10.0], 3)
 
 
-def _random_field(
-    inputs: FloatArray, length_scale: tuple[float, float], rng: np.random.Generator, n_waves: int = 400
-) -> FloatArray:
+def _random_field(inputs: FloatArray, length_scales: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Six unit-variance random fields with an RBF spectrum, each of its own length scales (random Fourier features)."""
     outputs = []
     for _ in range(6):
-        scales = np.exp(rng.uniform(*np.log(length_scale), inputs.shape[1]))
-        waves = rng.standard_normal((inputs.shape[1], n_waves)) / scales[:, None]
-        phases = rng.uniform(0, 2 * np.pi, n_waves)
-        outputs.append(np.cos(inputs @ waves + phases) @ rng.standard_normal(n_waves) * np.sqrt(2.0 / n_waves))
+        scales = np.exp(rng.uniform(*np.log(length_scales), inputs.shape[1]))
+        waves = rng.standard_normal((inputs.shape[1], WAVES)) / scales[:, None]
+        phases = rng.uniform(0, 2 * np.pi, WAVES)
+        outputs.append(np.cos(inputs @ waves + phases) @ rng.standard_normal(WAVES) * np.sqrt(2.0 / WAVES))
     return np.stack(outputs, axis=1)
 
 

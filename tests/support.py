@@ -67,14 +67,9 @@ class Fitted:
         return json.loads((self.folder / "fit.json").read_text())
 
 
-def data_folder() -> Path:
-    """Return the folder of real recordings: $GPCORRECT_DATA, or `shared/data` beside the checkout."""
-    return Path(os.environ.get("GPCORRECT_DATA", ROOT.parent / "shared" / "data"))
-
-
 def real_data(name: str) -> Path:
-    """Return the path of a real recording, or skip the test where the recordings are not at hand."""
-    path = data_folder() / name
+    """Return a real recording of $GPCORRECT_DATA, or `shared/data` beside the checkout; skip the test without one."""
+    path = Path(os.environ.get("GPCORRECT_DATA", ROOT.parent / "shared" / "data")) / name
     if not path.exists():
         pytest.skip(f"real recording {name} is not at hand: set GPCORRECT_DATA to the folder that holds it")
     return path

@@ -1,12 +1,13 @@
-"""The map of the house, the registries, the tables of the documents and the command line's help agree."""
+"""The map of the house, the registries, the documents' tables, the command line's help and how it is cited agree."""
 
 from __future__ import annotations
 
 import ast
 import importlib
 import re
+import tomllib
 from collections.abc import Iterator
-from typing import get_args
+from typing import Any, get_args
 
 import pytest
 from command_line import PROGRAM
@@ -118,3 +119,25 @@ def _defined(tree: ast.Module) -> set[str]:
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
             found |= {one.id for target in targets for one in ast.walk(target) if isinstance(one, ast.Name)}
     return found
+
+
+@pytest.fixture
+def cited() -> dict[str, Any]:
+    """Return how the project is cited."""
+    yaml = pytest.importorskip("yaml", reason="PyYAML reads CITATION.cff; it comes with the documents' tools")
+    return yaml.safe_load((ROOT / "CITATION.cff").read_text())
+
+
+def test_the_citation_is_of_this_version_and_names_the_studies(cited: dict[str, Any]) -> None:
+    """Version and abstract are the package's; each study that is done again stands among the references."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert (cited["version"], cited["abstract"]) == (project["version"], project["description"])
+    assert {"cff-version", "message", "title", "authors"} <= set(cited)
+    for claims in sorted((ROOT / "studies").rglob("claims.toml")):
+        head = re.sub(r"\s*\n# ", " ", claims.read_text().partition("\n\n")[0]).casefold()
+        assert any(reference["title"].casefold() in head for reference in cited["references"]), claims
+
+
+def test_no_licence_is_claimed_that_the_owner_did_not_give(cited: dict[str, Any]) -> None:
+    """A licence stands in CITATION.cff only where pyproject.toml has one."""
+    assert ("license" in cited) == ("license" in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"])

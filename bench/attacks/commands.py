@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import socket
 import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,6 @@ from service_bench import free_endpoint
 
 from attacks.lab import Lab, Scenario, Seen
 from attacks.programs import held, waited
-from attacks.relay import relay
 from gpcorrect.calibration import JointCorrector, load
 from gpcorrect_service import ClientSettings
 from gpcorrect_service.crtk import BusSettings, OperatingState, Pose
@@ -30,6 +30,7 @@ LIMIT = 0.25  # s: nothing older moves a robot
 CARRIED = 0.1  # s that a message may be under way between two processes of a busy machine
 RATE = 50.0  # Hz of a planner
 STOPPED = 5.0  # s
+PIECE = 65536  # bytes that a relay passes on at once
 
 
 def held_prefilter(lab: Lab) -> Seen:
@@ -160,6 +161,43 @@ def held_estimates(lab: Lab) -> Seen:
         len(believed),
         f"{len(came) - rows} came after the stop, {dict(Counter(status for *_, status in came))}",
     )
+
+
+@contextmanager
+def relay(endpoint: str) -> Iterator[tuple[str, threading.Event]]:
+    """Pass on what comes for an address; gives the relay's own address, and an event that is set while it flows.
+
+    Parameters
+    ----------
+    endpoint : str, as `tcp/127.0.0.1:7448`
+    """
+    host, port = endpoint.removeprefix("tcp/").split(":")
+    flows, links = threading.Event(), []
+    flows.set()
+
+    def _pass(source: socket.socket, sink: socket.socket) -> None:
+        with suppress(OSError):
+            while piece := source.recv(PIECE):
+                flows.wait()
+                sink.sendall(piece)
+
+    def _accept(listening: socket.socket) -> None:
+        with suppress(OSError):
+            while True:
+                near, _ = listening.accept()
+                far = socket.create_connection((host, int(port)))
+                links.extend((near, far))
+                for pair in ((near, far), (far, near)):
+                    threading.Thread(target=_pass, args=pair, daemon=True).start()
+
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        threading.Thread(target=_accept, args=(listening,), daemon=True).start()
+        try:
+            yield f"tcp/127.0.0.1:{listening.getsockname()[1]}", flows
+        finally:
+            flows.set()
+            for link in links:
+                link.close()
 
 
 SCENARIOS = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +13,13 @@ from truth.alike import side_of
 from truth.case import Truth, few_of
 from truth.hidden import Hidden
 from truth.history import Readings
-from truth.noise import NoiseLaw, draw_noise
+from truth.loop import CONTROL_HZ, TICK_HZ
+from truth.noise import NoiseLaw, draw_noise, noise_of
+from truth.record import tracked
 from truth.reference import Reference, separating
 from truth.spec import Case
 
+from gpcorrect.types import CalibrationLog, LogMeta
 from truth_mujoco.arms import Arm
 from truth_mujoco.causes import cause_named
 from truth_mujoco.causes.cause import Scene
@@ -23,7 +27,6 @@ from truth_mujoco.facts import labels_of, nominal_tables
 from truth_mujoco.machine import Machine, draw_machine, readings_of, simulate
 from truth_mujoco.motion import Run
 from truth_mujoco.plant import nominal_torques
-from truth_mujoco.record import recorded
 from truth_mujoco.sizing import GROWTH, Meter
 from truth_mujoco.spec import Spec
 
@@ -172,3 +175,41 @@ def _own_ratio(setting: Setting, hidden: Hidden, readings: Readings, *, alone: b
     if not alone:
         _, readings = simulate(setting.machine, setting.reference, setting.torques, [hidden], setting.run)
     return setting.meter.ratio(hidden, readings, setting.readings, setting.reference.logged)
+
+
+def recorded(setting: Setting, readings: Readings, rng: np.random.Generator) -> CalibrationLog:
+    """Sample what was true at the log's rate, with the noise of joint sensors and tracker, encoder steps and holes.
+
+    Where only a tracker looks on, the motors are written down beside it.
+    """
+    machine, reference = setting.machine, setting.reference
+    arm, rows = machine.arm, reference.logged
+    trajectory = reference.trajectory[rows]
+    pace = np.abs(reference.speed[:: CONTROL_HZ // TICK_HZ][rows])
+    pace = (pace / np.maximum(pace.max(axis=0), 1e-12)).max(axis=1)
+    reported = np.round(readings.reported[rows] / arm.encoder_step) * arm.encoder_step
+    signals: dict[str, Any] = {
+        "setpoint_jp": reference.position[:: CONTROL_HZ // TICK_HZ][rows],
+        "measured_jp": reported,
+        "measured_jf": None if arm.bare else readings.effort[rows],
+    }
+    if setting.spec.signals != "tracker":
+        noise = noise_of(setting.joint_noise, rng, trajectory, pace, readings.extra_noise[rows])
+        signals["external_jp"] = readings.outside[rows] + noise
+    if machine.tracked:
+        noise = noise_of(setting.tracker_noise, rng, trajectory, pace, np.zeros((len(rows), 3)))
+        signals["tracker_cp"] = tracked(machine.T_tracker_base, readings.tip[rows], noise, rng)
+    return CalibrationLog(
+        time=reference.time[rows],
+        trajectory=trajectory,
+        session=reference.session[rows],
+        payload=reference.payload[rows] if reference.payload.any() else None,
+        name="recording",
+        meta=LogMeta(
+            robot="test arm",
+            arm=arm.declared,
+            joint_types=arm.types,
+            tracker="camera" if machine.tracked else "",
+        ),
+        **signals,
+    )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -83,19 +82,16 @@ class Plant:
         """Friction that the model is built with: above zero wherever a hook may raise it."""
         return max(float(self.coulomb[j]), 1e-9 if self.hooks else 0.0)
 
+    def with_hook(self, hook: Callable[..., Callable[[int, int, State], None]]) -> Plant:
+        """Return the same with a further hook."""
+        return replace(self, hooks=(*self.hooks, hook))
+
     def with_offset(self, more: Callable[[Reference, Array], Array]) -> Plant:
         """Return the same with something more added to what is reported."""
         before = self.offset
         if before is None:
             return replace(self, offset=more)
         return replace(self, offset=lambda reference, time: before(reference, time) + more(reference, time))
-
-
-def with_value(values: Array, j: int, value: Any) -> Any:
-    """Copy of an array with one value changed."""
-    changed = np.array(values)
-    changed[j] = value
-    return changed
 
 
 def bare_plant(arm: Arm, rows: Array, gravity: Array, kp: Array, kd: Array, feedforward: str) -> Plant:

@@ -42,12 +42,10 @@ class LeastMedianFit(Generic[Model]):
     ----------
     model : object, refitted on the inliers
     scales : (g,) array, robust standard deviation of one component of each group of the residual
-    inliers : (n,) bool array, samples within 2.5 scales in every group
     """
 
     model: Model
     scales: FloatArray
-    inliers: BoolArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,8 +164,7 @@ def least_median(
     _, inliers = problem.inliers(best)
     with suppress(DegenerateError):
         best = fit(np.flatnonzero(inliers))
-    scales, inliers = problem.inliers(best)
-    return LeastMedianFit(best, frozen_array(scales), inliers)
+    return LeastMedianFit(best, frozen_array(problem.inliers(best)[0]))
 
 
 def least_median_plane(X: FloatArray, Y: FloatArray, rng: np.random.Generator) -> LeastMedianFit[FloatArray]:

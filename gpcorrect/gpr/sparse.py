@@ -153,15 +153,15 @@ class SparseGPR(GaussianProcess):
         other.predictor_ = Predictor(tuple(points.posterior(own, self.n_variance) for points, own in pairs))
         return other
 
-    def collected(self, X: FloatArray, Y: FloatArray, terms: FloatArray | None = None) -> tuple[Statistics, ...]:
+    def collected(self, X: FloatArray, Y: FloatArray) -> tuple[Statistics, ...]:
         """Return the statistics of samples under this model's points and hyperparameters, see :meth:`Points.collect`.
 
         Parameters
         ----------
-        X, Y, terms : (n, d), (n, m) and (n, k) arrays
+        X, Y : (n, d) and (n, m) arrays
         """
         pairs = zip(self.points_, self.learned_, strict=True)
-        return tuple(points.collect(X, Y[:, own.columns], Progress(), terms) for points, own in pairs)
+        return tuple(points.collect(X, Y[:, own.columns], Progress()) for points, own in pairs)
 
     def _predictor(self, X: FloatArray, Y: FloatArray, rng: np.random.Generator, progress: Progress) -> Predictor:
         self.jitter_, self.unseen_, self.points_, self.statistics_, self.by_part_ = 0.0, 0.0, (), (), ()

@@ -7,7 +7,7 @@ import tomllib
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, StrictInt, StrictStr, ValidationError, model_validator
 
@@ -215,10 +215,10 @@ def load_columns(path: str | Path) -> ColumnMap:
     try:
         return ColumnMap.model_validate(content)
     except ValidationError as error:
-        raise _explain(error, content, str(path)) from error
+        raise _explain(error, str(path)) from error
 
 
-def _explain(error: ValidationError, content: dict[str, Any], path: str) -> LogError:
+def _explain(error: ValidationError, path: str) -> LogError:
     """Name the first key that is wrong, and the key that may have been meant."""
     first = error.errors()[0]
     where = tuple(str(part) for part in first["loc"] if not re.match(r"function-|tuple\[|float$", str(part)))

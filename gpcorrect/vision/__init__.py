@@ -1,7 +1,7 @@
 """Where the tool is, seen by ordinary cameras: calibration, balls, pose over time. The only user of OpenCV."""
 
 from gpcorrect.vision.annotate import AnnotatedVideo, LiveView, annotated, side_by_side
-from gpcorrect.vision.boards import Chessboard, calibrate_lens, find_corners
+from gpcorrect.vision.boards import Chessboard, calibrate_lens, find_corners, rig_text
 from gpcorrect.vision.calibrate import CalibrationReport, calibrate_rig
 from gpcorrect.vision.camera import Camera, Intrinsics
 from gpcorrect.vision.checks import check_fit
@@ -10,7 +10,6 @@ from gpcorrect.vision.filtering import PoseFilter, Status
 from gpcorrect.vision.place import adjust, poses_from_board, refine_pose
 from gpcorrect.vision.pose import Observations, pose_closed_form, pose_from_observations
 from gpcorrect.vision.record import record
-from gpcorrect.vision.rigs import rig_text
 from gpcorrect.vision.rim import Outline, outline
 from gpcorrect.vision.search import REASONS, Reason
 from gpcorrect.vision.settings import VisionSettings

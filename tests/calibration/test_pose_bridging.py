@@ -8,7 +8,7 @@ import pytest
 from gpcorrect import se3
 from gpcorrect.calibration import CommandCorrector
 from gpcorrect.calibration.bridging import MotionLimits
-from gpcorrect.types import BoolArray, FloatArray, PoseSignal
+from gpcorrect.types import BoolArray, PoseSignal
 
 LIMITS = MotionLimits(speeds=(0.3, 3.0), noise=(5e-4, 5e-3), longest=0.4)
 RUN = np.zeros(300, dtype=np.int64)
@@ -31,10 +31,6 @@ def bridge(path: PoseSignal) -> tuple[PoseSignal, BoolArray]:
     return LIMITS.bridge(path, path, TIME, RUN)
 
 
-def distance(a: PoseSignal, b: PoseSignal) -> FloatArray:
-    return np.linalg.norm(a.position - b.position, axis=1)
-
-
 def test_a_possible_path_is_not_touched() -> None:
     """What an arm can follow comes back as the same object, noise included."""
     rng = np.random.default_rng(0)
@@ -52,7 +48,8 @@ def test_a_jump_is_bridged_and_named(start: int, stop: int, shift: float, turn: 
     path = smooth_path()
     mended, bridged = bridge(jumping(path, start, stop, shift, turn))
     assert np.flatnonzero(bridged).tolist() == list(range(start, stop))
-    assert distance(mended, path).max() < 0.004  # straight motion over 0.4 s of a path that bends
+    off = np.linalg.norm(mended.position - path.position, axis=1)
+    assert off.max() < 0.004  # straight motion over 0.4 s of a path that bends
     np.testing.assert_array_equal(mended.position[~bridged], path.position[~bridged])
 
 

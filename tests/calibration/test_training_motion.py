@@ -43,7 +43,7 @@ def _feed(answer: Callable[..., object], *columns: Any) -> None:
         answer(*row)
 
 
-def _path(corrector: CommandCorrector) -> tuple[FloatArray, FloatArray]:
+def _path() -> tuple[FloatArray, FloatArray]:
     rows = LOG.trajectory == 1
     seen = LOG.tracker_cp
     assert seen is not None
@@ -54,14 +54,14 @@ def _path(corrector: CommandCorrector) -> tuple[FloatArray, FloatArray]:
 @pytest.mark.parametrize("rate", [0.1, 1.0, 2.0])
 def test_a_path_at_another_speed_is_answered(poses_model: CommandCorrector, rate: float) -> None:
     """A path ten times slower than the training, or twice as fast, is no path in other units."""
-    poses, times = _path(poses_model)
+    poses, times = _path()
     assert len(poses_model.correct_path(poses, times / rate).reasons) == len(poses)
 
 
 @pytest.mark.parametrize("factor", [1e3, 1e6])
 def test_path_times_in_milliseconds_are_refused(poses_model: CommandCorrector, factor: float) -> None:
     """Milliseconds or microseconds, taken for seconds, are refused by a path and by a stream."""
-    poses, times = _path(poses_model)
+    poses, times = _path()
     with pytest.raises(DataError, match="no seconds"):
         poses_model.correct_path(poses, factor * times)
     stream = poses_model.stream()
@@ -71,7 +71,7 @@ def test_path_times_in_milliseconds_are_refused(poses_model: CommandCorrector, f
 
 def test_a_stream_that_pauses_is_answered(poses_model: CommandCorrector) -> None:
     """A stream that moves, waits for minutes, and moves again is answered."""
-    poses, times = _path(poses_model)
+    poses, times = _path()
     stream, waits = poses_model.stream(), 100.0 * (np.arange(len(times)) // 8)
     for time, pose in zip(times + waits, poses, strict=True):
         assert stream.correct(time, pose).position is not None
@@ -80,7 +80,7 @@ def test_a_stream_that_pauses_is_answered(poses_model: CommandCorrector) -> None
 @pytest.mark.parametrize("factor", [1e3, 1e2])
 def test_millimetres_are_refused(poses_model: CommandCorrector, factor: float) -> None:
     """Positions in millimetres or centimetres are refused, alone, in a path and in a stream."""
-    poses, times = _path(poses_model)
+    poses, times = _path()
     poses[:, :3] *= factor
     with pytest.raises(DataError, match="metres"):
         poses_model.correct(poses[0])

@@ -7,14 +7,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from adaptation_support import aged_log
+from support import small_log
 
 from gpcorrect import se3
 from gpcorrect.calibration import CommandCorrector, FitSettings, fit_corrector, load, save, update_model
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import SparseGPR
 from gpcorrect.gpr.statistics import Points, updated
-from gpcorrect.types import PoseSignal, Progress
+from gpcorrect.types import CalibrationLog, PoseSignal, Progress
+
+
+def aged_log(seed: int, amount: float, trajectories: int = 10) -> CalibrationLog:
+    """Return a recording whose commands miss by further `amount` metres, wavelike over the workspace."""
+    log = small_log(seed, trajectories, samples=40)
+    assert log.tracker_cp is not None
+    assert log.setpoint_cp is not None
+    p = log.tracker_cp.position
+    extra = amount * np.sin(40 * p[:, [1, 2, 0]])
+    return replace(log, setpoint_cp=PoseSignal(log.setpoint_cp.position + extra, log.setpoint_cp.quaternion))
 
 
 @pytest.fixture(scope="module")

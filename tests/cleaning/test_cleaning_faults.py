@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from cleaning_synthetic import (
     FAULTS,
-    Faulty,
     World,
     _moved,
     flipped,
@@ -149,14 +148,10 @@ def test_a_large_smooth_miss_is_no_fault(seed: int) -> None:
 def test_positions_alone_suffice(name: str) -> None:
     """Without orientations there is one scale, in metres; faults are found, at up to 2 % false rejection."""
     rng = np.random.default_rng(1)
-    log, faulty = _position_fault(name, rng)
+    log, faulty = FAULTS[name](make_log(replace(WORLD, position_only=True), rng), rng)
     report = judged(log)
     assert_found(report, faulty, false=0.02)
     assert report.scales.shape == (1,)
-
-
-def _position_fault(name: str, rng: np.random.Generator) -> Faulty:
-    return FAULTS[name](make_log(replace(WORLD, position_only=True), rng), rng)
 
 
 def late_log(rng: np.random.Generator, reaches: int = 40) -> CalibrationLog:

@@ -1,4 +1,4 @@
-"""Recordings of two bare joints with what the tests of the statistical core hide in them."""
+"""Recordings with what the tests of the statistical core hide in them, mostly of two bare joints."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from scipy.signal import lfilter
 
 from gpcorrect.sim.effects import Effect, in_order
 from gpcorrect.sim.motion import Motion
+from gpcorrect.sim.plan import Plan, Segment, plan_of
 from gpcorrect.sim.plant import joint_path
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 
@@ -51,3 +52,16 @@ def joint_log(
         external_jp=seen.transpose(1, 0, 2).reshape(-1, 2),
         name="two joints",
     )
+
+
+def raven_swings(seed: int, runs: int, seconds: float) -> Plan:
+    """Return motions in which a RAVEN-II's first three joints swing, each at a speed of its own."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, seconds, 0.01)[:, None]
+    middle, swing = np.array([0.3, 1.4, -0.38]), np.array([0.7, 0.6, 0.05])
+    segments = []
+    for _ in range(runs):
+        rate, phase = rng.uniform(0.5, 2.0, 3), rng.uniform(0.0, 2 * np.pi, 3)
+        path = middle + swing * np.sin(rate * t + phase)
+        segments.append(Segment(path, np.zeros(len(path), dtype=np.int64), 0, 0.0, 0.2))
+    return plan_of(segments, 100.0)

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from discrepancy_core import raven_swings
 
 from gpcorrect.discrepancy.naming.intervals import half_widths
 from gpcorrect.discrepancy.naming.posterior import Named, name_effect
@@ -18,7 +19,6 @@ from gpcorrect.discrepancy.search.state import start_search
 from gpcorrect.discrepancy.search.stepwise import search
 from gpcorrect.sim import machine_of, model_from_dict, simulate
 from gpcorrect.sim.effects import DhError
-from gpcorrect.sim.plan import Segment, plan_of
 
 MODEL = model_from_dict(
     {
@@ -33,15 +33,7 @@ MODEL = model_from_dict(
 
 def recorded(row: DhError, seed: int = 1) -> PreparedData:
     """Return ten motions of an arm whose table is off in a row, as a tracker sees them."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(0.0, 5.0, 0.01)[:, None]
-    middle, swing = np.array([0.3, 1.4, -0.38]), np.array([0.7, 0.6, 0.05])
-    segments = []
-    for _ in range(10):
-        rate, phase = rng.uniform(0.5, 2.0, 3), rng.uniform(0.0, 2 * np.pi, 3)
-        path = middle + swing * np.sin(rate * t + phase)
-        segments.append(Segment(path, np.zeros(len(path), dtype=np.int64), 0, 0.0, 0.2))
-    recording = simulate(machine_of(MODEL).with_effects(row), plan_of(segments, 100.0), seed=seed)
+    recording = simulate(machine_of(MODEL).with_effects(row), raven_swings(seed, 10, 5.0), seed=seed)
     return prepare_data(replace(recording, external_jp=None), MODEL, np.random.default_rng(0))
 
 

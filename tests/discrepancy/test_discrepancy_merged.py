@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from discrepancy_core import NOISE, joint_log
+from discrepancy_core import NOISE, joint_log, raven_swings
 
 from gpcorrect.discrepancy.search.candidates import all_candidates
 from gpcorrect.discrepancy.search.prepared import prepare_data
@@ -13,7 +13,6 @@ from gpcorrect.discrepancy.search.state import start_search
 from gpcorrect.discrepancy.search.stepwise import search
 from gpcorrect.sim import machine_of, model_from_dict, simulate
 from gpcorrect.sim.effects import CableCoupling, Hysteresis
-from gpcorrect.sim.plan import Segment, plan_of
 from gpcorrect.types import CalibrationLog
 
 MODEL = model_from_dict(
@@ -22,18 +21,10 @@ MODEL = model_from_dict(
 HOME = 0.4  # rad from where the joint is zero
 
 
-def recorded(seed: int, runs: int = 12, seconds: float = 6.0) -> CalibrationLog:
+def recorded(seed: int) -> CalibrationLog:
     """Return a recording of a tracker alone, in which the shoulder's cable drags the insertion from its home on."""
-    rng = np.random.default_rng(seed)
-    t = np.arange(0.0, seconds, 0.01)[:, None]
-    middle, swing = np.array([0.3, 1.4, -0.38]), np.array([0.7, 0.6, 0.05])
-    segments = []
-    for _ in range(runs):
-        rate, phase = rng.uniform(0.5, 2.0, 3), rng.uniform(0.0, 2 * np.pi, 3)
-        path = middle + swing * np.sin(rate * t + phase)
-        segments.append(Segment(path, np.zeros(len(path), dtype=np.int64), 0, 0.0, 0.2))
     coupling = CableCoupling(joint=3, source=2, coefficient=0.006, home=HOME)
-    log = simulate(machine_of(MODEL).with_effects(coupling), plan_of(segments, 100.0), seed=seed)
+    log = simulate(machine_of(MODEL).with_effects(coupling), raven_swings(seed, 12, 6.0), seed=seed)
     return replace(log, external_jp=None)
 
 

@@ -1,19 +1,29 @@
-"""Probabilities of names, from evidence made by hand."""
+"""What a name rests on: probabilities from evidence made by hand, what is closed of the gap, overtones."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from discrepancy_core import NOISE, RUNS, SAMPLES, joint_log, motors
+from discrepancy_support import nominal
 
-from gpcorrect.discrepancy.naming.posterior import posterior
+from gpcorrect.discrepancy.naming.posterior import fraction_closed, overtone_nats, posterior
+from gpcorrect.discrepancy.naming.view import view_of
 from gpcorrect.discrepancy.naming.weigh import Own, Rival, Unknown, Weighed
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates
+from gpcorrect.discrepancy.search.linearisation import refine
+from gpcorrect.discrepancy.search.prepared import prepare_data
+from gpcorrect.discrepancy.search.state import Search, start_search
 from gpcorrect.discrepancy.settings import SETTINGS
 from gpcorrect.sim import model_from_dict
+from gpcorrect.sim.effects import HomingOffset, PulleyEccentricity
 from gpcorrect.types import CalibrationLog
 
 COST = 10.0
+SEED, WAVES, SIZE = 2, 6.0, 10 * NOISE  # of a wheel off its centre
 
 
 @pytest.fixture(scope="module")
@@ -91,3 +101,59 @@ def test_a_fuller_law_whose_shape_the_data_leave_open_is_not_ruled_out_and_never
         mine, *_, rival = posterior(own, _weighed(100.0, fuller, 100.0 + lead, shape_nats=shape_nats), COST)
         assert fuller.extra - own.extra == 2
         assert rival.probability / mine.probability == pytest.approx(np.exp(odds))
+
+
+def _with_offset(log: CalibrationLog, offset: float) -> tuple[Search, FittedEffect]:
+    dataset = prepare_data(log, nominal(), np.random.default_rng(0)).dataset
+    candidate = next(c for c in all_candidates(dataset.scene) if c.name == "homing_offset" and c.joint == 1)
+    fit = FittedEffect(candidate, np.array([candidate.coordinates[0].coordinate(offset)]))
+    state = start_search(dataset, [candidate])
+    white = tuple(replace(n, white=NOISE, slow=0.0) for n in state.whitener.noises)
+    return replace(state, fitted=(fit,), whitener=replace(state.whitener, noises=white)), fit
+
+
+def test_the_right_effect_closes_the_gap_and_a_small_part_of_something_else_does_not() -> None:
+    """An offset that is there closes all; a twentieth of a large step in its place leaves nearly all."""
+    assert fraction_closed(*_with_offset(joint_log(2, HomingOffset(joint=1, offset=20 * NOISE)), 20 * NOISE)) == 1.0
+    step = np.zeros((SAMPLES, RUNS, 2))
+    step[..., 0] = 20 * NOISE * np.sign(motors(np.random.default_rng(2))[1][..., 0])
+    assert fraction_closed(*_with_offset(joint_log(2, more=step), NOISE)) < SETTINGS.naming.least_closed
+
+
+def wave_gains(log: CalibrationLog) -> tuple[float, float]:
+    """Nats of the fitted first wave (its own energy over two), and of its overtones."""
+    prepared = prepare_data(log, nominal(), np.random.default_rng(0))
+    candidate = next(
+        c for c in all_candidates(prepared.dataset.scene) if c.name == "pulley_eccentricity" and c.joint == 1
+    )
+    state = start_search(prepared.dataset, [candidate])
+    near = candidate.coordinates[0].coordinate(SIZE), candidate.coordinates[1].coordinate(WAVES), 0.3
+    (fit,) = refine(state.whitener, [], [FittedEffect(candidate, np.array(near))], 30)
+    state = replace(state, fitted=(fit,)).refreshed()
+    view = view_of(state, prepared)
+    change = state.whitener.whiten(state.residual([]) - state.residual([fit]))
+    return 0.5 * float(change @ change), overtone_nats(view, fit)
+
+
+def wave(more: float) -> CalibrationLog:
+    path = motors(np.random.default_rng(SEED))[1]
+    added = np.zeros((SAMPLES, RUNS, 2))
+    added[..., 0] = more * SIZE * np.sin(2 * WAVES * path[..., 0] + 1.0)
+    return joint_log(SEED, PulleyEccentricity(joint=1, amplitude=SIZE, waves=WAVES, phase=0.3), more=added)
+
+
+def test_a_wheel_off_its_centre_has_no_overtones() -> None:
+    own, others = wave_gains(wave(0.0))
+    assert own > 100.0
+    assert others < 5.0
+
+
+def test_a_periodic_error_of_another_kind_has() -> None:
+    own, others = wave_gains(wave(0.9))
+    assert others > SETTINGS.naming.most_overtones * own
+
+
+def test_effects_that_are_not_periodic_have_none_to_look_for() -> None:
+    assert HomingOffset(joint=1, offset=0.1).overtones() == ()
+    overtones = PulleyEccentricity(joint=1, amplitude=0.1, waves=3.0, phase=0.0).overtones()
+    assert {o.waves for o in overtones} == {6.0, 9.0, 12.0}

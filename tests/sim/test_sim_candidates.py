@@ -21,11 +21,6 @@ def model(*effects):
     return model_from_dict({"arm": "raven2_left", "joints": [1, 2, 3], "payload": 0.2, "effects": effects})
 
 
-def first_of_each():
-    """One candidate of every effect."""
-    return list({c.kind.about.name: c for c in reversed(FOUND)}.values())
-
-
 def test_every_effect_is_among_the_candidates():
     """The registry alone says what may be missing: all 29 effects, each wherever it may sit."""
     assert {c.kind.about.name for c in FOUND} == set(EFFECTS)
@@ -113,7 +108,9 @@ def test_every_candidate_survives_the_model_file(tmp_path):
     assert len(machine_of(again).effects) == len(effects)
 
 
-@pytest.mark.parametrize("candidate", first_of_each(), ids=lambda c: c.kind.about.name)
+@pytest.mark.parametrize(
+    "candidate", list({c.kind.about.name: c for c in reversed(FOUND)}.values()), ids=lambda c: c.kind.about.name
+)
 def test_every_effect_can_be_simulated(candidate):
     """Each effect gives a recording without missing numbers, on three joints, and on all six with a tracker."""
     log = joint_motion_log(model(candidate.typical()), trajectories=2, seconds=1.0)

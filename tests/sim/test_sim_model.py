@@ -97,13 +97,9 @@ def test_toml_text_is_read_back_exactly(document):
     assert tomllib.loads(toml_text(document)) == document
 
 
-def full():
-    return model_from_dict(tomllib.loads(FULL))
-
-
 def test_a_model_file_is_read_as_documented():
     """Every key of the format arrives where it belongs."""
-    machine = machine_of(full())
+    machine = machine_of(model_from_dict(tomllib.loads(FULL)))
     np.testing.assert_allclose(machine.drive.kp, [600.0, 500.0, 160000.0])
     assert machine.drive.feedforward == "rigid-body"
     assert machine.effects == (CableStretch(2, 120.0),)

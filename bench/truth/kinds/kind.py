@@ -134,7 +134,7 @@ class Kind(Cause):
 
 
 def at(values: Array, j: int, value: float) -> Array:
-    """Copy of `(3,)` values with one changed."""
+    """Copy of values with one changed."""
     changed = np.array(values)
     changed[j] = value
     return changed

@@ -8,19 +8,20 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 from truth import alike
+from truth.kinds.kind import at
 from truth.reference import Reference
 
 from truth_mujoco.body import TOOL_ARMATURE, kinematics, tips
 from truth_mujoco.causes.cause import Array, Cause, Params, Scene, column
 from truth_mujoco.motion import Run
-from truth_mujoco.plant import Plant, State, with_value
+from truth_mujoco.plant import Plant, State
 
 BEND_DAMPING = 0.3  # of critical
 
 
 def _elastic(plant: Plant, j: int, stiffness: float, cubic: float = 0.0) -> Plant:
-    elastic = with_value(plant.elastic, j, True)
-    k, k3 = with_value(plant.stiffness, j, stiffness), with_value(plant.cubic, j, cubic)
+    elastic = at(plant.elastic, j, True)
+    k, k3 = at(plant.stiffness, j, stiffness), at(plant.cubic, j, cubic)
     return replace(plant, elastic=elastic, stiffness=k, cubic=k3)
 
 
@@ -53,7 +54,7 @@ def _length(params: Params, j: int, plant: Plant) -> Plant:
 
         return step
 
-    return replace(changed, hooks=(*changed.hooks, hook))
+    return changed.with_hook(hook)
 
 
 def _sag(params: Params, j: int, run: Run, q: Array) -> Array:
@@ -91,7 +92,7 @@ def _bending(params: Params, j: int, plant: Plant) -> Plant:
 
         return step
 
-    return replace(plant, bends=across, hooks=(*plant.hooks, hook))
+    return replace(plant, bends=across).with_hook(hook)
 
 
 def _bent(params: Params, j: int, run: Run, T: Array) -> Array:

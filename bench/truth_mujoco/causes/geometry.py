@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 from truth import alike
 from truth.alike import ROW_TERMS, SIMILARITY, draw_row, draw_similarity, moved, row_changed
+from truth.kinds.kind import at
 from truth.reference import Reference
 
 from truth_mujoco.causes.cause import Array, Cause, Params, Scene, column
-from truth_mujoco.plant import PER_TICK, Plant, with_value
+from truth_mujoco.plant import PER_TICK, Plant
 
 HOMING = 0.35  # of half the range about its middle, where an arm is homed
 
@@ -39,7 +40,7 @@ def _ratio(params: Params, j: int, plant: Plant) -> Plant:
     """Return a plant that reports q + s (q - home)."""
     mapping = np.array(plant.mapping)
     mapping[j, j] += params["error"]
-    return replace(plant, mapping=mapping, home=with_value(plant.home, j, params["home"]))
+    return replace(plant, mapping=mapping, home=at(plant.home, j, params["home"]))
 
 
 def _draw_coupling(rng: np.random.Generator, j: int, scene: Scene) -> Params:
@@ -56,7 +57,7 @@ def _coupling(params: Params, j: int, plant: Plant) -> Plant:
     """Return a plant that reports q_j + c (q_k - home_k)."""
     mapping, k = np.array(plant.mapping), params["source"] - 1
     mapping[j, k] += params["coefficient"]
-    return replace(plant, mapping=mapping, home=with_value(plant.home, k, params["home"]))
+    return replace(plant, mapping=mapping, home=at(plant.home, k, params["home"]))
 
 
 def _eccentricity(params: Params, j: int, plant: Plant) -> Plant:

@@ -30,10 +30,6 @@ def _span(run: Run, q: Array) -> Array:
     return (2 * q - low - high) / (high - low)
 
 
-def _hooked(plant: Plant, hook: Callable[..., Step]) -> Plant:
-    return replace(plant, hooks=(*plant.hooks, hook))
-
-
 def _draw_growth(rng: np.random.Generator, j: int, scene: Scene) -> Params:
     return {
         "amplitude": alike.sign(rng) * 3.0 * float(scene.noise[j]),
@@ -78,7 +74,7 @@ def _sway(params: Params, j: int, plant: Plant) -> Plant:
 
         return step
 
-    return _hooked(plant, hook)
+    return plant.with_hook(hook)
 
 
 def _swayed(params: Params, j: int, run: Run, T: Array) -> Array:
@@ -140,7 +136,7 @@ def _ageing(params: Params, j: int, plant: Plant) -> Plant:
 
         return level
 
-    return _hooked(plant, friction_hook(j, make))
+    return plant.with_hook(friction_hook(j, make))
 
 
 def _draw_cogging(rng: np.random.Generator, j: int, scene: Scene) -> Params:
@@ -167,7 +163,7 @@ def _cogging(params: Params, j: int, plant: Plant) -> Plant:
         turn = params["cycles"] * state.motor[j] + params["phase"]
         return float(params["torque"] * (np.sin(turn) + np.sin(1.4 * turn)))
 
-    return _hooked(plant, _torque_hook(j, torque))
+    return plant.with_hook(_torque_hook(j, torque))
 
 
 def _draw_rubbing(rng: np.random.Generator, j: int, scene: Scene) -> Params:
@@ -183,7 +179,7 @@ def _rubbing(params: Params, j: int, plant: Plant) -> Plant:
         wound = np.cos(5.0 * (state.motor[j] - low) / (high - low))
         return float(params["torque"] * wound * np.tanh(state.speed[params["source"] - 1] / params["speed"]))
 
-    return _hooked(plant, _torque_hook(j, torque))
+    return plant.with_hook(_torque_hook(j, torque))
 
 
 def _draw_pushes(rng: np.random.Generator, j: int, scene: Scene) -> Params:
@@ -206,7 +202,7 @@ def _pushes(params: Params, j: int, plant: Plant) -> Plant:
 
         return step
 
-    return _hooked(plant, hook)
+    return plant.with_hook(hook)
 
 
 def _climbing(params: Params, j: int, run: Run, q: Array) -> Array:

@@ -8,11 +8,12 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 from truth import alike
+from truth.kinds.kind import at
 from truth.reference import Reference
 
 from truth_mujoco.causes.cause import Array, Cause, Params, Scene, column
 from truth_mujoco.motion import Run
-from truth_mujoco.plant import Plant, State, with_value
+from truth_mujoco.plant import Plant, State
 from truth_mujoco.stages import plays
 
 LOOPS = np.array([0.15, 0.4, 1.0, 2.2])  # radii of the elements of a hysteresis, in parts of its width
@@ -39,10 +40,6 @@ def friction_hook(
     return hook
 
 
-def _with(plant: Plant, hook: Callable[..., object]) -> Plant:
-    return replace(plant, hooks=(*plant.hooks, hook))
-
-
 def _backlash(params: Params, j: int, run: Run, q: Array) -> Array:
     return column(len(q), q.shape[1], j, q[:, j] - plays(q[:, j], np.array([params["radius"]]))[:, 0])
 
@@ -61,11 +58,11 @@ def _hysteresis(params: Params, j: int, run: Run, q: Array) -> Array:
 
 
 def _coulomb(params: Params, j: int, plant: Plant) -> Plant:
-    return replace(plant, coulomb=with_value(plant.coulomb, j, params["torque"]))
+    return replace(plant, coulomb=at(plant.coulomb, j, params["torque"]))
 
 
 def _viscous(params: Params, j: int, plant: Plant) -> Plant:
-    return replace(plant, viscous=with_value(plant.viscous, j, params["damping"]))
+    return replace(plant, viscous=at(plant.viscous, j, params["damping"]))
 
 
 def _stribeck(params: Params, j: int, plant: Plant) -> Plant:
@@ -73,7 +70,7 @@ def _stribeck(params: Params, j: int, plant: Plant) -> Plant:
         rise = params["static_torque"] - params["torque"]
         return lambda i, state: params["torque"] + rise * float(np.exp(-((state.speed[j] / params["speed"]) ** 2)))
 
-    return _with(plant, friction_hook(j, make))
+    return plant.with_hook(friction_hook(j, make))
 
 
 def _capstan(params: Params, j: int, plant: Plant) -> Plant:
@@ -92,7 +89,7 @@ def _capstan(params: Params, j: int, plant: Plant) -> Plant:
 
         return level
 
-    return _with(plant, friction_hook(j, make))
+    return plant.with_hook(friction_hook(j, make))
 
 
 def _wavy(params: Params, j: int, plant: Plant) -> Plant:
@@ -103,7 +100,7 @@ def _wavy(params: Params, j: int, plant: Plant) -> Plant:
 
         return level
 
-    return _with(plant, friction_hook(j, make))
+    return plant.with_hook(friction_hook(j, make))
 
 
 CAUSES = {

@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 from truth import alike
+from truth.kinds.kind import at
 from truth.reference import Reference
 
 from truth_mujoco.causes.cause import Array, Cause, Params, column
 from truth_mujoco.motion import Run
-from truth_mujoco.plant import PER_TICK, Plant, with_value
+from truth_mujoco.plant import PER_TICK, Plant
 from truth_mujoco.stages import ring, strain
 
 
@@ -40,15 +41,15 @@ def _slip(params: Params, j: int, plant: Plant) -> Plant:
 
 
 def _saturation(params: Params, j: int, plant: Plant) -> Plant:
-    return replace(plant, torque_limit=with_value(plant.torque_limit, j, params["limit"]))
+    return replace(plant, torque_limit=at(plant.torque_limit, j, params["limit"]))
 
 
 def _stop(params: Params, j: int, plant: Plant) -> Plant:
     return replace(
         plant,
-        stop_place=with_value(plant.stop_place, j, params["limit"]),
-        stop_side=with_value(plant.stop_side, j, alike.side_of(params)),
-        stop_stiffness=with_value(plant.stop_stiffness, j, params["stiffness"]),
+        stop_place=at(plant.stop_place, j, params["limit"]),
+        stop_side=at(plant.stop_side, j, alike.side_of(params)),
+        stop_stiffness=at(plant.stop_stiffness, j, params["stiffness"]),
     )
 
 

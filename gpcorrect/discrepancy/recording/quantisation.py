@@ -16,12 +16,11 @@ TRIES = 25  # step sizes near a first guess
 class Quantisation:
     """A step in which values are written down, in their unit, with the half width of what they leave open of it.
 
-    `agreement` of the remainders is from 0 (spread evenly) to 1 (all the same), `visited` counts differ.
+    `visited` counts differ.
     """
 
     step: float
     error: float
-    agreement: float
     visited: int
 
 
@@ -61,12 +60,12 @@ def _fitted(distinct: FloatArray, guess: float) -> Quantisation | None:
         if reach >= span:
             break
         reach *= 2.0
-    agreement = _agreement(distinct, step)
     visited = len(np.unique(np.round((distinct - base) / step)))
-    if agreement < SENSORS.agreement or visited < SENSORS.fewest_counts:
+    if _agreement(distinct, step) < SENSORS.agreement or visited < SENSORS.fewest_counts:
         return None
-    return Quantisation(step, float(width), agreement, visited)
+    return Quantisation(step, float(width), visited)
 
 
 def _agreement(values: FloatArray, step: float) -> float:
+    """From 0 for remainders that are spread evenly to 1 for all the same."""
     return float(np.abs(np.mean(np.exp(2j * np.pi * (values - values[0]) / step))))

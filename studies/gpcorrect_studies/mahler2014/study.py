@@ -5,26 +5,31 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, ClassVar
 
 import numpy as np
 
-from gpcorrect.calibration import FitSettings
+from gpcorrect.calibration import FitSettings, load
 from gpcorrect.errors import DataError
 from gpcorrect.sim import debridement_log, machine_of, preset
 from gpcorrect.sim.reaches import DEBRIDEMENT_PRESET
 from gpcorrect.types import Progress
 from gpcorrect_studies.claims import ClaimTable, StudyResult
+from gpcorrect_studies.debridement import Condition, Mission, compare, stations
+from gpcorrect_studies.debridement.rehearsal import AFTER_REHEARSAL, learn
 from gpcorrect_studies.mahler2014.ablations import ABLATIONS, Base, ablations
 from gpcorrect_studies.mahler2014.closed_loop import Landing, closed_loop, places_to_visit
 from gpcorrect_studies.mahler2014.regressions import Limit, TrainingSize, limits, training_sizes
 from gpcorrect_studies.mahler2014.table1 import FULL, MEMORY, TableOne, table_one
-from gpcorrect_studies.mahler2014.task import debridement_task
 from gpcorrect_studies.parts import Parts
 
 FEWEST_REACHES = 30  # a fifth is held out, and the places to visit are taken from it
 PAPERS_FEATURES = ("pose", "velocity")  # of its last two columns
 PAPERS_FRACTION = 460 / 19200  # the training states of the paper's smaller fit, Fig. 5
+REHEARSALS, SPEED = 20, 0.06  # fragments and m/s, as `gpcorrect debride` has them
+FRAGMENTS = 4  # of a set of the debridement task
 CLAIMS = ClaimTable.of_study("mahler2014")
 
 # Set before the first full run: at least as good, relative to the raw error, as the paper on its dirty set.
@@ -245,3 +250,42 @@ def reproduce_mahler2014(
         ablated,
         seconds=parts.seconds_before + time.perf_counter() - start,
     )
+
+
+def debridement_task(sets: int, seed: int, progress: Progress) -> dict[str, float]:
+    """Remove sets of fragments with two simulated arms, as `gpcorrect debride` does, but asking the models themselves.
+
+    Sec. V-D: how much faster arms remove fragments with a correction, in open loop.
+
+    Parameters
+    ----------
+    sets : int, none gives no figures
+    seed : int, of rehearsals, fragments and noise
+    progress : Progress
+
+    Returns
+    -------
+    dict
+        `seconds_a_fragment` corrected in open loop; `speedup`, those of looking and moving over them; and
+        `success_rate_difference` between the two. Means over the sets.
+    """
+    if sets == 0:
+        return {}
+    scene, places = stations(2)
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        start = max(learn(scene, place, folder, REHEARSALS, SPEED, seed) for place in places) + AFTER_REHEARSAL
+        correctors = [load(folder / f"{place.name}.gpc") for place in places]
+    done = []
+    for number in range(sets):
+        progress.step("debridement", number / sets)
+        fragments = scene.fragments(FRAGMENTS, np.random.default_rng([seed, 3, number]))
+        mission = Mission(scene, places, fragments, start=start)
+        done.append(compare(mission, correctors, seed + number, fast=SPEED))
+    progress.step("debridement", 1.0)
+    looking, knowing, *_ = (way.to_dict() for way in Condition.joined(done))
+    return {
+        "speedup": looking["seconds_per_fragment"] / knowing["seconds_per_fragment"],
+        "seconds_a_fragment": knowing["seconds_per_fragment"],
+        "success_rate_difference": knowing["success_rate"] - looking["success_rate"],
+    }
