@@ -72,7 +72,7 @@ def build_scene(
         payload = np.median(layout.spread(np.nan_to_num(log.payload)), axis=0)
     motion = _motion(log, joints, motor, session, label, layout)
     channels, observed = _compared_channels(log, machine.body, source, loop=loop)
-    of_motors = np.array([c.signal == "measured_jp" for c in channels])
+    of_motors = np.array([c.signal == "measured_jp" for c in channels], dtype=np.bool_)
     observed[_behind_a_hole(log, label)[:, None] & of_motors] = np.nan
     plan, stamps = commanded_plan(command, layout, motion, payload) if loop and command is not None else (None, None)
     scene = Scene(
@@ -242,8 +242,8 @@ def _loop_remarks(log: CalibrationLog, model: Model, source: str, *, clock: bool
         why = "the closed loop needs setpoint_jp: effects inside it cannot be named"
     elif not clock:
         why = (
-            "stamps are uneven, and commands as rough on them as on an even clock: the closed loop is not run, "
-            "effects inside it cannot be named"
+            "stamps stand still, or are uneven and commands as rough on them as on an even clock: the closed loop is "
+            "not run, effects inside it cannot be named"
         )
     if why:
         remarks.append(why)
