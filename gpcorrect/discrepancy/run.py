@@ -222,13 +222,18 @@ def _judge(
     gap = gaps_of(prepared, fitted, noises, rng)
     progress.step("test set", 1.0)
     closes = closed_where_they_show(state, fitted, gap, left)
-    in_model = sorted(
-        (replace(e, closes=c) for e, c in zip(found.values(), closes, strict=True)), key=lambda e: -e.nats
-    )
-    effects, alike = ([e for e in in_model if e.is_a_name is named_so] for named_so in (True, False))
+    closed = {i: replace(e, closes=c) for (i, e), c in zip(found.items(), closes, strict=True)}
+    drive = dataset.scene.machine.drive  # what is a matter of its steps stays in the model, and has no name
+    of_steps = {i: e for i, e in closed.items() if fitted[i].effect.is_a_matter_of_steps(drive)}
+    minor += of_steps.values()
+    names = sorted((e for i, e in closed.items() if i not in of_steps), key=lambda e: -e.nats)
+    effects, alike = ([e for e in names if e.is_a_name is named_so] for named_so in (True, False))
     effects += [NamedEffect.of(e.named, e.parameters) for e in sure]
     places = place_verdicts(effects, gap, left, bursts_of(prepared.dataset, noises, shown), alike)
-    level = headline(verdict_level(prepared, state, before, effects, alike, fitted, dropped), effects, alike, places)
+    differs = before if names or not of_steps else left
+    looked_at = (*dropped, *(named[i] for i in of_steps))
+    level = verdict_level(prepared, state, differs, effects, alike, fitted, looked_at)
+    level = headline(level, effects, alike, places)
     verdict = Verdict(level, tuple(effects), places, tuple(minor), tuple(alike))
     return _Judged(prepared, named, dropped, fitted, on_noise, noises, remainder, gap, verdict)
 

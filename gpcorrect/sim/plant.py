@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from gpcorrect.sim.body import Body, Drive
@@ -243,7 +244,7 @@ class Command:
         return link_load(self.body, self.guess)
 
 
-def _late(spline: CubicSpline, time: FloatArray, latency: float, order: int) -> FloatArray:
+def _late(spline: CubicSpline, time: NDArray[np.floating], latency: float, order: int) -> FloatArray:
     """Return a derivative of paths `(n, N, dof)` at an earlier time; beyond either end it goes straight on."""
     inside = np.clip(time - latency, spline.x[0], spline.x[-1])
     beyond = (time - latency - inside)[:, None, None]

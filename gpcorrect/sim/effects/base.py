@@ -98,6 +98,10 @@ class Effect(ABC):
         """Return how far joints must have moved, rad or m, until it no longer counts how the motion began."""
         return {}
 
+    def is_a_matter_of_steps(self, drive: Drive) -> bool:
+        """Return whether two programs that step one controller each in its own way differ by as much."""
+        return False
+
     def column(self, joints: tuple[int, ...], number: int | str | None = None) -> int:
         """Return the column of a joint in arrays whose columns are the joints of these numbers.
 

@@ -160,6 +160,10 @@ class CommandDelay(DriveEffect):
         sites=(Site.ALL,),
     )
 
+    def is_a_matter_of_steps(self, drive: Drive) -> bool:
+        """Up to a step by the order of command and state, and half a step for which a command is held."""
+        return abs(self.delay) <= 1.5 / drive.rate_hz
+
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
         """Add to the latency."""
         return replace(drive, latency=drive.latency + self.delay)
