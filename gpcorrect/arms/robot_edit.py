@@ -68,6 +68,17 @@ class RobotEdit:
         found = self._joint(joint)
         found.damping = np.array(found.damping) + np.array([damping, 0.0, 0.0])
 
+    def add_inertia(self, joint: int, inertia: float) -> None:
+        """Add to the inertia of a joint's motor, as far as it stays at least zero.
+
+        Parameters
+        ----------
+        joint : int, number on the arm, from 1
+        inertia : float, kg m^2 or kg
+        """
+        found = self._joint(joint)
+        found.armature = max(0.0, found.armature + inertia)
+
     def limit_torque(self, joint: int, limit: float) -> bool:
         """Limit the force of a joint's position servo; return whether it has one.
 

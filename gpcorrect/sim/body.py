@@ -142,6 +142,7 @@ class Drive:
     beyond : (3, dof) array
         Fractions of gravity's torque, of the inertia's, and of kd times the commanded velocity that are fed forward
         beyond that.
+    known_inertia : (dof,) array or None, motor inertia that the controller feeds forward; the motors' own when None
     latency : float, s by which commands reach the controllers late; below 0 where the log's are stamped late
     """
 
@@ -156,6 +157,7 @@ class Drive:
     damping: FloatArray | None = None
     limit: FloatArray | None = None
     beyond: FloatArray = field(default_factory=lambda: np.zeros((3, 1)))
+    known_inertia: FloatArray | None = None
     latency: float = 0.0
 
     @property

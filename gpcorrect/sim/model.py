@@ -22,6 +22,7 @@ from gpcorrect.plain import toml_text
 from gpcorrect.sim.body import Feedforward
 from gpcorrect.sim.effects import Effect, Stage, effect_from_dict, in_order
 from gpcorrect.sim.effects.compliance import Payload
+from gpcorrect.sim.effects.dynamics import InertiaError
 from gpcorrect.sim.effects.geometry import DhError
 from gpcorrect.sim.effects.limit import JointStop, TorqueSaturation
 from gpcorrect.sim.effects.reversal import CoulombFriction, ViscousFriction
@@ -303,11 +304,16 @@ def _in_own_words(edit: RobotEdit, effect: Effect, model: Model) -> bool:
     """Put an effect into a robot file; return whether the file says all of it."""
     joint = effect.joint
     match effect:
-        case CoulombFriction(torque=torque) if isinstance(joint, int) and not _felt_behind(effect, model.effects):
+        case CoulombFriction(torque=torque, rest="dry") if isinstance(joint, int) and not _felt_behind(
+            effect, model.effects
+        ):
             edit.add_friction(joint, torque)
             return True
         case ViscousFriction(damping=damping) if isinstance(joint, int) and not _felt_behind(effect, model.effects):
             edit.add_damping(joint, damping)
+            return True
+        case InertiaError(inertia=inertia) if isinstance(joint, int) and not _fed_forward(model):
+            edit.add_inertia(joint, inertia)
             return True
         case TorqueSaturation(limit=limit) if isinstance(joint, int):
             return edit.limit_torque(joint, limit)

@@ -271,6 +271,7 @@ def feedforward(drive: Drive, desired: JointPath, nominal_load: LinkLoad) -> Flo
     gravity, inertia, velocity = drive.beyond
     gravity = gravity + (drive.feedforward != "none")
     inertia = inertia + (drive.feedforward == "rigid-body")
-    of_inertia = nominal_load.total - nominal_load.gravity + drive.motor_inertia * desired.acceleration
+    motors = drive.motor_inertia if drive.known_inertia is None else drive.known_inertia
+    of_inertia = nominal_load.total - nominal_load.gravity + motors * desired.acceleration
     fed: FloatArray = gravity * nominal_load.gravity + inertia * of_inertia + velocity * drive.kd * desired.velocity
     return fed

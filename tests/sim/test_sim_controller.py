@@ -9,7 +9,7 @@ import pytest
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim import Model, Plan, machine_of, model_from_dict, run
-from gpcorrect.sim.effects.dynamics import TERMS, FeedforwardError, GainError
+from gpcorrect.sim.effects.dynamics import TERMS, FeedforwardError, GainError, InertiaError
 from gpcorrect.sim.effects.geometry import TransmissionRatio
 from gpcorrect.sim.effects.operators import play, plays
 from gpcorrect.sim.effects.over_time import CommandDelay
@@ -46,6 +46,17 @@ def test_gains_of_the_effect_are_gains_of_the_controller() -> None:
     twice = replace(machine_of(model("gravity")).drive, kp=np.array([KP, 2 * KP, 4000.0]))
     other = replace(machine_of(model("gravity")), drive=twice)
     np.testing.assert_allclose(motors("gravity", GainError(2, 1.0)), run(other, plan()).motion.position, atol=1e-12)
+
+
+def test_a_motor_that_is_heavier_is_another_motor() -> None:
+    """Without feed-forward it is a drive with that inertia; a controller that feeds inertia forward knows the old."""
+    for feedforward, known in (("none", None), ("rigid-body", machine_of(model("none")).drive.motor_inertia)):
+        nominal = machine_of(model(feedforward))
+        heavier = nominal.drive.motor_inertia + np.array([0.0, 0.2, 0.0])
+        other = replace(nominal, drive=replace(nominal.drive, motor_inertia=heavier, known_inertia=known))
+        made = motors(feedforward, InertiaError(2, 0.2))
+        np.testing.assert_allclose(made, run(other, plan()).motion.position, atol=1e-12)
+        assert np.abs(made - motors(feedforward)).max() > 1e-4
 
 
 @pytest.mark.parametrize("feedforward", ["none", "rigid-body"])

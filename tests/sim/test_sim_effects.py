@@ -26,6 +26,7 @@ from gpcorrect.sim.effects import (
     GravitySag,
     HomingOffset,
     Hysteresis,
+    InertiaError,
     JointStop,
     LengthDependentStiffness,
     NoiseChange,
@@ -83,6 +84,7 @@ NEUTRAL = (
     GainError(2, 0.0, 0.0),
     SpeedNoise(1, 0.0),
     CommandDelay("all", 0.0),
+    InertiaError(2, 0.0),
 )
 ACTIVE = (
     HomingOffset(1, 0.02),
@@ -118,6 +120,7 @@ ACTIVE = (
     GainError(2, 0.2, -0.1),
     SpeedNoise(1, 1e-3),
     CommandDelay("all", 0.02),
+    InertiaError(2, 0.1),
 )
 ids = [e.about.name for e in ACTIVE]
 PATH_EFFECTS = [e for e in ACTIVE if isinstance(e, PathEffect) and e.joint != "all"]

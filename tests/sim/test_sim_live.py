@@ -32,6 +32,7 @@ OF_THE_MACHINE = {
     "dh_error": "geometry of the body",
     "feedforward_error": "what the controller adds",
     "gain_error": "gains of the controller",
+    "inertia_error": "inertia of the motors",
     "command_delay": "when commands reach the controller",
 }
 # Where live and recorded differ, and why.

@@ -94,6 +94,7 @@ FOUND = [
     {"name": "viscous_friction", "joint": 2, "damping": 6.0},
     {"name": "payload", "joint": "all", "mass": 0.4},
     {"name": "dh_error", "joint": 2, "a": 0.01, "alpha": 0.02, "d": -0.01, "theta": 0.03},
+    {"name": "inertia_error", "joint": 2, "inertia": 0.3},
     {"name": "backlash", "joint": 1, "radius": 0.003},
 ]
 

@@ -145,7 +145,13 @@ def _fading(rest: np.ndarray, time_constant: float) -> np.ndarray:
 
 def test_the_catalogues_are_the_same() -> None:
     """The hidden causes are the product's effects by name, but for those that MuJoCo's truth alone has."""
-    assert set(CATALOGUE) == set(EFFECTS) - {"feedforward_error", "gain_error", "speed_noise", "command_delay"}
+    assert set(CATALOGUE) == set(EFFECTS) - {
+        "feedforward_error",
+        "gain_error",
+        "speed_noise",
+        "command_delay",
+        "inertia_error",
+    }
 
 
 @pytest.mark.parametrize("name", sorted(set(CATALOGUE) - {"hysteresis"}))

@@ -210,7 +210,7 @@ def _rivals(view: View, own: Own, fit: FittedEffect, margin: float) -> list[Riva
         enough = sum(not r.candidate.called_like(fit.candidate) for r in found) >= NAMING.rivals
         if (enough or place >= NAMING.tried) and not (fuller or _is_simpler(candidate, fit.candidate)):
             continue
-        if any(candidate.called_like(r.candidate) and candidate.extra <= r.candidate.extra for r in found):
+        if any(candidate.called_like(r.candidate) and candidate.extra == r.candidate.extra for r in found):
             continue
         if _likeness(_change(view, own, (*own.rest, leader.fit)), change, bare.slopes) < NAMING.likeness:
             continue

@@ -54,7 +54,8 @@ def verdict_level(
         bursts = bursts_of(dataset, noises)
         if any(b.lasts for b in bursts):
             return Level.UNKNOWN
-        return Level.NONE if before.nothing and tolerable and not bursts else Level.INCONCLUSIVE
+        compared = not dataset.scene.unclocked  # else the motors were compared with nothing
+        return Level.NONE if before.nothing and tolerable and compared and not bursts else Level.INCONCLUSIVE
     if alike and not effects:
         return Level.UNKNOWN
     if effects and (fitted or not before.something):

@@ -9,7 +9,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.layout import Layout, layout_of
-from gpcorrect.discrepancy.recording.noise import ChannelNoise, estimate_noise
+from gpcorrect.discrepancy.recording.noise import ChannelNoise, estimate_noise, outliers
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.servo_clock import RUN_OUT, commanded_plan, holes, settled_stamps
 from gpcorrect.discrepancy.recording.tolerance import Slack, slack_of, table_slopes
@@ -72,8 +72,9 @@ def build_scene(
         payload = np.median(layout.spread(np.nan_to_num(log.payload)), axis=0)
     motion = _motion(log, joints, motor, session, label, layout)
     channels, observed = _compared_channels(log, machine.body, source, loop=loop)
-    of_motors = np.array([c.signal == "measured_jp" for c in channels], dtype=np.bool_)
-    observed[_behind_a_hole(log, label)[:, None] & of_motors] = np.nan
+    if loop and command is not None:
+        of_motors = np.array([c.signal == "measured_jp" for c in channels], dtype=np.bool_)
+        observed[_begun_on_the_move(log, label, command)[:, None] & of_motors] = np.nan
     plan, stamps = commanded_plan(command, layout, motion, payload) if loop and command is not None else (None, None)
     scene = Scene(
         model=model,
@@ -83,6 +84,7 @@ def build_scene(
         motion=motion,
         layout=layout,
         plan=plan,
+        unclocked=driven and time is None,
         stamps=stamps,
         payload=payload,
         time=log.time,
@@ -96,9 +98,11 @@ def build_scene(
         return scene
     seen = log.tracker_cp
     known = model.T_tracker_base is not None, model.T_tip_marker is not None
-    tracker, why = Tracker(seen.position, registered_on, *known).with_orientations(
-        seen.quaternion, scene.marker_poses()
-    )
+    simulated, motions = scene.marker_poses(), np.unique(log.trajectory, return_inverse=True)[1]
+    first = Tracker(seen.position, registered_on, *known)  # with faults of the tracker, which move it
+    faults = [outliers(error, motions) for error in (seen.position - first.predicted(simulated)).T]
+    sound = registered_on & ~np.any(faults, axis=0)
+    tracker, why = replace(first, rows=sound).with_orientations(seen.quaternion, simulated)
     kinds = (("tracker_cp", "m"), ("tracker_rotation", "rad"))
     axes = [Channel(f"{signal}_{axis}", signal, i, 0, unit) for signal, unit in kinds for i, axis in enumerate("xyz")]
     scene = replace(
@@ -222,14 +226,17 @@ def _continuous_runs(log: CalibrationLog, motor: FloatArray) -> IntArray:
     return np.concatenate([[0], np.cumsum(hole | (change & ~joined))]).astype(np.int64)
 
 
-def _behind_a_hole(log: CalibrationLog, label: IntArray) -> BoolArray:
-    """Say of which rows `(n,)` the servo's state is not known, for their motion begins where a hole ended, not at rest.
+def _begun_on_the_move(log: CalibrationLog, label: IntArray, command: FloatArray) -> BoolArray:
+    """Say of which rows `(n,)` the servo's state is not known, for their motion begins with a command that moves.
 
-    As long as a hole that is bridged: a servo has settled then.
+    Whether the arm moved with it, or still stood, is in no log.
     """
-    first = np.flatnonzero(np.diff(label, prepend=-1))[label]
-    same = log.trajectory[first] == log.trajectory[np.maximum(first - 1, 0)]
-    return np.asarray((first > 0) & same & (log.time - log.time[first] < CLOCK.hole))
+    first, inside = np.flatnonzero(np.diff(label, prepend=-1)), np.diff(label, append=label[-1] + 1) == 0
+    speed = np.zeros(command.shape)
+    speed[inside] = (np.diff(command, axis=0) / np.diff(log.time)[:, None])[inside[:-1]]
+    usual = np.sqrt(np.mean(speed[inside] ** 2, axis=0))
+    moves = (np.abs(speed[first]) > CLOCK.moving * usual).any(axis=1) & inside[first]
+    return np.asarray(moves[label] & (log.time - log.time[first][label] < CLOCK.settles))
 
 
 def _loop_remarks(log: CalibrationLog, model: Model, source: str, *, clock: bool) -> tuple[bool, list[str]]:

@@ -73,6 +73,8 @@ class Scene:
         The motors as replayed, n samples of N continuous runs, and where the log's rows stand in these.
     plan : Plan or None
         Commands for the closed loop; None when it cannot be run.
+    unclocked : bool
+        Whether a loop that is known was not run because no clock of its commands could be found.
     stamps : Stamps or None
         Where the log's samples lie on the loop's clock; None when it has their own.
     payload : (N,) array
@@ -100,6 +102,7 @@ class Scene:
     trajectory: IntArray
     session: IntArray
     effort: FloatArray | None
+    unclocked: bool = False
     stamps: Stamps | None = None
     tracker: Tracker | None = None
     measured: bool = True

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.optimize import isotonic_regression
 
 from gpcorrect.discrepancy.recording.layout import Layout
 from gpcorrect.discrepancy.settings import CLOCK
@@ -96,10 +97,9 @@ def settled_stamps(time: FloatArray, label: IntArray, command: FloatArray) -> Fl
     if _is_even(steps):
         return time
     steady, usual = _on_even_clock(time, label), float(np.median(steps))
-    if steady is not None and np.abs(steady - time).max() < CLOCK.even * usual:
+    if np.abs(steady - time).max() < CLOCK.even * usual:
         return steady  # only rows are missing
-    other = np.asarray(usual * np.arange(len(time)) if steady is None else steady)
-    as_stamped, as_even = _roughness(time, label, command), _roughness(other, label, command)
+    as_stamped, as_even = _roughness(time, label, command), _roughness(steady, label, command)
     if as_stamped <= CLOCK.clearly * as_even:
         return time
     return steady if as_even <= CLOCK.clearly * as_stamped else None
@@ -110,8 +110,8 @@ def _is_even(steps: FloatArray) -> bool:
     return bool((np.abs(steps - usual) < CLOCK.even * usual).all())
 
 
-def _on_even_clock(time: FloatArray, label: IntArray) -> FloatArray | None:
-    """Put stamps on the nearest ticks of an even clock, of one rate for all motions; None if two meet on one.
+def _on_even_clock(time: FloatArray, label: IntArray) -> FloatArray:
+    """Put stamps on ticks of an even clock, of one rate for all motions, in their order.
 
     Its period is that at which the stamps' phases agree best, sought from short stretches to whole motions.
     """
@@ -127,9 +127,10 @@ def _on_even_clock(time: FloatArray, label: IntArray) -> FloatArray | None:
         stretch *= 2
     motion = np.unique(label, return_inverse=True)[1]
     start = (np.angle(_agreement(time, period, motion)) / (2 * np.pi) * period)[motion]
-    tick = np.rint((time - start) / period)
-    if not (np.diff(tick)[np.diff(label) == 0] > 0).all():
-        return None
+    ahead = (time - start) / period - row  # grows by one for each row that is lost, and jitters
+    for k in range(motion.max() + 1):
+        ahead[motion == k] = isotonic_regression(ahead[motion == k]).x
+    tick = row + np.rint(ahead)
     middle, number = (np.bincount(motion, of)[motion] / np.bincount(motion)[motion] for of in (time, tick))
     off = tick - number
     return np.asarray(middle + off * (off @ (time - middle)) / (off @ off))  # the line through all motions' stamps

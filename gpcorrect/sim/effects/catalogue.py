@@ -188,14 +188,15 @@ def _of_site(site: Site, scope: Scope) -> list[dict[str, Any]]:
 
 def _shapes(kind: type[Effect], place: dict[str, Any], scope: Scope) -> Iterator[Candidate]:
     """Candidates at every combination of the ladders' rungs; amplitudes that a shape makes void are left out."""
-    shaped = [p for p in kind.about.parameters if p.ladder is not None]
+    there = [p for p in kind.about.parameters if p.only is None or place[p.only[0]] == p.only[1]]
+    shaped = [p for p in there if p.ladder is not None]
     absent = {f.name: f.default for f in fields(kind) if f.default is not MISSING}
     for values in product(*(dict.fromkeys(_rungs(p, place, scope, absent.get(p.name))) for p in shaped)):
         shape = dict(zip((p.name for p in shaped), values, strict=True))
         void = {name for name, value in shape.items() if value == absent.get(name)}
         if sum(p.ladder is not None and p.ladder.absent and p.name not in void for p in shaped) > 1:
             continue
-        amplitudes = tuple(p for p in kind.about.parameters if p.ladder is None and p.shaped_by not in void)
+        amplitudes = tuple(p for p in there if p.ladder is None and p.shaped_by not in void)
         bounds = {p.name: b for p in shaped if (b := _bounds(p, place, scope)) is not None}
         yield Candidate(kind, place, shape, amplitudes, scope._type_of(place["joint"]), bounds)
 

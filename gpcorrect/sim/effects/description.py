@@ -117,6 +117,8 @@ class Parameter:
     ladder : Ladder or None
         Values to try, for a parameter that shapes the effect's trace; None where the trace grows with the parameter
         (or with its inverse, when it does nothing at infinity).
+    only : pair of str, optional
+        Field and value of the choice for which there is such a parameter; with another it does nothing.
     shaped_by : str, name of the parameter without which this one does nothing; empty when there is none
     change_point : bool
         Whether it is an instant at which something happens: the trace does not change smoothly with it.
@@ -135,6 +137,7 @@ class Parameter:
     per_session: bool = False
     factor: float = 3.0
     ladder: Ladder | None = None
+    only: tuple[str, str] | None = None
     shaped_by: str = ""
     change_point: bool = False
     period: float | None = None

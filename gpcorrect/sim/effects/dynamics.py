@@ -1,4 +1,4 @@
-"""Effects of dynamics: swinging on the cable, and a controller that is another than the one modelled."""
+"""Effects of dynamics: swinging on the cable, and a motor or controller that is another than the one modelled."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class FeedforwardError(DriveEffect):
             ),
         ),
         needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
-        neighbours=("gain_error", "payload", "viscous_friction"),
+        neighbours=("gain_error", "payload", "viscous_friction", "inertia_error"),
         separating_runs=(Run.SPEED_LADDER, Run.POSE_SPREAD, Run.GAIN_CHANGE),
         choices=(("term", TERMS),),
     )
@@ -129,3 +129,37 @@ class GainError(DriveEffect):
         kp[j] *= 1.0 + self.proportional
         kd[j] *= 1.0 + self.derivative
         return replace(drive, kp=kp, kd=kd)
+
+
+@dataclass(frozen=True)
+class InertiaError(DriveEffect):
+    """A motor and its gears are harder to accelerate than the model says, which the controller does not know."""
+
+    inertia: float
+
+    about = Description(
+        name="inertia_error",
+        number=34,
+        family=Family.DYNAMICS,
+        equation="(I + inertia) m'' = tau - load, I the nominal motor inertia, at least 0 together",
+        source="reflected rotor inertia; Spong, Hutchinson and Vidyasagar 2006, Robot Modeling and Control, Sec. 6.1",
+        parameters=(
+            Parameter(
+                "inertia",
+                "inertia beyond the model's",
+                Range("kg m^2", -1.0, 10.0, 0.05),
+                Range("kg", -10.0, 100.0, 0.5),
+                positive=False,
+            ),
+        ),
+        needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
+        neighbours=("feedforward_error",),
+        separating_runs=(Run.POSE_SPREAD, Run.SPEED_LADDER),
+    )
+
+    def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
+        """Add to the motor's inertia."""
+        j, inertia = self.column(joints), np.array(drive.motor_inertia)
+        inertia[j] = max(0.0, inertia[j] + self.inertia)
+        known = drive.motor_inertia if drive.known_inertia is None else drive.known_inertia
+        return replace(drive, motor_inertia=inertia, known_inertia=known)

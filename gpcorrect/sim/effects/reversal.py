@@ -25,6 +25,8 @@ TORQUE = Range("N m", 0.0, 20.0, 0.3), Range("N", 0.0, 500.0, 3.0)
 DAMPING = Range("N m s/rad", 0.0, 300.0, 0.5), Range("N s/m", 0.0, 2e4, 20.0)
 STATIC = Range("N m", 0.0, 30.0, 0.5), Range("N", 0.0, 600.0, 5.0)
 SPEED = Range("rad/s", 1e-4, 2.0, 0.05), Range("m/s", 1e-5, 0.2, 0.005)
+RESTS = ("dry", "soft")  # it sticks, or creeps
+ONSET = Range("rad/s", 0.0, 0.5, 0.05), Range("m/s", 0.0, 0.05, 0.005)
 SWING = Range("N m", -20.0, 20.0, 0.2), Range("N", -100.0, 100.0, 2.0)
 WAVES = Range("1", 0.1, 300.0, 6.0), Range("rad/m", 1.0, 5000.0, 60.0)
 
@@ -56,26 +58,41 @@ class Backlash(JointEffect):
 
 @dataclass(frozen=True)
 class CoulombFriction(FrictionEffect):
-    """Dry friction of fixed size: by a proportional gain an error of torque / kp that changes sign at reversals."""
+    """Dry friction of fixed size: by a proportional gain an error of torque / kp that changes sign at reversals.
+
+    Of one that creeps before it slips, as in a greased bearing and in simulators that regularise friction, the rest is
+    "soft", and `onset` the speed below which it falls to nothing.
+    """
 
     torque: float = field(kw_only=True)
+    onset: float = field(default=0.0, kw_only=True)
+    rest: str = field(default="dry", kw_only=True)
 
     about = Description(
         name="coulomb_friction",
         number=15,
         family=Family.REVERSAL,
-        equation="F = torque sign(v), |F| <= torque at rest",
+        equation="F = torque sign(v), |F| <= torque at rest; soft: F = torque (1 - exp(-(v / onset)^2)) sign(v)",
         source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
-        parameters=(Parameter("torque", "size of the friction", *TORQUE),),
+        parameters=(
+            Parameter("torque", "size of the friction", *TORQUE),
+            Parameter(
+                "onset",
+                "speed below which it falls to nothing",
+                *ONSET,
+                ladder=Ladder(Per.PRIOR, (0.1,)),
+                only=("rest", "soft"),
+            ),
+        ),
         needs=TORQUES,
         neighbours=("viscous_friction", "delay", "backlash"),
         separating_runs=(Run.SPEED_LADDER, Run.GAIN_CHANGE),
-        choices=(("side", SIDES),),
+        choices=(("side", SIDES), ("rest", RESTS)),
     )
 
     def law(self) -> FrictionLaw:
-        """Return the constant limit."""
-        return FrictionLaw(torque=self.torque)
+        """Return the limit, constant but for its onset."""
+        return FrictionLaw(torque=self.torque, static=0.0, speed=self.onset if self.rest == "soft" else 0.0)
 
 
 @dataclass(frozen=True)
