@@ -8,11 +8,12 @@ from functools import cache
 import numpy as np
 import pytest
 
+from gpcorrect.discrepancy import find_discrepancy
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.recording.commanded import with_joint_paths
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.sim import machine_of, model_from_dict, simulate
-from gpcorrect.sim.effects import CoulombFriction, Effect, GainError
+from gpcorrect.sim.effects import CommandDelay, CoulombFriction, Effect, GainError
 from gpcorrect.sim.plan import Segment, plan_of
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
@@ -30,17 +31,17 @@ HIDDEN: tuple[Effect, ...] = (CoulombFriction(1, torque=0.5, side="motor"), Gain
 
 
 @cache
-def fine() -> CalibrationLog:
-    """Return three motions at 500 Hz without noise, in which a motor sticks and another's gain is too low."""
-    rng, t = np.random.default_rng(1), np.arange(0.0, 8.0, 0.002)[:, None]
+def fine(hidden: tuple[Effect, ...] = HIDDEN, runs: int = 3, hz: float = 500.0) -> CalibrationLog:
+    """Return motions at 500 Hz without noise, in which a motor sticks and another's gain is too low."""
+    rng, t = np.random.default_rng(1), np.arange(0.0, 8.0, 1.0 / hz)[:, None]
     middle, swing = np.array([0.3, 1.4, -0.38]), np.array([0.5, 0.4, 0.05])
     eased = t - (1.0 - np.exp(-2.0 * t)) / 2.0  # from rest
     segments = []
-    for i in range(3):
+    for i in range(runs):
         rate, phase = rng.uniform(0.5, 2.5, 3), rng.uniform(0.0, 2 * np.pi, 3)
         path = middle + swing * (np.sin(rate * eased + phase) - np.sin(phase))
         segments.append(Segment(path, np.full(len(path), i), 0, 20.0 * i, 0.2))
-    return simulate(machine_of(MODEL).with_effects(*HIDDEN), plan_of(segments, 500.0))
+    return simulate(machine_of(MODEL).with_effects(*hidden), plan_of(segments, hz))
 
 
 def taken(rows: IntArray) -> CalibrationLog:
@@ -144,3 +145,17 @@ def test_where_neither_clock_is_right_no_loop_is_run() -> None:
         assert built.plan is None
         assert built.unclocked
         assert any("uneven" in remark for remark in built.remarks)
+
+
+@pytest.mark.parametrize(("delay", "named"), [(0.001, False), (0.005, True)])
+def test_a_late_command_is_named_unless_it_is_a_matter_of_steps(delay: float, named: bool) -> None:
+    """A step of the servo, by which two programs may differ, is in the model and has no name; five of them have one."""
+    log = fine((CommandDelay("all", delay),), runs=12, hz=50.0)
+    rng = np.random.default_rng(6)
+    noisy = replace(log, external_jp=log.external_jp + rng.normal(0.0, [1e-4, 1e-4, 1e-5], log.external_jp.shape))
+    found = find_discrepancy(MODEL, replace(noisy, tracker_cp=None))
+    assert found.level in (("EXACT",) if named else ("NONE", "INCONCLUSIVE"))
+    assert [e.name for e in found.effects] == (["command_delay"] if named else [])
+    (late,) = [*found.effects, *found.verdict.minor]
+    assert late.parameters["delay"].value == pytest.approx(delay, rel=0.05)
+    assert [e.about.name for e in found.model.effects] == ["command_delay"]
