@@ -25,6 +25,7 @@ from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
 PIECE, WARM_UP = 200, 400  # rows; pieces of long motions are replayed after a warm-up that fills the memories
 MOVES = 1e-3  # rad, or a tenth of it in m, that some joint goes at least
+TOLD = 1e-3  # ms by which stamps must move for the report to say so
 FAR = 10.0  # half ranges from the middle: degrees of a joint that uses a fifth of its range are eleven
 
 
@@ -63,7 +64,7 @@ def build_scene(
     columns, chain = getattr(log, source).shape[1], machine.body.chain
     if chain is not None and columns > chain.dof:
         remarks.append(f"{source} has {columns} columns for an arm of {chain.dof} joints: the first are taken for them")
-    if time is not None and (moved := 1e3 * float(np.std(time - log.time))) > 0:
+    if time is not None and (moved := 1e3 * float(np.std(time - log.time))) > TOLD:
         remarks.append(f"stamps are put on the even clock on which commands are smooth, moved by {moved:.2g} ms")
         log = replace(log, time=time)
     session = np.unique(log.session, return_inverse=True)[1].astype(np.int64)
