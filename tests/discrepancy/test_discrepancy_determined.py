@@ -88,3 +88,17 @@ def test_homings_of_which_a_tracker_knows_only_the_difference_are_not_nothing() 
     log = replace(simulate(machine_of(model).with_effects(*hidden), plan_of(segments, 100.0), seed=1), external_jp=None)
     found = find_discrepancy(model, log)
     assert {(e.name, e.joint) for e in found.effects if e.level == Level.EXACT} == {("drift", 1), ("homing_offset", 1)}
+
+
+def test_a_place_is_at_the_edge_by_the_range_it_may_take_not_by_how_far_it_is_from_zero() -> None:
+    """A stop a twentieth of its range from the end of it has a place, on a joint that moves far from zero too."""
+    log, far = joint_log(3), np.array([4.0, 0.0])
+    assert log.measured_jp is not None
+    assert log.external_jp is not None
+    log = replace(log, measured_jp=log.measured_jp + far, external_jp=log.external_jp + far)
+    scene = prepare_data(log, nominal(), np.random.default_rng(0)).dataset.scene
+    lower = (("end", "lower"),)
+    stop = next(c for c in all_candidates(scene) if (c.name, c.joint, c.fixed) == ("joint_stop", 1, lower))
+    low, high = stop.coordinates[1].bounds
+    for part, at_edge in ((0.05, ()), (0.005, ("limit",)), (0.995, ("limit",))):
+        assert FittedEffect(stop, np.array([1.0, low + part * (high - low)])).at_edge == at_edge

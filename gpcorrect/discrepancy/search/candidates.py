@@ -218,7 +218,9 @@ class FittedEffect:
         names = []
         for i in (*self.candidate.sizes, *(i for i, c in enumerate(coordinates) if c.narrowed)):
             low, high = coordinates[i].bounds
-            if not low + SEARCH.edge * abs(low) + 1e-9 < self.u[i] < high - SEARCH.edge * abs(high):
+            width = high - low  # of a narrowed shape; a size is near to its bound as a part of that
+            near = (width, width) if coordinates[i].narrowed else (abs(low), abs(high))
+            if not low + SEARCH.edge * near[0] + 1e-9 < self.u[i] < high - SEARCH.edge * near[1]:
                 names.append(coordinates[i].parameter.name)
         return tuple(names)
 
