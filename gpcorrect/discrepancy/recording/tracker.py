@@ -83,11 +83,12 @@ class Tracker:
     def _placed(self, T: FloatArray, measured: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Positions and orientations in the tracker's frame, the marker turned on the tip as it fits best."""
         position, turn = self._position(T)
-        rotation: FloatArray = turn @ T[:, :3, :3]
+        # One product of large matrices each, several times as fast as one of small ones a row.
+        rotation = np.ascontiguousarray(np.tensordot(T[:, :3, :3], turn, axes=(1, 1)).swapaxes(1, 2))
         if not self.marker_known:
             seen = self.rows & np.isfinite(measured[:, 0, 0])
-            between = np.mean(rotation[seen].swapaxes(1, 2) @ measured[seen], axis=0)
-            rotation = rotation @ se3.nearest_rotation(between)
+            between = rotation[seen].reshape(-1, 3).T @ measured[seen].reshape(-1, 3)
+            rotation = (rotation.reshape(-1, 3) @ se3.nearest_rotation(between)).reshape(-1, 3, 3)
         return position, rotation
 
     def _with_turns(self, position: FloatArray, rotation: FloatArray) -> FloatArray:
