@@ -215,7 +215,7 @@ def _continuous_runs(log: CalibrationLog, motor: FloatArray) -> IntArray:
     """Label `(n,)` of the continuous motion of each row, for play and hysteresis remember across trajectory numbers.
 
     Two trajectories of a session are one motion when time and motors `(n, k)` step from one to the next no further than
-    they ever do inside a trajectory. A hole in the stamps ends a motion.
+    they ever do inside a trajectory. A hole in the stamps ends a motion that went on in it.
     """
     change, hole = np.diff(log.trajectory) != 0, holes(log.time)[1:]
     inside = ~change & ~hole
@@ -223,8 +223,8 @@ def _continuous_runs(log: CalibrationLog, motor: FloatArray) -> IntArray:
         return np.arange(len(log), dtype=np.int64)
     step, moved = np.diff(log.time), np.abs(np.diff(motor, axis=0))
     near = (moved <= np.nanmax(moved[inside], axis=0)).all(axis=1)
-    joined = (step > 0) & (step <= step[inside].max()) & near & (np.diff(log.session) == 0)
-    return np.concatenate([[0], np.cumsum(hole | (change & ~joined))]).astype(np.int64)
+    joined = (step > 0) & (step <= step[~change].max()) & near & (np.diff(log.session) == 0)
+    return np.concatenate([[0], np.cumsum(np.where(change, ~joined, hole & ~near))]).astype(np.int64)
 
 
 def _begun_on_the_move(log: CalibrationLog, label: IntArray, command: FloatArray) -> BoolArray:
