@@ -17,7 +17,7 @@ from unittest import mock
 import numpy as np
 from support import print_table
 
-from gpcorrect.discrepancy.recording import servo_clock
+from gpcorrect.discrepancy.recording import build, servo_clock
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.settings import CLOCK
 from gpcorrect.sim import machine_of, model_from_dict, simulate
@@ -102,7 +102,7 @@ def main() -> None:
             variants[f"{word} `{field.name}`"] = replace(CLOCK, **{field.name: factor * getattr(CLOCK, field.name)})
     results = {}
     for name, numbers in variants.items():
-        with mock.patch.object(servo_clock, "CLOCK", numbers):
+        with mock.patch.object(servo_clock, "CLOCK", numbers), mock.patch.object(build, "CLOCK", numbers):
             results[name] = [outcome(log) for _, log in made]
     rows = []
     for i, (what, _) in enumerate(made):

@@ -312,7 +312,7 @@ def _in_own_words(edit: RobotEdit, effect: Effect, model: Model) -> bool:
         case ViscousFriction(damping=damping) if isinstance(joint, int) and not _felt_behind(effect, model.effects):
             edit.add_damping(joint, damping)
             return True
-        case InertiaError(inertia=inertia) if isinstance(joint, int) and not _fed_forward(model):
+        case InertiaError(inertia=inertia) if isinstance(joint, int) and _file_moves(model):
             edit.add_inertia(joint, inertia)
             return True
         case TorqueSaturation(limit=limit) if isinstance(joint, int):
@@ -326,6 +326,11 @@ def _in_own_words(edit: RobotEdit, effect: Effect, model: Model) -> bool:
         case JointStop(limit=limit, end=end) if isinstance(joint, int):
             edit.limit_range(joint, end, limit)
     return False  # of a stop the file has the place, but no stiffness in N m/rad
+
+
+def _file_moves(model: Model) -> bool:
+    """Whether the motors' inertia is the file's, and no controller computes torques from it."""
+    return model.transmission is None and not _fed_forward(model)
 
 
 def _fed_forward(model: Model) -> bool:

@@ -122,6 +122,14 @@ def test_a_long_hole_begins_a_motion_anew() -> None:
     assert (motor_errors(log) < motor_errors(taken(rows)) + SMALL).all()
 
 
+def test_a_hole_in_which_the_arm_stands_ends_no_motion() -> None:
+    """What has a memory keeps it over two seconds without a row, when the arm is where it was."""
+    log = taken(even())
+    later = np.where(np.arange(len(log)) >= 300, log.time + 2.0, log.time)
+    whole, paused = scene(log), scene(replace(log, time=later))
+    assert len(np.unique(paused.run_of_row())) == len(np.unique(whole.run_of_row()))
+
+
 def test_motions_that_begin_on_the_move_are_compared_once_the_servo_has_settled() -> None:
     """Whether the arm moved with the first command, or stood, is in no log: its motors count from half a second on."""
     rows = even()

@@ -147,6 +147,16 @@ def test_what_a_controller_would_feed_forward_stays_beside_the_file(tmp_path):
     assert again.effects == model.effects
 
 
+def test_a_motor_whose_inertia_the_model_states_stays_beside_the_file(tmp_path):
+    """With a `[transmission]` the file's `armature` is not read: written there, the effect would be lost."""
+    gains = {"kp": [900.0, 800.0, 4000.0, 60.0], "kd": [60.0, 60.0, 320.0, 4.0]}
+    stated = {"motor_inertia": [0.3, 0.3, 2.0, 0.01]}
+    heavier = effect_from_dict({"name": "inertia_error", "joint": 2, "inertia": 0.3})
+    model = small(tmp_path, controller=gains, transmission=stated).with_effects(heavier)
+    (tmp_path / "study").mkdir()
+    assert read_model(write_completed(model, tmp_path / "study" / "model.toml").model).effects == (heavier,)
+
+
 def test_a_stop_moves_the_range_and_keeps_its_stiffness(tmp_path):
     """The range of the file ends where the stop was found; the stop stays an effect."""
     stop = {"name": "joint_stop", "joint": 1, "stiffness": 300.0, "limit": 0.8, "end": "upper"}

@@ -64,7 +64,7 @@ def verdict_level(
     channels = {c for c in prepared.dataset.scene.channels if c.joint not in joints}
     elsewhere = np.array([c in channels for c in prepared.dataset.scene.channels])
     view = view_of(state, prepared)
-    each = [only > 0 for only in np.eye(len(elsewhere))[elsewhere]]  # all at once, six joints ask for gigabytes
+    each = np.eye(len(elsewhere), dtype=np.bool_)[elsewhere]  # all at once, six joints ask for gigabytes
     left = sum(smooth_nats(view, fitted, only, smooth_columns(view, fitted, only)) for only in each)
     rare = any(b.lasts for b in bursts_of(state.dataset, state.whitener.noises, [f.effect for f in fitted]))
     if left > penalty(max(state.n_kinds, 1)) or is_plain(before, channels, dropped) or rare:

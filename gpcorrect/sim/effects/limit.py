@@ -75,9 +75,8 @@ class JointStop(TorqueEffect):
                 "where it begins",
                 *PLACE,
                 positive=False,
-                ladder=Ladder(
-                    Per.END, (0.03, 0.1, 0.3), within=(0.0, 0.4)
-                ),  # beyond, most of the travel would lie on it
+                # Beyond 0.4 of the range most of the travel would lie on it.
+                ladder=Ladder(Per.END, (0.03, 0.1, 0.3), within=(0.0, 0.4)),
             ),
         ),
         needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
