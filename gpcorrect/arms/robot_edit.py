@@ -18,7 +18,7 @@ from gpcorrect.types import FloatArray
 
 STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # MuJoCo's hardest; its default lets a stuck joint creep by 20 mrad/s
 POINT_INERTIA = 1e-9  # kg m^2: MuJoCo asks for some, of a body that is a point
-PAYLOAD = "gpcorrect_payload"  # name of the body that is hung at the tip
+PAYLOAD = "gpcorrect_payload"  # name of a body that is hung at the tip or at a link's centre of mass
 
 
 class RobotEdit:
@@ -79,6 +79,23 @@ class RobotEdit:
         found = self._joint(joint)
         found.armature = max(0.0, found.armature + inertia)
 
+    def add_spring(self, joint: int, stiffness: float, rest: float) -> None:
+        """Add a spring to a joint, beside the one that it has.
+
+        Parameters
+        ----------
+        joint : int, number on the arm, from 1
+        stiffness : float, N m/rad or N/m; together with the joint's own it may not be zero
+        rest : float, joint value at which it does not push, rad or m
+        """
+        found, drives = self._joint(joint), self.robot.drives
+        own = float(drives.stiffness[joint - 1])
+        both = own + stiffness
+        place = (own * float(drives.rest[joint - 1]) + stiffness * rest) / both
+        degrees = self._spec.compiler.degree and found.type == mujoco_library().mjtJoint.mjJNT_HINGE
+        found.stiffness = np.array(found.stiffness) + np.array([stiffness, 0.0, 0.0])
+        found.springref = np.rad2deg(place) if degrees else place
+
     def limit_torque(self, joint: int, limit: float) -> bool:
         """Limit the force of a joint's position servo; return whether it has one.
 
@@ -102,11 +119,25 @@ class RobotEdit:
         """
         site = self._spec.site(self.robot.tool)
         carrier = self._spec.body(self.robot.tool) if site is None else site.parent
+        self._hang(carrier, mass, np.zeros(3) if site is None else site.pos)
+
+    def add_link_mass(self, joint: int, mass: float) -> None:
+        """Put a point mass at the centre of mass of a joint's link.
+
+        Parameters
+        ----------
+        joint : int, number on the arm, from 1
+        mass : float, kg
+        """
+        found, com = self._joint(joint), self.robot.arm.links[joint - 1].com
+        T_body_joint = joint_frame(found.pos, found.axis)
+        self._hang(found.parent, mass, T_body_joint[:3, :3] @ com + T_body_joint[:3, 3])
+
+    def _hang(self, carrier: Any, mass: float, place: FloatArray) -> None:
         name = PAYLOAD
         while self._spec.body(name) is not None:
             name += "_"
-        place = {} if site is None else {"pos": site.pos}
-        body = carrier.add_body(name=name, **place)
+        body = carrier.add_body(name=name, pos=place)
         body.mass, body.ipos, body.inertia = mass, np.zeros(3), np.full(3, POINT_INERTIA)
         body.explicitinertial = True
 

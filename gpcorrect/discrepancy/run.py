@@ -223,9 +223,9 @@ def _judge(
     progress.step("test set", 1.0)
     closes = closed_where_they_show(state, fitted, gap, left)
     closed = {i: replace(e, closes=c) for (i, e), c in zip(found.items(), closes, strict=True)}
-    drive = dataset.scene.machine.drive  # what is a matter of its steps stays in the model, and has no name
-    of_steps = {i: e for i, e in closed.items() if fitted[i].effect.is_a_matter_of_steps(drive)}
-    minor += of_steps.values()
+    scene = dataset.scene  # what is a matter of the servo's steps stays in the model, and has no name
+    steps = [f.effect.is_a_matter_of_steps(scene.machine.drive, scene.joints) for f in fitted]
+    of_steps = {i: e for i, e in closed.items() if steps[i]}
     names = sorted((e for i, e in closed.items() if i not in of_steps), key=lambda e: -e.nats)
     effects, alike = ([e for e in names if e.is_a_name is named_so] for named_so in (True, False))
     effects += [NamedEffect.of(e.named, e.parameters) for e in sure]
@@ -234,7 +234,7 @@ def _judge(
     looked_at = (*dropped, *(named[i] for i in of_steps))
     level = verdict_level(prepared, state, differs, effects, alike, fitted, looked_at)
     level = headline(level, effects, alike, places)
-    verdict = Verdict(level, tuple(effects), places, tuple(minor), tuple(alike))
+    verdict = Verdict(level, tuple(effects), places, tuple(minor), tuple(alike), tuple(of_steps.values()))
     return _Judged(prepared, named, dropped, fitted, on_noise, noises, remainder, gap, verdict)
 
 

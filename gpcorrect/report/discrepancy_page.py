@@ -10,7 +10,7 @@ import numpy as np
 from gpcorrect.discrepancy.evidence.localise import Finding
 from gpcorrect.discrepancy.naming.posterior import Level
 from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect
-from gpcorrect.discrepancy.outcome.sentences import VISIBLE, next_step, short_words, verdict_sentences
+from gpcorrect.discrepancy.outcome.sentences import VISIBLE, next_step, short_words, steps_words, verdict_sentences
 from gpcorrect.discrepancy.outcome.words import (
     MEANING,
     channel_words,
@@ -166,7 +166,7 @@ def _worst(result: DiscrepancyResult) -> list[tuple[int, Channel]]:
 
 def _what(result: DiscrepancyResult) -> Section | None:
     effects, unnamed, minor, alike = result.effects, result.not_named, result.verdict.minor, result.verdict.alike
-    if not (effects or unnamed or minor or alike):
+    if not (effects or unnamed or minor or alike or result.verdict.of_steps):
         return None
     words = [
         "What is missing in the model, and what else could stand in its place. The bars are posterior probabilities; "
@@ -175,6 +175,11 @@ def _what(result: DiscrepancyResult) -> Section | None:
     tables = [_effect_table(effects)] if effects else []
     if minor:
         words.append(f"Minor, and not in the model: {', '.join(map(_title, minor))}.")
+    if result.verdict.of_steps:
+        words.append(
+            f"In the model, and no name, for two programs that step one servo each in its own way differ by as much: "
+            f"{steps_words(result)}."
+        )
     if alike:
         words.append(
             "What the machine acts like is in the model, for it closes a gap, and is no name: but for friction, what a "

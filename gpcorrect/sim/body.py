@@ -21,7 +21,7 @@ class Links:
     mass : (k,) array, kg, of links 1 to k; further links weigh nothing
     com : (k, 3) array, centres of mass, m
     inertia_diagonal : (k, 3) array, moments about the centre of mass, along the link frame's axes, kg m^2
-    payload : (N,) array, point mass at the tip in each run, kg
+    payload : (N,) array, point mass at the tip in each run, kg; below 0 where the last link has too much
     inertia_products : (k, 3) array or None
         Entries xy, xz and yz of the same inertia matrix; None where the link frame's axes are principal.
     """
@@ -41,8 +41,8 @@ class Links:
                 f"{k} link masses need centres and inertias of shape ({k}, 3), got {self.com.shape} and "
                 f"{self.inertia_diagonal.shape}."
             )
-        if (self.mass < 0).any() or (self.inertia_diagonal < 0).any() or (self.payload < 0).any():
-            raise DataError("masses and moments of inertia must be >= 0.")
+        if (self.mass < 0).any() or (self.inertia_diagonal < 0).any() or (self.payload < -self.mass.sum()).any():
+            raise DataError("masses and moments of inertia must be >= 0, a payload no less than what it hangs at.")
 
     @classmethod
     def none(cls) -> Links:
@@ -164,6 +164,13 @@ class Drive:
     def feeds(self) -> bool:
         """Whether anything is fed forward."""
         return self.feedforward != "none" or bool(self.beyond.any())
+
+    @property
+    def speed_gains(self) -> tuple[FloatArray, FloatArray]:
+        """Gains `(dof,)` on the speed before a step, and on that behind it."""
+        nothing = np.zeros(len(self.kp))
+        brakes = nothing if self.kv is None else self.kv
+        return (self.kd + brakes, nothing) if self.brakes_late else (self.kd, brakes)
 
     def __post_init__(self) -> None:
         if not len(self.kp) == len(self.kd) == len(self.motor_inertia):

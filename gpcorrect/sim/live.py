@@ -132,8 +132,8 @@ class LiveArm:
     def _settle(self) -> None:
         """Let the motors stand where their controllers and the load balance, and forget the past."""
         still = np.zeros(self._desired.shape)
-        balance = self._fed(JointPath(self._desired, still, still)) - self._load().total
-        self._position = self._desired + balance / self._drive.kp
+        torque = self._fed(JointPath(self._desired, still, still)) - self._load().total
+        self._position = self._loop.balanced(self._desired[0], torque[0])[None]
         effects = of_kind(self.machine.effects, PathEffect)
         self._mechanical = [e.operator() for e in effects if e.stage != Stage.CLOCK]
         self._clock = [e.operator() for e in effects if e.stage == Stage.CLOCK]

@@ -21,7 +21,7 @@ from gpcorrect.errors import DataError
 from gpcorrect.plain import toml_text
 from gpcorrect.sim.body import Feedforward
 from gpcorrect.sim.effects import Effect, Stage, effect_from_dict, in_order
-from gpcorrect.sim.effects.compliance import Payload
+from gpcorrect.sim.effects.compliance import JointSpring, LinkMassError, Payload
 from gpcorrect.sim.effects.dynamics import InertiaError
 from gpcorrect.sim.effects.geometry import DhError
 from gpcorrect.sim.effects.limit import JointStop, TorqueSaturation
@@ -317,12 +317,20 @@ def _in_own_words(edit: RobotEdit, effect: Effect, model: Model) -> bool:
             return True
         case TorqueSaturation(limit=limit) if isinstance(joint, int):
             return edit.limit_torque(joint, limit)
-        case Payload(mass=mass) if not _fed_forward(model) and model.links is None:
+        case Payload(mass=mass) if mass > 0.0 and not _fed_forward(model) and model.links is None:
             edit.add_payload(mass)
+            return True
+        case LinkMassError(mass=mass) if mass > 0.0 and not _fed_forward(model) and model.links is None:
+            edit.add_link_mass(int(joint), mass)
             return True
         case DhError(alpha=alpha, a=a, d=d, theta=theta) if isinstance(joint, int) and not _fed_forward(model):
             row = Joint("R", alpha, a, d, theta, -1.0, 1.0)
             return edit.move_joint(joint, Chain((row,), "modified").forward([0.0]))
+        case JointSpring(stiffness=stiffness, rest=rest) if isinstance(joint, int) and joint not in _soft(
+            model.effects
+        ):
+            edit.add_spring(joint, stiffness, rest)
+            return True
         case JointStop(limit=limit, end=end) if isinstance(joint, int):
             edit.limit_range(joint, end, limit)
     return False  # of a stop the file has the place, but no stiffness in N m/rad
@@ -340,5 +348,9 @@ def _fed_forward(model: Model) -> bool:
 
 def _felt_behind(effect: CoulombFriction | ViscousFriction, others: tuple[Effect, ...]) -> bool:
     """Whether the friction acts behind a transmission that gives way, where a robot file has no friction."""
-    soft = {other.joint for other in others if other.stage == Stage.TRANSMISSION}
-    return effect.side == "joint" and effect.joint in soft
+    return effect.side == "joint" and effect.joint in _soft(others)
+
+
+def _soft(effects: tuple[Effect, ...]) -> set[int | str]:
+    """Joints whose transmission gives way."""
+    return {effect.joint for effect in effects if effect.stage == Stage.TRANSMISSION}

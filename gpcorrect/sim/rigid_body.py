@@ -102,7 +102,7 @@ def rigid_inertias(first: int, last: int, tables: Tables, payload: FloatArray, q
                 _keep(screws, tables.column[i], w, v)
             if tables.mass[i] > 0.0:
                 _move(tables, i, tables.mass[i], _moments(tables, i), _centre(tables, i, frame), frame, screws, out, r)
-        if payload[r] > 0.0:
+        if payload[r] != 0.0:
             _move(tables, q.shape[1] - 1, payload[r], POINT, _tip(tables, frame), frame, screws, out, r)
 
 
@@ -131,7 +131,7 @@ def _outward(
             wrenches[i, c] = 0.0
         if tables.mass[i] > 0.0:
             _carry(tables, tables.mass[i], _moments(tables, i), _centre(tables, i, frame), frame, twist, wrenches, i)
-    if payload[r] > 0.0:
+    if payload[r] != 0.0:
         _carry(tables, payload[r], POINT, _tip(tables, frame), frame, twist, wrenches, q.shape[1] - 1)
 
 

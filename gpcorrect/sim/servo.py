@@ -25,6 +25,7 @@ from gpcorrect.types import FloatArray, IntArray
 
 Sides = tuple[float, float]  # before the transmission and behind it
 MOTOR, JOINT = 0, 1  # the order of `SIDES`
+SETTLING = 3  # times that it is looked which stops are pressed: once more than one joint's two
 TINY = 1e-300  # N m or N: keeps the ratio of two frictions defined where there is none
 
 
@@ -126,7 +127,7 @@ class Loop:
         stops, column = np.zeros(len(inertia)), np.repeat(np.arange(len(inertia)), np.diff(self._laws.torque_of))
         np.add.at(stops, column, self._laws.torque[:, TorqueLaw._fields.index("stiffness")])
         for j, (kp, kd, mass) in enumerate(
-            zip(self._drive.kp + stops, _speed_gains(self._drive)[0], inertia, strict=True)
+            zip(self._drive.kp + stops, self._drive.speed_gains[0], inertia, strict=True)
         ):
             if not mass > 0.0:
                 raise DataError(
@@ -141,6 +142,27 @@ class Loop:
                     f"stops) {kp:.4g}, kd {kd:.4g}, inertia {mass:.4g}.",
                     hint="Lower kp, kd or the stops' stiffness, or raise motor_inertia or rate_hz.",
                 )
+
+    def balanced(self, desired: FloatArray, torque: FloatArray) -> FloatArray:
+        """Return where motors `(N, dof)` stand that are held by their controllers, and by springs and stops.
+
+        Parameters
+        ----------
+        desired : (N, dof) array, rad or m
+        torque : (N, dof) array, what else moves them, N m or N
+        """
+        kp, law = self._drive.kp, self._laws.torque
+        column = np.repeat(np.arange(len(kp)), np.diff(self._laws.torque_of))
+        at = desired + torque / kp
+        for _ in range(SETTLING if law[:, 1].any() else 0):
+            stiffness, pushed = np.zeros(at.shape), np.zeros(at.shape)
+            for j, (_, k, upper, lower) in zip(column, law, strict=True):
+                if k != 0.0:
+                    above, below = at[:, j] > upper, at[:, j] < lower
+                    stiffness[:, j] += k * (above | below)
+                    pushed[:, j] += np.where(above, k * upper, 0.0) + np.where(below, k * lower, 0.0)
+            at = (kp * desired + torque + pushed) / (kp + stiffness)
+        return at
 
     def run(self, reference: Reference, clock: Clock, position: FloatArray, velocity: FloatArray) -> ServoPath:
         """Go over a reference.
@@ -180,8 +202,8 @@ def follow(
     """
     loop = Loop(drive, joints, effects)
     loop.check_stable(reference.inertia, clock.step)
-    balance = (reference.feedforward[0] - reference.load[0]) / drive.kp
-    return loop.run(reference, clock, reference.position[:, 0] + balance, np.array(reference.velocity[:, 0]))
+    start = loop.balanced(reference.position[:, 0], reference.feedforward[0] - reference.load[0])
+    return loop.run(reference, clock, start, np.array(reference.velocity[:, 0]))
 
 
 class _Given(NamedTuple):
@@ -233,16 +255,9 @@ def _own_laws(drive: Drive) -> tuple[list[tuple[int, int, FrictionLaw]], list[tu
     return frictions, [law for law in limits if np.isfinite(law[1].limit)]
 
 
-def _speed_gains(drive: Drive) -> tuple[FloatArray, FloatArray]:
-    """Gains `(dof,)` on the speed before a step, and on that behind it."""
-    nothing = np.zeros(len(drive.kp))
-    brakes = nothing if drive.kv is None else drive.kv
-    return (drive.kd + brakes, nothing) if drive.brakes_late else (drive.kd, brakes)
-
-
 def _given(drive: Drive, reference: Reference, clock: Clock) -> _Given:
     gain = clock.step / reference.inertia
-    before, behind = _speed_gains(drive)
+    before, behind = drive.speed_gains
     kp, kd, kv, gain = (np.asarray(a, dtype=np.float64) for a in (drive.kp, before, behind, gain))
     pace = reference.velocity * drive.kd / np.maximum(kd, TINY) if drive.brakes_late else reference.velocity
     carried = reference.load if reference.carried is None else reference.carried

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from gpcorrect.discrepancy import find_discrepancy
+from gpcorrect.discrepancy.outcome.sentences import verdict_sentences
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.recording.commanded import with_joint_paths
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.sim import machine_of, model_from_dict, simulate
-from gpcorrect.sim.effects import CommandDelay, CoulombFriction, Effect, GainError
+from gpcorrect.sim.effects import CommandDelay, CoulombFriction, Effect, GainError, InertiaError
 from gpcorrect.sim.plan import Segment, plan_of
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
@@ -164,6 +165,19 @@ def test_a_late_command_is_named_unless_it_is_a_matter_of_steps(delay: float, na
     found = find_discrepancy(MODEL, replace(noisy, tracker_cp=None))
     assert found.level in (("EXACT",) if named else ("NONE", "INCONCLUSIVE"))
     assert [e.name for e in found.effects] == (["command_delay"] if named else [])
-    (late,) = [*found.effects, *found.verdict.minor]
+    (late,) = [*found.effects, *found.verdict.of_steps]
     assert late.parameters["delay"].value == pytest.approx(delay, rel=0.05)
     assert [e.about.name for e in found.model.effects] == ["command_delay"]
+
+
+@pytest.mark.parametrize(("inertia", "named"), [(-0.005, False), (0.05, True)])
+def test_an_inertia_is_named_unless_it_is_a_matter_of_steps(inertia: float, named: bool) -> None:
+    """The step times the gain on speed, 0.012 kg m^2 here, is what two ways to step a loop may differ by."""
+    log = fine((InertiaError(1, inertia),), runs=12, hz=50.0)
+    noise = np.random.default_rng(6).normal(0.0, [1e-4, 1e-4, 1e-5], log.external_jp.shape)
+    found = find_discrepancy(MODEL, replace(log, external_jp=log.external_jp + noise, tracker_cp=None))
+    assert found.level in (("EXACT",) if named else ("NONE", "INCONCLUSIVE"))
+    (heavy,) = [*found.effects, *found.verdict.of_steps]
+    assert (heavy.name, heavy.joint, heavy in found.effects) == ("inertia_error", 1, named)
+    assert heavy.parameters["inertia"].value == pytest.approx(inertia, rel=0.05)
+    assert any("steps its servos" in sentence for sentence in verdict_sentences(found)) != named

@@ -27,8 +27,10 @@ from gpcorrect.sim.effects import (
     HomingOffset,
     Hysteresis,
     InertiaError,
+    JointSpring,
     JointStop,
     LengthDependentStiffness,
+    LinkMassError,
     NoiseChange,
     NonlinearStretch,
     PathEffect,
@@ -85,6 +87,8 @@ NEUTRAL = (
     SpeedNoise(1, 0.0),
     CommandDelay("all", 0.0),
     InertiaError(2, 0.0),
+    LinkMassError(2, 0.0),
+    JointSpring(1, 0.0, 0.3),
 )
 ACTIVE = (
     HomingOffset(1, 0.02),
@@ -121,6 +125,8 @@ ACTIVE = (
     SpeedNoise(1, 1e-3),
     CommandDelay("all", 0.02),
     InertiaError(2, 0.1),
+    LinkMassError(2, 0.3),
+    JointSpring(1, 4.0, 0.3),
 )
 ids = [e.about.name for e in ACTIVE]
 PATH_EFFECTS = [e for e in ACTIVE if isinstance(e, PathEffect) and e.joint != "all"]

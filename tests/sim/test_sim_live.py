@@ -29,6 +29,7 @@ from gpcorrect.sim.servo import Clock, Loop, Reference
 # Effects that hold no matter when the arm is looked at: they change the machine itself, before it moves.
 OF_THE_MACHINE = {
     "payload": "masses of the body",
+    "link_mass_error": "masses of the body",
     "dh_error": "geometry of the body",
     "feedforward_error": "what the controller adds",
     "gain_error": "gains of the controller",

@@ -151,6 +151,8 @@ def test_the_catalogues_are_the_same() -> None:
         "speed_noise",
         "command_delay",
         "inertia_error",
+        "link_mass_error",
+        "joint_spring",
     }
 
 

@@ -29,6 +29,7 @@ def report_of(result: DiscrepancyResult) -> dict[str, Any]:
             "effects": [_effect(e) for e in result.effects],
             "minor": [_effect(e) for e in result.verdict.minor],
             "alike": [_effect(e) for e in result.verdict.alike],
+            "of_steps": [_effect(e) for e in result.verdict.of_steps],
             "places": [_place(v) for v in result.verdict.places],
         },
         "localisation": [_finding(f) for f in result.localisation.findings],

@@ -180,6 +180,8 @@ class Verdict:
     alike : tuple of NamedEffect
         What the machine acts like, though not by the same size in every motion, or only in a part of what it does: in
         the model, for it closes a gap, and no name.
+    of_steps : tuple of NamedEffect
+        No more than how two programs step one servo: in the model, and no name.
     """
 
     level: Level
@@ -187,6 +189,7 @@ class Verdict:
     places: tuple[PlaceVerdict, ...] = ()
     minor: tuple[NamedEffect, ...] = ()
     alike: tuple[NamedEffect, ...] = ()
+    of_steps: tuple[NamedEffect, ...] = ()
 
 
 @dataclass(frozen=True)

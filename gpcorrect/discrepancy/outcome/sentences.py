@@ -143,7 +143,21 @@ def _by_place(result: DiscrepancyResult) -> list[str]:
         words.append(f"and {others} smaller elsewhere")
     if minor := len(result.verdict.minor):
         words.append(f"{minor} below {_percent(TESTS.equivalence)} of the noise, listed as minor")
+    if result.verdict.of_steps:
+        words.append(f"{steps_words(result)}: no more than how two programs step a servo")
     return words
+
+
+def steps_words(result: DiscrepancyResult) -> str:
+    """Return what is but a matter of the servo's steps, and where, or nothing.
+
+    Parameters
+    ----------
+    result : DiscrepancyResult
+    """
+    names = [f"{_named(e, interval=False)} ({place(e.joint)})" for e in result.verdict.of_steps[:SHOWN]]
+    more = len(result.verdict.of_steps) - len(names)
+    return " + ".join(names) + (f" and {more} more" if more else "")
 
 
 def _group_words(effects: Sequence[NamedEffect], gap: ChannelGap | None) -> str:
@@ -207,7 +221,8 @@ def _nothing(result: DiscrepancyResult) -> str:
         seen = f"; {channel_words(faint.channel)} differs by {size}, too little to matter"
     tolerated = _tolerated(result)
     beyond = f" and {TOLERANCES} ({100 * tolerated:.0f} % of it)" if tolerated > TESTS.equivalence else ""
-    return f"Nothing is missing: simulation and recording agree up to noise{beyond}{rest}{seen}."
+    steps = f" and how each steps its servos ({steps_words(result)})" if result.verdict.of_steps else ""
+    return f"Nothing is missing: simulation and recording agree up to noise{beyond}{steps}{rest}{seen}."
 
 
 def _undecided(result: DiscrepancyResult) -> str:

@@ -181,7 +181,9 @@ def _place_verdict(
 
 
 def _acts_at(effect: NamedEffect, place: int | str) -> bool:
-    return place in (effect.joint, "tool" if effect.joint == "base" else effect.joint) or effect.joint == "all"
+    if effect.joint == "all":  # at the tool too, unless it is the motors that it changes
+        return place != "tool" or not effect.of_motor
+    return place in (effect.joint, "tool" if effect.joint == "base" else effect.joint)
 
 
 def headline(

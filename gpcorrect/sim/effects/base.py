@@ -98,8 +98,14 @@ class Effect(ABC):
         """Return how far joints must have moved, rad or m, until it no longer counts how the motion began."""
         return {}
 
-    def is_a_matter_of_steps(self, drive: Drive) -> bool:
-        """Return whether two programs that step one controller each in its own way differ by as much."""
+    def is_a_matter_of_steps(self, drive: Drive, joints: tuple[int, ...]) -> bool:
+        """Return whether two programs that step one controller each in its own way differ by as much.
+
+        Parameters
+        ----------
+        drive : Drive, the nominal one
+        joints : tuple of int, numbers of its columns
+        """
         return False
 
     def column(self, joints: tuple[int, ...], number: int | str | None = None) -> int:

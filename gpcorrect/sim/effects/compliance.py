@@ -10,8 +10,9 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Links
-from gpcorrect.sim.effects.base import JointEffect, LoadEffect, Stage, TipEffect
+from gpcorrect.sim.effects.base import JointEffect, LoadEffect, Stage, TipEffect, TorqueEffect
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.laws import TorqueLaw
 from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -21,6 +22,8 @@ STIFFNESS = Range("N m/rad", 2.0, 1e5, 200.0), Range("N/m", 100.0, 1e7, 2e4)
 CUBIC = Range("N m/rad^3", 0.0, 1e14, 2e8), Range("N/m^3", 0.0, 1e18, 2e12)
 RIGIDITY = Range("N m^2/rad", 1.0, 5e4, 80.0), Range("N", 50.0, 5e6, 8e3)
 STRUCTURE = Range("N m/rad", 2.0, 1e5, 300.0), Range("N/m", 100.0, 1e7, 3e4)
+SPRING = Range("N m/rad", -1e4, 1e4, 3.0), Range("N/m", -1e5, 1e5, 300.0)
+REST = Range("rad", -6.5, 6.5, 1.0), Range("m", -1.0, 1.0, 0.2)
 
 
 @dataclass(frozen=True)
@@ -156,7 +159,10 @@ class GravitySag(JointEffect):
 
 @dataclass(frozen=True)
 class Payload(LoadEffect):
-    """A point mass at the tip, beyond the payload that is known; it weighs and it resists acceleration."""
+    """A point mass at the tip, beyond the payload that is known; it weighs and it resists acceleration.
+
+    Below zero where the model's tool weighs more than the machine's, by as much as the last link at most.
+    """
 
     mass: float
 
@@ -166,7 +172,9 @@ class Payload(LoadEffect):
         family=Family.COMPLIANCE,
         equation="tau = tau_0 + J^T mass (a - g)",
         source="Featherstone 2008, Rigid Body Dynamics Algorithms, Ch. 5",
-        parameters=(Parameter("mass", "unknown mass at the tip", Range("kg", 0.0, 3.0, 0.1)),),
+        parameters=(
+            Parameter("mass", "mass at the tip beyond the known", Range("kg", -3.0, 3.0, 0.1), positive=False),
+        ),
         needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
         neighbours=("gravity_sag", "length_dependent_stiffness"),
         separating_runs=(Run.LOAD_SWAP, Run.TWO_INSERTIONS, Run.POSE_SPREAD),
@@ -175,7 +183,73 @@ class Payload(LoadEffect):
 
     def act(self, links: Links) -> Links:
         """Return the masses with more at the tip."""
-        return replace(links, payload=links.payload + self.mass)
+        most = float(links.mass[-1]) if len(links.mass) else 0.0
+        return replace(links, payload=np.maximum(links.payload + self.mass, -most))
+
+
+@dataclass(frozen=True)
+class LinkMassError(LoadEffect):
+    """A link weighs more than the model says, or less, at its centre of mass; the controller does not know."""
+
+    mass: float
+
+    about = Description(
+        name="link_mass_error",
+        number=35,
+        family=Family.COMPLIANCE,
+        equation="tau = tau_0 + J_c^T mass (a_c - g), c the link's nominal centre of mass",
+        source="Featherstone 2008, Rigid Body Dynamics Algorithms, Ch. 5",
+        parameters=(
+            Parameter("mass", "mass of the link beyond the model's", Range("kg", -10.0, 10.0, 0.2), positive=False),
+        ),
+        needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
+        neighbours=("payload", "feedforward_error", "gravity_sag"),
+        separating_runs=(Run.POSE_SPREAD, Run.SPEED_LADDER),
+        sites=(Site.JOINT,),
+    )
+
+    def act(self, links: Links) -> Links:
+        """Return the masses with more in one link."""
+        number, mass = int(self.joint), np.array(links.mass)
+        if not (number <= len(mass) and mass[number - 1] > 0.0):
+            raise DataError(
+                f"effect {self.about.name}: link {number} weighs nothing in the model.",
+                hint="Give the masses in `links`, or leave the effect out.",
+            )
+        mass[number - 1] = max(0.0, mass[number - 1] + self.mass)
+        return replace(links, mass=mass)
+
+
+@dataclass(frozen=True)
+class JointSpring(TorqueEffect):
+    """A spring at the joint beyond the model's, such as a hose, a counterbalance or a cable's own stiffness.
+
+    It acts behind the transmission, which carries its torque.
+    """
+
+    stiffness: float
+    rest: float = 0.0
+
+    about = Description(
+        name="joint_spring",
+        number=36,
+        family=Family.COMPLIANCE,
+        equation="tau_spring = stiffness (q - rest)",
+        source="static balancing with springs; Herder 2001, Energy-free Systems, Ch. 2",
+        parameters=(
+            Parameter("stiffness", "stiffness of the spring", *SPRING, positive=False),
+            Parameter(
+                "rest", "where it does not push", *REST, positive=False, ladder=Ladder(Per.PLACE, (-1.0, 0.5, 2.0))
+            ),
+        ),
+        needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
+        neighbours=("link_mass_error", "payload", "feedforward_error"),
+        separating_runs=(Run.POSE_SPREAD, Run.ONE_JOINT),
+    )
+
+    def law(self) -> TorqueLaw:
+        """Return the spring, which pushes to either side."""
+        return TorqueLaw(stiffness=self.stiffness, upper=self.rest, lower=self.rest)
 
 
 @dataclass(frozen=True)

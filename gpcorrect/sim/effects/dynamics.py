@@ -101,12 +101,20 @@ class FeedforwardError(DriveEffect):
         return replace(drive, beyond=beyond)
 
 
+GAINS = ("both", "derivative")
+
+
 @dataclass(frozen=True)
 class GainError(DriveEffect):
-    """The controller on the machine has other gains than the model's: each is off by a fraction of its own."""
+    """The controller on the machine has other gains than the model's: each is off by a fraction of its own.
 
-    proportional: float
+    Where a controller brakes by the motor's own speed, as a robot file's servo does, `derivative` alone is what viscous
+    friction on the motor would be.
+    """
+
+    proportional: float = 0.0
     derivative: float = 0.0
+    gains: str = "both"
 
     about = Description(
         name="gain_error",
@@ -115,20 +123,27 @@ class GainError(DriveEffect):
         equation="tau = kp (1 + proportional) (q_d - q) + kd (1 + derivative) (v_d - v)",
         source="PD control on the motor side, RAVEN-II control software",
         parameters=(
-            Parameter("proportional", "relative error of kp", Range("1", -0.9, 9.0, 0.2), positive=False),
+            Parameter(
+                "proportional",
+                "relative error of kp",
+                Range("1", -0.9, 9.0, 0.2),
+                positive=False,
+                only=("gains", "both"),
+            ),
             Parameter("derivative", "relative error of kd", Range("1", -0.9, 9.0, 0.2), positive=False),
         ),
         needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
         neighbours=("feedforward_error", "viscous_friction", "command_delay"),
         separating_runs=(Run.SPEED_LADDER, Run.LOAD_SWAP),
+        choices=(("gains", GAINS),),
     )
 
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
         """Scale the joint's gains."""
-        j, kp, kd = self.column(joints), np.array(drive.kp), np.array(drive.kd)
-        kp[j] *= 1.0 + self.proportional
-        kd[j] *= 1.0 + self.derivative
-        return replace(drive, kp=kp, kd=kd)
+        scale = np.ones((2, len(joints)))
+        scale[:, self.column(joints)] += self.proportional if self.gains == "both" else 0.0, self.derivative
+        kv = None if drive.kv is None else drive.kv * scale[1]
+        return replace(drive, kp=drive.kp * scale[0], kd=drive.kd * scale[1], kv=kv)
 
 
 @dataclass(frozen=True)
@@ -156,6 +171,16 @@ class InertiaError(DriveEffect):
         neighbours=("feedforward_error",),
         separating_runs=(Run.POSE_SPREAD, Run.SPEED_LADDER),
     )
+
+    def is_a_matter_of_steps(self, drive: Drive, joints: tuple[int, ...]) -> bool:
+        """Up to a step times what the drive resists speed with.
+
+        A loop of step h with implicit damping kd comes to (I + h kd / 2) m'', with explicit damping to (I - h kd / 2)
+        m'', and one without steps to I m''.
+        """
+        before, behind = drive.speed_gains
+        resisted = before + behind + (0.0 if drive.damping is None else drive.damping)
+        return bool(abs(self.inertia) <= resisted[self.column(joints)] / drive.rate_hz)
 
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
         """Add to the motor's inertia."""

@@ -160,7 +160,7 @@ class CommandDelay(DriveEffect):
         sites=(Site.ALL,),
     )
 
-    def is_a_matter_of_steps(self, drive: Drive) -> bool:
+    def is_a_matter_of_steps(self, drive: Drive, joints: tuple[int, ...]) -> bool:
         """Up to a step by the order of command and state, and half a step for which a command is held."""
         return abs(self.delay) <= 1.5 / drive.rate_hz
 
