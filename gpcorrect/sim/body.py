@@ -143,7 +143,8 @@ class Drive:
         Fractions of gravity's torque, of the inertia's, and of kd times the commanded velocity that are fed forward
         beyond that.
     known_inertia : (dof,) array or None, motor inertia that the controller feeds forward; the motors' own when None
-    latency : float, s by which commands reach the controllers late; below 0 where the log's are stamped late
+    latency : (dof,) array or None
+        Seconds by which commands reach each controller late; below 0 where the log's are stamped late.
     """
 
     kp: FloatArray
@@ -158,7 +159,7 @@ class Drive:
     limit: FloatArray | None = None
     beyond: FloatArray = field(default_factory=lambda: np.zeros((3, 1)))
     known_inertia: FloatArray | None = None
-    latency: float = 0.0
+    latency: FloatArray | None = None
 
     @property
     def feeds(self) -> bool:

@@ -95,12 +95,14 @@ class LiveArm:
         still = np.zeros(self._desired.shape)
         self._position, self._q = self._desired, self._desired
         self._rate, self._velocity, self._acceleration = still, still, still
-        if self._drive.latency < 0:
+        late = np.zeros(self._desired.shape[-1]) if self._drive.latency is None else self._drive.latency
+        if (late < 0).any():
             raise DataError(
-                f"an arm that runs live cannot follow what is commanded {-self._drive.latency} s later.",
+                f"an arm that runs live cannot follow what is commanded {-late.min()} s later.",
                 hint="Leave the effect `command_delay` out, or give it a delay of at least 0.",
             )
-        self._sent = np.repeat(self._desired[0], int(np.ceil(self._drive.latency / self.step)) + 1, axis=0)
+        self._steps_late = late / self.step
+        self._sent = np.repeat(self._desired[0], int(np.ceil(self._steps_late.max())) + 1, axis=0)
         for _ in range(SETTLING):
             self._settle()
         self._loop.check_stable(self._drive.motor_inertia + self._mass, self.step)
@@ -119,15 +121,14 @@ class LiveArm:
 
     def _late(self, desired: FloatArray) -> FloatArray:
         """Return what reaches the controllers `(m, dof)` while these joints are sent."""
-        steps = self._drive.latency / self.step
-        if steps == 0:
+        if not self._steps_late.any():
             return desired
         sent = np.concatenate([self._sent, desired])
-        at = np.arange(len(self._sent), len(sent)) - steps
-        whole = np.floor(at).astype(np.int64)
-        part = (at - whole)[:, None]
+        at = np.arange(len(self._sent), len(sent))[:, None] - self._steps_late
+        whole = np.minimum(np.floor(at).astype(np.int64), len(sent) - 2)
+        part, column = at - whole, np.arange(sent.shape[1])
         self._sent = sent[len(sent) - len(self._sent) :]
-        return np.asarray((1.0 - part) * sent[whole] + part * sent[whole + 1])
+        return np.asarray((1.0 - part) * sent[whole, column] + part * sent[whole + 1, column])
 
     def _settle(self) -> None:
         """Let the motors stand where their controllers and the load balance, and forget the past."""

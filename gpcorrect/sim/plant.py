@@ -96,8 +96,8 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
     """
     plan, clock = command.plan, command.clock
     body, drive = machine.actual_body(machine.payload(plan)), machine.actual_drive
-    if drive.latency != machine.drive.latency:
-        command = Command.of(machine, plan, drive.latency)
+    if (late := drive.latency) is not machine.drive.latency:
+        command = Command.of(machine, plan, late)
     fed = command.feedforward if drive is machine.drive else feedforward(drive, command.desired, command.nominal_load)
     mass = command.mass if machine.has_nominal_body else mean_inertia(body, plan.q)
     path, load = _first_guess(machine, body, command, drive, fed)
@@ -209,25 +209,27 @@ class Command:
     mass: FloatArray
 
     @classmethod
-    def of(cls, machine: Machine, plan: Plan, latency: float = 0.0) -> Command:
+    def of(cls, machine: Machine, plan: Plan, latency: FloatArray | None = None) -> Command:
         """Compute it for the arm and the drive of a machine.
 
         Parameters
         ----------
         machine : Machine, arm and drive; its effects do not count
         plan : Plan
-        latency : float, s that it is late; before a run begins it goes on as it begins
+        latency : (dof,) array, optional
+            Seconds that it is late, not at all by default; before a run begins it goes on as it begins.
         """
+        late = np.zeros(len(machine.body.joints)) if latency is None else latency
         clock, spline = Clock.of(machine.drive.rate_hz, plan.rate_hz), plan.spline()
         body = machine.nominal_body(machine.payload(plan))
         samples = np.arange(len(plan.q), dtype=np.float64) / plan.rate_hz
         steps = np.arange((len(plan.q) - 1) * clock.stride + 1) * clock.step
-        q, rate, acceleration = (_late(spline, samples, latency, order) for order in range(3))
+        q, rate, acceleration = (_late(spline, samples, late, order) for order in range(3))
         desired = JointPath(q, rate, acceleration)
         load = link_load(body, desired)
         fed = feedforward(machine.drive, desired, load)
         position, velocity = (
-            np.ascontiguousarray(_late(spline, steps, latency, order).swapaxes(0, 1)) for order in (0, 1)
+            np.ascontiguousarray(_late(spline, steps, late, order).swapaxes(0, 1)) for order in (0, 1)
         )
         mass = mean_inertia(body, plan.q)
         return cls(plan, body, machine.drive, clock, desired, position, velocity, load, fed, mass)
@@ -244,10 +246,18 @@ class Command:
         return link_load(self.body, self.guess)
 
 
-def _late(spline: CubicSpline, time: NDArray[np.floating], latency: float, order: int) -> FloatArray:
-    """Return a derivative of paths `(n, N, dof)` at an earlier time; beyond either end it goes straight on."""
-    inside = np.clip(time - latency, spline.x[0], spline.x[-1])
-    beyond = (time - latency - inside)[:, None, None]
+def _late(spline: CubicSpline, time: NDArray[np.floating], latency: FloatArray, order: int) -> FloatArray:
+    """Return a derivative of paths `(n, N, dof)`, of each joint at an earlier time; beyond either end it goes on."""
+    first, *others = np.unique(latency)
+    value = _before(spline, time - first, order)
+    for late in others:
+        value[..., latency == late] = _before(spline, time - late, order)[..., latency == late]
+    return value
+
+
+def _before(spline: CubicSpline, time: NDArray[np.floating], order: int) -> FloatArray:
+    inside = np.clip(time, spline.x[0], spline.x[-1])
+    beyond = (time - inside)[:, None, None]
     value: FloatArray = spline(inside, order)
     if order == 1 or not beyond.any():
         return value

@@ -69,6 +69,9 @@ def test_motors_follow_a_late_command_late(feedforward: str) -> None:
     on_time, late = (run(m, moves).motion.position for m in (machine, machine.with_effects(CommandDelay("all", 0.04))))
     np.testing.assert_allclose(late[30:], on_time[26:-4], atol=2e-6)
     assert np.abs(late[30:] - on_time[30:]).max() > 0.02
+    alone = run(machine.with_effects(CommandDelay(2, 0.04)), moves).motion.position
+    np.testing.assert_allclose(alone[..., 1], late[..., 1], atol=2e-3)  # the others' inertia pulls at it
+    np.testing.assert_allclose(alone[..., [0, 2]], on_time[..., [0, 2]], atol=2e-3)
 
 
 @pytest.mark.parametrize("term", TERMS)

@@ -305,7 +305,7 @@ def _more_general(search: Search, own: Own, fit: FittedEffect) -> list[Rival]:
     if not _is_linear(fit.candidate):
         return []
     alike, rest, noisier = fit.candidate.kind.about.neighbours, own.rest, own.overdispersion
-    narrow = _Linear.of(search, rest, fit)
+    narrow = _Linear.of(search, search.fitted, fit)
     change = narrow.slopes @ fit.u
     found: dict[Hashable, Rival] = {}
     for trace in search.traces:
@@ -320,34 +320,34 @@ def _more_general(search: Search, own: Own, fit: FittedEffect) -> list[Rival]:
             continue
         fitted = search.refit((*rest, FittedEffect(other, other.scaled(factors))), other)
         if not fitted[-1].at_edge:
-            wide = _Linear.of(search, rest, fitted[-1])
+            wide = _Linear.of(search, fitted, fitted[-1])
             nats = noisier * (wide.evidence(change, noisier) - narrow.evidence(change, noisier))
-            found[other.key] = Rival(fitted[-1], nats + own.nats, is_general=True)
+            found[other.key] = Rival(fitted[-1], own.nats + nats, is_general=True)
     return list(found.values())
 
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """Whitened tangents `(M, p)` of an effect and the residual `(M,)` without it, less what others can take up."""
+    """Whitened tangents `(M, p)` of an effect, less what others can take up, its numbers, and what its set leaves."""
 
     slopes: FloatArray
-    z: FloatArray
+    numbers: FloatArray
+    misfit: float
 
     @classmethod
-    def of(cls, search: Search, rest: Sequence[FittedEffect], fit: FittedEffect) -> _Linear:
-        at = linearise(search.whitener, [fit], rest)
+    def of(cls, search: Search, fitted: Sequence[FittedEffect], fit: FittedEffect) -> _Linear:
+        rest = [m for m in fitted if m is not fit]
+        slopes = linearise(search.whitener, [fit], rest).slopes
         others = search.linearise_near(rest, fit.candidate).slopes
         basis = np.linalg.qr(others)[0] if others.shape[1] else others
-        own = np.column_stack([at.slopes, at.z + at.slopes @ fit.u])
-        own -= basis @ (basis.T @ own)
-        return cls(own[:, :-1], own[:, -1])
+        return cls(slopes - basis @ (basis.T @ slopes), fit.u, search.misfit(fitted))
 
     def evidence(self, change: FloatArray, noisier: float) -> float:
         """Log evidence with a normal prior of its numbers, of the mean square that their part in a change has."""
         size = float(np.mean(_factors(self.slopes, change) ** 2))
         precision = self.slopes.T @ self.slopes / noisier + np.eye(self.slopes.shape[1]) / size
-        moment = self.slopes.T @ self.z / noisier
-        return 0.5 * float(moment @ np.linalg.solve(precision, moment) - np.linalg.slogdet(size * precision)[1])
+        prior = 0.5 * float(self.numbers @ self.numbers) / size
+        return -self.misfit / noisier - prior - 0.5 * float(np.linalg.slogdet(size * precision)[1])
 
 
 def _is_linear(candidate: Candidate) -> bool:

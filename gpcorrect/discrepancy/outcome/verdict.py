@@ -51,7 +51,7 @@ def verdict_level(
     if not before.something and not effects:
         dataset, noises = state.dataset, state.whitener.noises
         tolerable = all(t <= VERDICT.most_tolerated for t in dataset.tolerated(noises).values())
-        bursts = bursts_of(dataset, noises)
+        bursts = bursts_of(dataset, noises, [f.effect for f in fitted])
         if any(b.lasts for b in bursts):
             return Level.UNKNOWN
         compared = not dataset.scene.unclocked  # else the motors were compared with nothing

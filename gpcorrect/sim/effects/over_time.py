@@ -139,7 +139,7 @@ class Delay(PathEffect):
 
 @dataclass(frozen=True)
 class CommandDelay(DriveEffect):
-    """Every controller follows what was commanded `delay` seconds ago.
+    """Every controller, or a joint's alone, follows what was commanded `delay` seconds ago.
 
     Transport to the controllers is such a delay, a command that is held until the next one comes is half its period,
     and so is a log that stamps commands earlier than motors.
@@ -151,22 +151,24 @@ class CommandDelay(DriveEffect):
         name="command_delay",
         number=33,
         family=Family.TIME,
-        equation="q_d(t) = q_logged(t - delay), all joints alike",
+        equation="q_d(t) = q_logged(t - delay)",
         source="zero-order hold and transport delay; Astrom and Wittenmark 1997, Computer-Controlled Systems, Sec. 2.3",
         parameters=(Parameter("delay", "age of what is followed", Range("s", -0.1, 0.2, 0.01), positive=False),),
         needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
         neighbours=("viscous_friction", "gain_error", "delay"),
         separating_runs=(Run.SPEED_LADDER, Run.ONE_JOINT),
-        sites=(Site.ALL,),
+        sites=(Site.ALL, Site.JOINT),
     )
 
     def is_a_matter_of_steps(self, drive: Drive, joints: tuple[int, ...]) -> bool:
-        """Up to a step by the order of command and state, and half a step for which a command is held."""
-        return abs(self.delay) <= 1.5 / drive.rate_hz
+        """Of all joints, up to a step by the order of command and state, and half for which a command is held."""
+        return self.joint == "all" and abs(self.delay) <= 1.5 / drive.rate_hz
 
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
         """Add to the latency."""
-        return replace(drive, latency=drive.latency + self.delay)
+        late = np.zeros(len(joints)) if drive.latency is None else np.array(drive.latency)
+        late[slice(None) if self.joint == "all" else self.column(joints)] += self.delay
+        return replace(drive, latency=late)
 
 
 @dataclass(frozen=True)

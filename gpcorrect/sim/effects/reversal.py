@@ -109,7 +109,7 @@ class ViscousFriction(FrictionEffect):
         source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
         parameters=(Parameter("damping", "torque for each unit of speed", *DAMPING),),
         needs=TORQUES,
-        neighbours=("delay", "coulomb_friction"),
+        neighbours=("delay", "coulomb_friction", "gain_error", "command_delay"),
         separating_runs=(Run.SPEED_LADDER, Run.GAIN_CHANGE),
         choices=(("side", SIDES),),
     )
