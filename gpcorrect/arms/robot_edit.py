@@ -79,22 +79,24 @@ class RobotEdit:
         found = self._joint(joint)
         found.armature = max(0.0, found.armature + inertia)
 
-    def add_spring(self, joint: int, stiffness: float, rest: float) -> None:
-        """Add a spring to a joint, beside the one that it has.
+    def add_spring(self, joint: int, stiffness: float, push: float) -> bool:
+        """Add a spring to a joint, beside the one that it has; return whether the file can say so.
 
         Parameters
         ----------
         joint : int, number on the arm, from 1
-        stiffness : float, N m/rad or N/m; together with the joint's own it may not be zero
-        rest : float, joint value at which it does not push, rad or m
+        stiffness : float, N m/rad or N/m; a push without any cannot be said
+        push : float, torque or force with which it pushes back where the joint is at zero, N m or N
         """
         found, drives = self._joint(joint), self.robot.drives
         own = float(drives.stiffness[joint - 1])
-        both = own + stiffness
-        place = (own * float(drives.rest[joint - 1]) + stiffness * rest) / both
+        if own + stiffness <= 0.0:
+            return False
+        rest = (own * float(drives.rest[joint - 1]) - push) / (own + stiffness)
         degrees = self._spec.compiler.degree and found.type == mujoco_library().mjtJoint.mjJNT_HINGE
         found.stiffness = np.array(found.stiffness) + np.array([stiffness, 0.0, 0.0])
-        found.springref = np.rad2deg(place) if degrees else place
+        found.springref = np.rad2deg(rest) if degrees else rest
+        return True
 
     def limit_torque(self, joint: int, limit: float) -> bool:
         """Limit the force of a joint's position servo; return whether it has one.

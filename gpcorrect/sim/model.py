@@ -326,11 +326,10 @@ def _in_own_words(edit: RobotEdit, effect: Effect, model: Model) -> bool:
         case DhError(alpha=alpha, a=a, d=d, theta=theta) if isinstance(joint, int) and not _fed_forward(model):
             row = Joint("R", alpha, a, d, theta, -1.0, 1.0)
             return edit.move_joint(joint, Chain((row,), "modified").forward([0.0]))
-        case JointSpring(stiffness=stiffness, rest=rest) if isinstance(joint, int) and joint not in _soft(
+        case JointSpring(stiffness=stiffness, push=push) if isinstance(joint, int) and joint not in _soft(
             model.effects
         ):
-            edit.add_spring(joint, stiffness, rest)
-            return True
+            return edit.add_spring(joint, stiffness, push)
         case JointStop(limit=limit, end=end) if isinstance(joint, int):
             edit.limit_range(joint, end, limit)
     return False  # of a stop the file has the place, but no stiffness in N m/rad

@@ -154,9 +154,10 @@ class Loop:
         kp, law = self._drive.kp, self._laws.torque
         column = np.repeat(np.arange(len(kp)), np.diff(self._laws.torque_of))
         at = desired + torque / kp
-        for _ in range(SETTLING if law[:, 1].any() else 0):
+        for _ in range(SETTLING if law[:, [1, 4]].any() else 0):
             stiffness, pushed = np.zeros(at.shape), np.zeros(at.shape)
-            for j, (_, k, upper, lower) in zip(column, law, strict=True):
+            for j, (_, k, upper, lower, push) in zip(column, law, strict=True):
+                pushed[:, j] -= push
                 if k != 0.0:
                     above, below = at[:, j] > upper, at[:, j] < lower
                     stiffness[:, j] += k * (above | below)

@@ -88,7 +88,7 @@ NEUTRAL = (
     CommandDelay("all", 0.0),
     InertiaError(2, 0.0),
     LinkMassError(2, 0.0),
-    JointSpring(1, 0.0, 0.3),
+    JointSpring(1, 0.0, 0.0),
 )
 ACTIVE = (
     HomingOffset(1, 0.02),

@@ -96,8 +96,8 @@ FOUND = [
     {"name": "dh_error", "joint": 2, "a": 0.01, "alpha": 0.02, "d": -0.01, "theta": 0.03},
     {"name": "inertia_error", "joint": 2, "inertia": 0.3},
     {"name": "link_mass_error", "joint": 2, "mass": 0.5},
-    {"name": "joint_spring", "joint": 2, "stiffness": 20.0, "rest": -0.4},
-    {"name": "joint_spring", "joint": 4, "stiffness": 1.5, "rest": 0.3},
+    {"name": "joint_spring", "joint": 2, "stiffness": 20.0, "push": 8.0},
+    {"name": "joint_spring", "joint": 4, "stiffness": 1.5, "push": -0.45},
     {"name": "backlash", "joint": 1, "radius": 0.003},
 ]
 

@@ -23,7 +23,7 @@ CUBIC = Range("N m/rad^3", 0.0, 1e14, 2e8), Range("N/m^3", 0.0, 1e18, 2e12)
 RIGIDITY = Range("N m^2/rad", 1.0, 5e4, 80.0), Range("N", 50.0, 5e6, 8e3)
 STRUCTURE = Range("N m/rad", 2.0, 1e5, 300.0), Range("N/m", 100.0, 1e7, 3e4)
 SPRING = Range("N m/rad", -1e4, 1e4, 3.0), Range("N/m", -1e5, 1e5, 300.0)
-REST = Range("rad", -6.5, 6.5, 1.0), Range("m", -1.0, 1.0, 0.2)
+PUSH = Range("N m", -1e3, 1e3, 1.0), Range("N", -1e4, 1e4, 10.0)
 
 
 @dataclass(frozen=True)
@@ -228,19 +228,17 @@ class JointSpring(TorqueEffect):
     """
 
     stiffness: float
-    rest: float = 0.0
+    push: float = 0.0
 
     about = Description(
         name="joint_spring",
         number=36,
         family=Family.COMPLIANCE,
-        equation="tau_spring = stiffness (q - rest)",
+        equation="tau_spring = stiffness q + push",
         source="static balancing with springs; Herder 2001, Energy-free Systems, Ch. 2",
         parameters=(
             Parameter("stiffness", "stiffness of the spring", *SPRING, positive=False),
-            Parameter(
-                "rest", "where it does not push", *REST, positive=False, ladder=Ladder(Per.PLACE, (-1.0, 0.5, 2.0))
-            ),
+            Parameter("push", "with which it pushes back at zero", *PUSH, positive=False),
         ),
         needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
         neighbours=("link_mass_error", "payload", "feedforward_error"),
@@ -249,7 +247,7 @@ class JointSpring(TorqueEffect):
 
     def law(self) -> TorqueLaw:
         """Return the spring, which pushes to either side."""
-        return TorqueLaw(stiffness=self.stiffness, upper=self.rest, lower=self.rest)
+        return TorqueLaw(stiffness=self.stiffness, upper=0.0, lower=0.0, push=self.push)
 
 
 @dataclass(frozen=True)

@@ -42,19 +42,21 @@ class FrictionLaw(NamedTuple):
 
 
 class TorqueLaw(NamedTuple):
-    """What becomes of the commanded torque: cut at `limit`, and pushed back by a stop.
+    """What becomes of the commanded torque: cut at `limit`, and pushed back by a stop or a spring.
 
     Parameters
     ----------
     limit : float, N m or N
     stiffness : float, of the stop, N m/rad or N/m
     upper, lower : float, joint values beyond which it pushes, rad or m
+    push : float, with which it pushes everywhere, N m or N
     """
 
     limit: float = inf
     stiffness: float = 0.0
     upper: float = inf
     lower: float = -inf
+    push: float = 0.0
 
 
 @njit(cache=True)
@@ -87,12 +89,11 @@ def contact(laws: FloatArray, i: int, q: float) -> float:
 
     Parameters
     ----------
-    laws : (k, 4) array, rows of :class:`TorqueLaw` numbers
+    laws : (k, 5) array, rows of :class:`TorqueLaw` numbers
     i : int
     q : float, position of the joint, rad or m
     """
-    stiffness, upper, lower = laws[i, 1], laws[i, 2], laws[i, 3]
-    if stiffness == 0.0:
-        return 0.0
-    pressed: float = stiffness * (max(q - upper, 0.0) - max(lower - q, 0.0))
-    return pressed
+    stiffness, upper, lower, pressed = laws[i, 1], laws[i, 2], laws[i, 3], laws[i, 4]
+    if stiffness != 0.0:
+        pressed += stiffness * (max(q - upper, 0.0) - max(lower - q, 0.0))
+    return float(pressed)
