@@ -40,6 +40,38 @@ def test_friction_that_a_robot_file_lacks_is_named(nominal):
     assert effect.parameters["torque"].value == pytest.approx(2.0, rel=0.05)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "hidden",
+    [
+        {"name": "link_mass_error", "joint": 2, "mass": 0.5},
+        {"name": "joint_spring", "joint": 2, "stiffness": 12.0, "push": 3.0},
+        {"name": "joint_spring", "joint": 1, "stiffness": 0.0, "push": 2.0},
+        {"name": "payload", "joint": "all", "mass": -0.3},
+        {"name": "command_delay", "joint": 1, "delay": 0.004},
+    ],
+    ids=["heavy link", "spring", "constant pull", "light tool", "one late command"],
+)
+def test_what_a_robot_file_says_wrongly_has_its_own_name(nominal, hidden):
+    """And not that of what acts like it on the motors: a fed-forward term, viscous friction, another link's mass."""
+    result = find_discrepancy(nominal, recorded(nominal, hidden))
+    (effect,) = result.effects
+    assert (result.level, effect.name, effect.joint) == ("EXACT", hidden["name"], hidden["joint"])
+    for number, value in hidden.items():
+        if number not in ("name", "joint"):
+            assert effect.parameters[number].value == pytest.approx(value, rel=0.1, abs=0.0 if value else 0.1)
+
+
+@pytest.mark.slow
+def test_damping_and_the_gain_by_which_a_servo_brakes_are_told_as_a_set(nominal):
+    """They are one equation, and no recording tells them apart."""
+    (effect,) = find_discrepancy(
+        nominal, recorded(nominal, {"name": "viscous_friction", "joint": 1, "damping": 6.0})
+    ).effects
+    assert effect.level == "SET"
+    assert {effect.name, *(r.name for r in effect.rivals)} == {"viscous_friction", "gain_error"}
+
+
 def test_joints_in_degrees_are_refused_by_the_range_of_the_robot_file(nominal):
     """Where all signals are in degrees no ratio shows it; the file's range does."""
     log = recorded(nominal)
