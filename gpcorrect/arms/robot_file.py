@@ -33,7 +33,11 @@ class JointDrives:
     ----------
     armature : array
         Inertia of the rotor, reflected to the joint.
-    damping, friction : array, viscous damping and dry friction
+    damping, friction : array, viscous damping, and friction of fixed size
+    onset : array
+        Speed over which the friction grows, rad/s or m/s: MuJoCo's is soft. Below its limit it is
+        `friction (v + onset_time v') / onset`.
+    onset_time : array, s; both are 0 where there is no friction
     stiffness, rest : array
         Spring at the joint, and where it is at rest.
     kp, kv : array
@@ -45,6 +49,8 @@ class JointDrives:
     armature: FloatArray
     damping: FloatArray
     friction: FloatArray
+    onset: FloatArray
+    onset_time: FloatArray
     stiffness: FloatArray
     rest: FloatArray
     kp: FloatArray
@@ -337,11 +343,14 @@ def _drives(model: Any, found: ArmPath) -> tuple[JointDrives, list[str]]:
     ids = list(found.joint_ids)
     dofs = model.jnt_dofadr[ids]
     nothing = np.full(len(ids), np.nan)
+    onset, onset_time = friction_onsets(model)[:, dofs]
     limit = np.where(model.jnt_actfrclimited[ids], np.abs(model.jnt_actfrcrange[ids]).min(axis=1), np.inf)
     drives = JointDrives(
         armature=model.dof_armature[dofs].copy(),
         damping=model.dof_damping[dofs].copy(),
         friction=model.dof_frictionloss[dofs].copy(),
+        onset=onset,
+        onset_time=onset_time,
         stiffness=model.jnt_stiffness[ids].copy(),
         rest=model.qpos_spring[model.jnt_qposadr[ids]].copy(),
         kp=nothing.copy(),
@@ -354,6 +363,25 @@ def _drives(model: Any, found: ArmPath) -> tuple[JointDrives, list[str]]:
         if on_joint and model.actuator_trnid[a, 0] in ids:
             remarks += _add_actuator(model, a, drives, ids.index(model.actuator_trnid[a, 0]))
     return drives, remarks
+
+
+def friction_onsets(model: Any) -> FloatArray:
+    """Return `onset` and `onset_time` `(2, nv)` of each degree of freedom's friction: 0 where there is none.
+
+    MuJoCo's friction f leaves an acceleration v' by which `v' + R f = -b v`, as long as f is below the friction loss
+    (its documentation, Computation, constraint model). R and b are taken where the arm is at its zero.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+    """
+    library, onsets = mujoco_library(), np.zeros((2, model.nv))
+    data = library.MjData(model)
+    library.mj_fwdPosition(model, data)
+    rows = np.flatnonzero(data.efc_type == library.mjtConstraint.mjCNSTR_FRICTION_DOF)
+    b = np.maximum(data.efc_KBIP.reshape(-1, 4)[rows, 1], library.mjMINVAL)
+    onsets[:, data.efc_id[rows]] = data.efc_frictionloss[rows] * data.efc_R[rows] / b, 1.0 / b
+    return onsets
 
 
 def _add_actuator(model: Any, a: int, drives: JointDrives, column: int) -> list[str]:

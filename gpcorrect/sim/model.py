@@ -309,6 +309,9 @@ def _in_own_words(edit: RobotEdit, effect: Effect, model: Model) -> bool:
         ):
             edit.add_friction(joint, torque)
             return True
+        case CoulombFriction(torque=torque, onset=onset, onset_time=time) if isinstance(joint, int):
+            soft = onset > 0.0 and not _felt_behind(effect, model.effects)
+            return soft and edit.add_soft_friction(joint, torque, onset, time)
         case ViscousFriction(damping=damping) if isinstance(joint, int) and not _felt_behind(effect, model.effects):
             edit.add_damping(joint, damping)
             return True

@@ -21,6 +21,9 @@ class FrictionLaw(NamedTuple):
     `|tau| (exp(wrap) - 1)` against the load or `|tau| (1 - exp(-wrap))` with it; `damping v` comes on top
     (Armstrong-Helouvry, Dupont, Canudas de Wit 1994; Euler and Eytelwein's belt).
 
+    With an `onset` it is soft instead: `torque (v + onset_time v') / onset`, up to `torque` either way, and damping
+    (the friction loss of MuJoCo: its documentation, Computation, constraint model).
+
     Parameters
     ----------
     torque, static : float, kinetic and static limit, N m or N
@@ -29,6 +32,9 @@ class FrictionLaw(NamedTuple):
         Part that varies with position: N m or N, rad of phase per unit of the joint, rad.
     wrap : float, friction coefficient times wrap angle of a cable under the load
     damping : float, N m s/rad or N s/m
+    onset : float, speed over which soft friction grows, rad/s or m/s; at 0 the friction is dry
+    onset_time : float
+        Time constant with which soft friction alone brings to rest what it can hold, s; no less than a step of the loop.
     """
 
     torque: float = 0.0
@@ -39,6 +45,8 @@ class FrictionLaw(NamedTuple):
     phase: float = 0.0
     wrap: float = 0.0
     damping: float = 0.0
+    onset: float = 0.0
+    onset_time: float = 0.0
 
 
 class TorqueLaw(NamedTuple):
@@ -63,7 +71,7 @@ def resisting(laws: FloatArray, i: int, q: float, v: float, load: float) -> tupl
 
     Parameters
     ----------
-    laws : (k, 8) array, rows of :class:`FrictionLaw` numbers
+    laws : (k, 10) array, rows of :class:`FrictionLaw` numbers
     i : int
     q, v, load : float, position, speed and load of the joint, SI units
     """
