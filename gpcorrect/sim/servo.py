@@ -2,8 +2,8 @@
 
 Dry friction is set-valued (Moreau's time stepping): a step first moves freely, then friction takes away what speed it
 can and no more, so that a joint really sticks and no threshold speed is needed (Acary and Brogliato 2008, Numerical
-Methods for Nonsmooth Dynamical Systems, Ch. 10). Soft friction, which grows over the first speeds, is as implicit. Effects
-inside the loop act by their laws, for a whole recording and for an arm that runs live alike.
+Methods for Nonsmooth Dynamical Systems, Ch. 10). Soft friction, which grows over the first speeds, is taken at the end
+of a step too. Effects inside the loop act by their laws, for a whole recording and for an arm that runs live alike.
 """
 
 from __future__ import annotations
@@ -249,7 +249,7 @@ def _own_laws(drive: Drive) -> tuple[list[tuple[int, int, FrictionLaw]], list[tu
     viscous = still if drive.damping is None else drive.damping
     soft = np.zeros((2, len(still))) if drive.onset is None else drive.onset
     numbers = zip(dry.tolist(), viscous.tolist(), *soft.tolist(), strict=True)
-    laws = [FrictionLaw(torque=f, damping=d, onset=v, onset_time=t) for f, d, v, t in numbers]
+    laws = [FrictionLaw.creeping(torque, v, time, damping) for torque, damping, v, time in numbers]
     frictions = [(j, MOTOR, law) for j, law in enumerate(laws) if law.torque > 0 or law.damping > 0]
     limits = [] if drive.limit is None else [(j, TorqueLaw(limit=float(limit))) for j, limit in enumerate(drive.limit)]
     return frictions, [law for law in limits if np.isfinite(law[1].limit)]
@@ -345,9 +345,9 @@ def _with_brake(
 def _frictions(laws: _Laws, j: int, q: float, v: float, load: float, gain: float, step: float, kv: float) -> Frictions:
     """Dry limits against forward and backward motion, damping, and of soft friction the limits, slope and `ahead`.
 
-    Soft frictions add up to one: below its limit `slope (v + ahead (u - v))`, u the speed after the step if nothing else
-    cuts the torque. Of its time constant is then `ahead` the ratio to a step, in which damping and `kv` hold back a part
-    of the acceleration `v'` that the law counts by. It is never less than 1, or the speed would overshoot zero.
+    Soft frictions add up to one: below its limit it is `slope (v + ahead (u - v))`, u the speed after the step. `ahead`
+    is inertia over slope in steps, and more by what damping and `kv` take of the acceleration within a step: the
+    law counts by what it is at the beginning. It is at least 1, or the speed would overshoot zero.
 
     Apart from `_braked`, so that the compiler inlines both: as one function the loop takes twice as long.
     """
@@ -356,17 +356,16 @@ def _frictions(laws: _Laws, j: int, q: float, v: float, load: float, gain: float
     for a in range(laws.friction_of[j], laws.friction_of[j + 1]):
         behind = laws.friction_side[a] == JOINT
         damping = _added(damping, laws.friction[a, 7], behind)
-        onset = laws.friction[a, 8]
-        if onset > 0.0:
+        if laws.friction[a, 8] > 0.0:
             soft = _added(soft, laws.friction[a, 0], behind)
-            slope += laws.friction[a, 0] / onset
-            inertia += laws.friction[a, 0] / onset * laws.friction[a, 9]
+            slope += laws.friction[a, 8]
+            inertia += laws.friction[a, 9]
         else:
             up, down = resisting(laws.friction, a, q, v, load)
             forward, backward = _added(forward, up, behind), _added(backward, down, behind)
     ahead = 1.0
     if slope > 0.0:
-        ahead = max(inertia / slope / step * (1.0 + gain * (damping[MOTOR] + damping[JOINT] + kv)), 1.0)
+        ahead = max(inertia * (1.0 + gain * (damping[MOTOR] + damping[JOINT] + kv)) / (slope * step), 1.0)
     return forward, backward, damping, soft, slope, ahead
 
 
@@ -382,20 +381,21 @@ def _braked(v: float, gain: float, driving: float, frictions: Frictions) -> tupl
     free = factor * v + gain * driving
     ceiling = gain * (forward[MOTOR] + forward[JOINT])
     floor = -gain * (backward[MOTOR] + backward[JOINT])
-    limit, creeping = soft[MOTOR] + soft[JOINT], 0.0
+    behind = 0.0
     if slope > 0.0:
+        limit = soft[MOTOR] + soft[JOINT]
         stopped = min(max(slope * (1.0 - ahead) * v, -limit), limit)
         taken = min(max(free - gain * stopped, floor), ceiling)
-        free -= taken
-        creeping = slope * (v + ahead * (free - v)) / (1.0 + slope * ahead * gain)
-        creeping = min(max(creeping, -limit), limit)
-        speed = free - gain * creeping
+        implicit = slope / (1.0 + slope * ahead * gain)
+        creeping = min(max(implicit * (v + ahead * (free - taken - v)), -limit), limit)
+        behind = soft[JOINT] / limit * creeping
+        speed = free - taken - gain * creeping
     else:
         taken = min(max(free, floor), ceiling)
         speed = free - taken
     limits = forward if taken > 0.0 else backward
-    fraction = limits[JOINT] / max(limits[MOTOR] + limits[JOINT], TINY)
-    behind = fraction * taken / gain + soft[JOINT] / max(limit, TINY) * creeping
+    if limits[JOINT] > 0.0:
+        behind += limits[JOINT] / (limits[MOTOR] + limits[JOINT]) * taken / gain
     return speed, behind + damping[JOINT] * speed
 
 

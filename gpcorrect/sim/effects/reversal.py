@@ -75,8 +75,10 @@ class CoulombFriction(FrictionEffect):
         name="coulomb_friction",
         number=15,
         family=Family.REVERSAL,
-        equation="F = torque sign(v), |F| <= torque at rest; soft: F = torque (v + onset_time v') / onset, |F| <= torque",
-        source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7); MuJoCo, Computation, constraint model",
+        equation="F = torque sign(v), |F| <= torque at rest; "
+        "soft: F = torque (v + onset_time v') / onset, |F| <= torque",
+        source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7); "
+        "MuJoCo's documentation, Computation, constraint model",
         parameters=(
             Parameter("torque", "size of the friction", *TORQUE),
             Parameter(
@@ -102,7 +104,7 @@ class CoulombFriction(FrictionEffect):
         """Return the limit, and what it is approached by."""
         if self.rest == "dry":
             return FrictionLaw(torque=self.torque)
-        return FrictionLaw(torque=self.torque, onset=self.onset, onset_time=self.onset_time)
+        return FrictionLaw.creeping(self.torque, self.onset, self.onset_time)
 
 
 @dataclass(frozen=True)
