@@ -18,6 +18,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.arms.arm import Arm, Link
 from gpcorrect.arms.chain import Chain, Joint
+from gpcorrect.arms.robot_friction import friction_onsets
 from gpcorrect.arms.robot_path import ArmPath, arm_path, joint_frame, pose_of
 from gpcorrect.errors import DataError, MissingExtraError
 from gpcorrect.types import BoolArray, FloatArray
@@ -363,25 +364,6 @@ def _drives(model: Any, found: ArmPath) -> tuple[JointDrives, list[str]]:
         if on_joint and model.actuator_trnid[a, 0] in ids:
             remarks += _add_actuator(model, a, drives, ids.index(model.actuator_trnid[a, 0]))
     return drives, remarks
-
-
-def friction_onsets(model: Any) -> FloatArray:
-    """Return `onset` and `onset_time` `(2, nv)` of each degree of freedom's friction: 0 where there is none.
-
-    MuJoCo's friction f leaves an acceleration v' by which `v' + R f = -b v`, as long as f is below the friction loss
-    (its documentation, Computation, constraint model). R and b are taken where the arm is at its zero.
-
-    Parameters
-    ----------
-    model : mujoco.MjModel
-    """
-    library, onsets = mujoco_library(), np.zeros((2, model.nv))
-    data = library.MjData(model)
-    library.mj_fwdPosition(model, data)
-    rows = np.flatnonzero(data.efc_type == library.mjtConstraint.mjCNSTR_FRICTION_DOF)
-    b = np.maximum(data.efc_KBIP.reshape(-1, 4)[rows, 1], library.mjMINVAL)
-    onsets[:, data.efc_id[rows]] = data.efc_frictionloss[rows] * data.efc_R[rows] / b, 1.0 / b
-    return onsets
 
 
 def _add_actuator(model: Any, a: int, drives: JointDrives, column: int) -> list[str]:

@@ -321,15 +321,7 @@ def _delivered(laws: _Laws, j: int, torque: float, q: float) -> tuple[float, flo
 
 @njit(cache=True, error_model="numpy")
 def _with_brake(
-    torque: float,
-    kv: float,
-    v: float,
-    gain: float,
-    load: float,
-    frictions: Frictions,
-    laws: _Laws,
-    j: int,
-    q: float,
+    torque: float, kv: float, v: float, gain: float, load: float, frictions: Frictions, laws: _Laws, j: int, q: float
 ) -> float:
     """Torque less `kv` times the speed at the end of the step.
 
