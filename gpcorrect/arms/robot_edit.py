@@ -11,12 +11,14 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.arms.robot_file import mujoco_library, parse, read_robot, strip
+from gpcorrect.arms.robot_friction import friction_onsets
 from gpcorrect.arms.robot_path import joint_frame
 from gpcorrect.atomic import atomic_path
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
-STICKING = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # MuJoCo's hardest; its default lets a stuck joint creep by 20 mrad/s
+SOFTEST, HARDEST = 0.0001, 0.9999  # between which MuJoCo keeps impedances
+GROWTH = (0.001, 0.5, 2.0)  # of an impedance with the distance from a limit, which friction does not have
 POINT_INERTIA = 1e-9  # kg m^2: MuJoCo asks for some, of a body that is a point
 PAYLOAD = "gpcorrect_payload"  # name of a body that is hung at the tip or at a link's centre of mass
 
@@ -44,9 +46,13 @@ class RobotEdit:
         if not self._has_meshes():  # MuJoCo compiles what was changed, and for that reads the meshes
             strip(self._spec)
         self._hold_damping()
+        drives = self.robot.drives
+        slopes = drives.friction / np.where(drives.onset > 0.0, drives.onset, np.inf)
+        soft = np.stack([slopes, slopes * drives.onset_time], axis=1)
+        self._soft = {joint: both for joint, both in enumerate(soft, start=1) if both[0] > 0.0}  # slope, inertia
 
     def add_friction(self, joint: int, torque: float) -> None:
-        """Add dry friction to a joint, and let it stick as dry friction does.
+        """Add dry friction to a joint, and let it stick as dry friction does, within a step or two.
 
         Parameters
         ----------
@@ -55,7 +61,29 @@ class RobotEdit:
         """
         found = self._joint(joint)
         found.frictionloss += torque
-        found.solimp_friction = STICKING
+        self._soft.pop(joint, None)
+        found.solimp_friction = (HARDEST, HARDEST, *GROWTH)
+        found.solref_friction = (2.0 * self.robot.step, 1.0)  # MuJoCo takes no less; its default glides for 10 ms
+
+    def add_soft_friction(self, joint: int, torque: float, onset: float, onset_time: float) -> bool:
+        """Add friction that grows over the first speeds; return whether a file's numbers reach that far.
+
+        What the joint has already and what comes add up as they do in the servo loop: limits, slopes, and slopes times
+        onset times, which are inertias.
+
+        Parameters
+        ----------
+        joint : int, number on the arm, from 1
+        torque : float, N m or N
+        onset, onset_time : float, rad/s or m/s, and s; above 0
+        """
+        slope, inertia = self._soft.get(joint, np.zeros(2)) + torque / onset * np.array([1.0, onset_time])
+        impedance = self._impedance(joint, inertia)
+        if not SOFTEST < impedance < HARDEST or inertia < self.robot.step * slope:
+            return False
+        self._joint(joint).frictionloss += torque
+        self._soft[joint] = np.array([slope, inertia])
+        return True
 
     def add_damping(self, joint: int, damping: float) -> None:
         """Add viscous damping to a joint.
@@ -197,6 +225,7 @@ class RobotEdit:
         target = Path(path).absolute()
         if target == self._path:
             raise DataError(f"{path} is the robot file that was read.", hint="Give another output folder.")
+        self._hold_onsets()
         root = ElementTree.fromstring(self._spec.to_xml())
         compiler = root.find("compiler")
         if compiler is not None and root.find("asset") is not None:
@@ -219,6 +248,24 @@ class RobotEdit:
             kv = dict(zip(self.robot.joints, self.robot.drives.kv, strict=True)).get(servo.target, np.nan)
             if servo.biasprm[2] > 0.0 and np.isfinite(kv):
                 servo.biasprm[2] = -kv / servo.gear[0] ** 2
+
+    def _hold_onsets(self) -> None:
+        """Write friction's softness as it is, which MuJoCo would take of the new masses."""
+        there = friction_onsets(self._spec.compile())
+        for joint, (slope, inertia) in self._soft.items():
+            found, time = self._joint(joint), inertia / slope
+            if not np.allclose(there[:, self._dof(joint)], (found.frictionloss / slope, time), rtol=1e-6, atol=0.0):
+                impedance = np.clip(self._impedance(joint, inertia), SOFTEST, HARDEST)
+                found.solimp_friction = (impedance, HARDEST, *GROWTH)
+                found.solref_friction = (2.0 * time / HARDEST, 1.0)
+
+    def _impedance(self, joint: int, inertia: float) -> float:
+        """Return MuJoCo's impedance of a friction of this slope times onset time, 1 / R."""
+        ratio = inertia * self._spec.compile().dof_invweight0[self._dof(joint)]
+        return float(ratio / (1.0 + ratio))
+
+    def _dof(self, joint: int) -> int:
+        return int(self._spec.compile().joint(self._joint(joint).name).dofadr[0])
 
     def _joint(self, joint: int) -> Any:
         return self._spec.joint(self.robot.joints[joint - 1])

@@ -18,6 +18,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.arms.arm import Arm, Link
 from gpcorrect.arms.chain import Chain, Joint
+from gpcorrect.arms.robot_friction import friction_onsets
 from gpcorrect.arms.robot_path import ArmPath, arm_path, joint_frame, pose_of
 from gpcorrect.errors import DataError, MissingExtraError
 from gpcorrect.types import BoolArray, FloatArray
@@ -33,7 +34,11 @@ class JointDrives:
     ----------
     armature : array
         Inertia of the rotor, reflected to the joint.
-    damping, friction : array, viscous damping and dry friction
+    damping, friction : array, viscous damping, and friction of fixed size
+    onset : array
+        Speed over which the friction grows, rad/s or m/s: MuJoCo's is soft. Below its limit it is
+        `friction (v + onset_time v') / onset`.
+    onset_time : array, s; both are 0 where there is no friction
     stiffness, rest : array
         Spring at the joint, and where it is at rest.
     kp, kv : array
@@ -45,6 +50,8 @@ class JointDrives:
     armature: FloatArray
     damping: FloatArray
     friction: FloatArray
+    onset: FloatArray
+    onset_time: FloatArray
     stiffness: FloatArray
     rest: FloatArray
     kp: FloatArray
@@ -337,11 +344,14 @@ def _drives(model: Any, found: ArmPath) -> tuple[JointDrives, list[str]]:
     ids = list(found.joint_ids)
     dofs = model.jnt_dofadr[ids]
     nothing = np.full(len(ids), np.nan)
+    onset, onset_time = friction_onsets(model)[:, dofs]
     limit = np.where(model.jnt_actfrclimited[ids], np.abs(model.jnt_actfrcrange[ids]).min(axis=1), np.inf)
     drives = JointDrives(
         armature=model.dof_armature[dofs].copy(),
         damping=model.dof_damping[dofs].copy(),
         friction=model.dof_frictionloss[dofs].copy(),
+        onset=onset,
+        onset_time=onset_time,
         stiffness=model.jnt_stiffness[ids].copy(),
         rest=model.qpos_spring[model.jnt_qposadr[ids]].copy(),
         kp=nothing.copy(),

@@ -137,8 +137,10 @@ class Drive:
         Gains on the motor's own velocity, which a controller without a velocity command brakes by; none when None.
     brakes_late : bool, whether kv acts on the speed before a step, not behind it
     friction, damping, limit : (dof,) arrays or None
-        Dry friction, viscous damping and largest torque that the drives are known to have, as a robot file gives them;
+        Friction, viscous damping and largest torque that the drives are known to have, as a robot file gives them;
         none where it is silent.
+    onset : (2, dof) array or None
+        Of soft friction, the speed over which it grows, rad/s or m/s, and its time constant, s; 0 where it is dry.
     beyond : (3, dof) array
         Fractions of gravity's torque, of the inertia's, and of kd times the commanded velocity that are fed forward
         beyond that.
@@ -157,6 +159,7 @@ class Drive:
     friction: FloatArray | None = None
     damping: FloatArray | None = None
     limit: FloatArray | None = None
+    onset: FloatArray | None = None
     beyond: FloatArray = field(default_factory=lambda: np.zeros((3, 1)))
     known_inertia: FloatArray | None = None
     latency: FloatArray | None = None

@@ -304,11 +304,8 @@ def _in_own_words(edit: RobotEdit, effect: Effect, model: Model) -> bool:
     """Put an effect into a robot file; return whether the file says all of it."""
     joint = effect.joint
     match effect:
-        case CoulombFriction(torque=torque, rest="dry") if isinstance(joint, int) and not _felt_behind(
-            effect, model.effects
-        ):
-            edit.add_friction(joint, torque)
-            return True
+        case CoulombFriction() if isinstance(joint, int) and not _felt_behind(effect, model.effects):
+            return _add_friction(edit, effect, joint)
         case ViscousFriction(damping=damping) if isinstance(joint, int) and not _felt_behind(effect, model.effects):
             edit.add_damping(joint, damping)
             return True
@@ -333,6 +330,13 @@ def _in_own_words(edit: RobotEdit, effect: Effect, model: Model) -> bool:
         case JointStop(limit=limit, end=end) if isinstance(joint, int):
             edit.limit_range(joint, end, limit)
     return False  # of a stop the file has the place, but no stiffness in N m/rad
+
+
+def _add_friction(edit: RobotEdit, effect: CoulombFriction, joint: int) -> bool:
+    if effect.rest == "soft" and effect.onset > 0.0:
+        return edit.add_soft_friction(joint, effect.torque, effect.onset, effect.onset_time)
+    edit.add_friction(joint, effect.torque)
+    return True
 
 
 def _file_moves(model: Model) -> bool:

@@ -151,7 +151,8 @@ def _drive(model: Model, body: Body, robot: Robot | None) -> Drive:
         return drive
     known = robot.drives
     friction, damping, limit = known.friction[columns], known.damping[columns], known.limit[columns]
-    return replace(drive, friction=friction, damping=damping, limit=limit)
+    onset = np.stack([known.onset[columns], known.onset_time[columns]])
+    return replace(drive, friction=friction, damping=damping, limit=limit, onset=onset)
 
 
 def _motor_inertia(arm: str, body: Body) -> FloatArray:

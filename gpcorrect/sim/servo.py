@@ -2,8 +2,8 @@
 
 Dry friction is set-valued (Moreau's time stepping): a step first moves freely, then friction takes away what speed it
 can and no more, so that a joint really sticks and no threshold speed is needed (Acary and Brogliato 2008, Numerical
-Methods for Nonsmooth Dynamical Systems, Ch. 10). Effects inside the loop act by their laws, for a whole recording and
-for an arm that runs live alike.
+Methods for Nonsmooth Dynamical Systems, Ch. 10). Soft friction, which grows over the first speeds, is taken at the end
+of a step too. Effects inside the loop act by their laws, for a whole recording and for an arm that runs live alike.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from gpcorrect.sim.effects.laws import FrictionLaw, TorqueLaw, contact, resistin
 from gpcorrect.types import FloatArray, IntArray
 
 Sides = tuple[float, float]  # before the transmission and behind it
+Frictions = tuple[Sides, Sides, Sides, Sides, float, float]  # of one joint in one step, as `_frictions` returns them
 MOTOR, JOINT = 0, 1  # the order of `SIDES`
 SETTLING = 3  # times that it is looked which stops are pressed: once more than one joint's two
 TINY = 1e-300  # N m or N: keeps the ratio of two frictions defined where there is none
@@ -247,11 +248,10 @@ def _own_laws(drive: Drive) -> tuple[list[tuple[int, int, FrictionLaw]], list[tu
     still = np.zeros(len(drive.kp))
     dry = still if drive.friction is None else drive.friction
     viscous = still if drive.damping is None else drive.damping
-    frictions = [
-        (j, MOTOR, FrictionLaw(torque=float(dry[j]), damping=float(viscous[j])))
-        for j in range(len(dry))
-        if dry[j] > 0 or viscous[j] > 0
-    ]
+    soft = np.zeros((2, len(still))) if drive.onset is None else drive.onset
+    numbers = zip(dry.tolist(), viscous.tolist(), *soft.tolist(), strict=True)
+    laws = [FrictionLaw.creeping(torque, v, time, damping) for torque, damping, v, time in numbers]
+    frictions = [(j, MOTOR, law) for j, law in enumerate(laws) if law.torque > 0 or law.damping > 0]
     limits = [] if drive.limit is None else [(j, TorqueLaw(limit=float(limit))) for j, limit in enumerate(drive.limit)]
     return frictions, [law for law in limits if np.isfinite(law[1].limit)]
 
@@ -289,7 +289,7 @@ def _advance(
                 torque = given.kp[j] * (wanted[i, j] - q) + given.kd[j] * (pace[i, j] - v)
                 torque += _between(fed, k, after, part, j)
                 load, felt = _between(loads, k, after, part, j), _between(loads_felt, k, after, part, j)
-                frictions = _frictions(laws, j, q, v, felt)
+                frictions = _frictions(laws, j, q, v, felt, given.gain[j], given.step, given.kv[j])
                 if given.kv[j] > 0.0:
                     torque = _with_brake(torque, given.kv[j], v, given.gain[j], load, frictions, laws, j, q)
                 delivered, pressed = _delivered(laws, j, torque, q)
@@ -322,54 +322,74 @@ def _delivered(laws: _Laws, j: int, torque: float, q: float) -> tuple[float, flo
 
 @njit(cache=True, error_model="numpy")
 def _with_brake(
-    torque: float,
-    kv: float,
-    v: float,
-    gain: float,
-    load: float,
-    frictions: tuple[Sides, Sides, Sides],
-    laws: _Laws,
-    j: int,
-    q: float,
+    torque: float, kv: float, v: float, gain: float, load: float, frictions: Frictions, laws: _Laws, j: int, q: float
 ) -> float:
     """Torque less `kv` times the speed at the end of the step.
 
     Implicit, since a gain on the motor's own speed is often so high that the loop is unstable if it acts a step late.
     """
     pressed = _delivered(laws, j, torque, q)[1]
-    forward, backward, damping = frictions
-    braking = (forward, backward, (damping[MOTOR] + kv, damping[JOINT]))
+    forward, backward, damping, soft, slope, ahead = frictions
+    braking = (forward, backward, (damping[MOTOR] + kv, damping[JOINT]), soft, slope, ahead)
     return torque - kv * _braked(v, gain, torque - pressed - load, braking)[0]
 
 
 @njit(cache=True, error_model="numpy")
-def _frictions(laws: _Laws, j: int, q: float, v: float, load: float) -> tuple[Sides, Sides, Sides]:
-    """Limits against forward and backward motion, and damping.
+def _frictions(laws: _Laws, j: int, q: float, v: float, load: float, gain: float, step: float, kv: float) -> Frictions:
+    """Dry limits against forward and backward motion, damping, and of soft friction the limits, slope and `ahead`.
+
+    Soft frictions add up to one: below its limit it is `slope (v + ahead (u - v))`, u the speed after the step. `ahead`
+    is inertia over slope in steps, and more by what damping and `kv` take of the acceleration within a step: the
+    law counts by what it is at the beginning. It is at least 1, or the speed would overshoot zero.
 
     Apart from `_braked`, so that the compiler inlines both: as one function the loop takes twice as long.
     """
-    forward, backward, damping = (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)
+    forward, backward, damping, soft = (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)
+    slope, inertia = 0.0, 0.0
     for a in range(laws.friction_of[j], laws.friction_of[j + 1]):
-        up, down = resisting(laws.friction, a, q, v, load)
         behind = laws.friction_side[a] == JOINT
-        forward, backward = _added(forward, up, behind), _added(backward, down, behind)
         damping = _added(damping, laws.friction[a, 7], behind)
-    return forward, backward, damping
+        if laws.friction[a, 8] > 0.0:
+            soft = _added(soft, laws.friction[a, 0], behind)
+            slope += laws.friction[a, 8]
+            inertia += laws.friction[a, 9]
+        else:
+            up, down = resisting(laws.friction, a, q, v, load)
+            forward, backward = _added(forward, up, behind), _added(backward, down, behind)
+    ahead = 1.0
+    if slope > 0.0:
+        ahead = max(inertia * (1.0 + gain * (damping[MOTOR] + damping[JOINT] + kv)) / (slope * step), 1.0)
+    return forward, backward, damping, soft, slope, ahead
 
 
 @njit(cache=True, error_model="numpy")
-def _braked(v: float, gain: float, driving: float, frictions: tuple[Sides, Sides, Sides]) -> tuple[float, float]:
-    """Speed after a step, and the friction behind the transmission in it."""
-    forward, backward, damping = frictions
+def _braked(v: float, gain: float, driving: float, frictions: Frictions) -> tuple[float, float]:
+    """Speed after a step, and the friction behind the transmission in it.
+
+    Dry friction stops what it can beside the soft friction of a joint that stops; soft friction acts on what is left.
+    """
+    forward, backward, damping, soft, slope, ahead = frictions
     factor = 1.0 / (1.0 + gain * (damping[MOTOR] + damping[JOINT]))
     gain = gain * factor
     free = factor * v + gain * driving
     ceiling = gain * (forward[MOTOR] + forward[JOINT])
     floor = -gain * (backward[MOTOR] + backward[JOINT])
-    taken = min(max(free, floor), ceiling)
+    behind = 0.0
+    if slope > 0.0:
+        limit = soft[MOTOR] + soft[JOINT]
+        stopped = min(max(slope * (1.0 - ahead) * v, -limit), limit)
+        taken = min(max(free - gain * stopped, floor), ceiling)
+        implicit = slope / (1.0 + slope * ahead * gain)
+        creeping = min(max(implicit * (v + ahead * (free - taken - v)), -limit), limit)
+        behind = soft[JOINT] / limit * creeping
+        speed = free - taken - gain * creeping
+    else:
+        taken = min(max(free, floor), ceiling)
+        speed = free - taken
     limits = forward if taken > 0.0 else backward
-    fraction = limits[JOINT] / max(limits[MOTOR] + limits[JOINT], TINY)
-    return free - taken, fraction * taken / gain + damping[JOINT] * (free - taken)
+    if limits[JOINT] > 0.0:
+        behind += limits[JOINT] / (limits[MOTOR] + limits[JOINT]) * taken / gain
+    return speed, behind + damping[JOINT] * speed
 
 
 @njit(cache=True, error_model="numpy")

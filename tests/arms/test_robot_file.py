@@ -80,6 +80,53 @@ def test_numbers_of_the_drives_are_read_in_joint_units(tmp_path):
     np.testing.assert_allclose([drives.stiffness[2], drives.rest[2]], [40, 0.02])
 
 
+@pytest.mark.parametrize(
+    ("softness", "b", "d"),
+    [
+        ("", 2.0 / (0.95 * 0.02), 0.9),
+        (' solreffriction="0.0005 1" solimpfriction="0.8 0.9 0.001"', 2.0 / (0.9 * 0.002), 0.8),
+        (' solreffriction="-100 -60" solimpfriction="0.8 0.9 0"', 60.0 / 0.9, 0.85),
+    ],
+    ids=["default", "at two steps", "direct, flat"],
+)
+def test_a_files_friction_is_as_soft_as_mujocos_documentation_says(tmp_path, softness, b, d):
+    """Of time constant and impedances comes b, and R of the impedance and the inertia; the onset is F R / b."""
+    path = write_mjcf(tmp_path, ('frictionloss="0.2"', f'frictionloss="0.2"{softness}'))
+    model, drives = compiled(path), read_robot(path, **TIP).drives
+    R = (1.0 - d) / d * model.dof_invweight0[model.joint("lift").dofadr[0]]
+    np.testing.assert_allclose(drives.onset, [0.0, 0.2 * R / b, 0.0, 0.0])
+    np.testing.assert_allclose(drives.onset_time, [0.0, 1.0 / b, 0.0, 0.0])
+
+
+def test_soft_friction_reads_back_as_soft_as_it_was_written(tmp_path):
+    """Alone, beside the file's own and with new masses; where no impedance says it, the file stays as it is."""
+    path = write_mjcf(tmp_path)
+    before, edit = read_robot(path, **TIP).drives, RobotEdit(path, tool="tip")
+    assert edit.add_soft_friction(1, 0.6, 0.01, 0.0095)
+    assert edit.add_soft_friction(2, 0.4, 0.02, 0.02)
+    assert not edit.add_soft_friction(3, 1.0, 1e-9, 0.0095)
+    assert not edit.add_soft_friction(4, 1.0, 0.01, 1e-5)
+    edit.add_payload(0.8)
+    edit.add_inertia(2, 0.3)
+    edit.write(tmp_path / "new.xml")
+    after = read_robot(tmp_path / "new.xml", **TIP).drives
+    slopes = np.array([0.2 / before.onset[1], 0.4 / 0.02])
+    np.testing.assert_allclose(after.friction, [0.6, 0.6, 0.0, 0.0])
+    np.testing.assert_allclose(after.onset, [0.01, 0.6 / slopes.sum(), 0.0, 0.0], rtol=2e-4)
+    times = [0.0095, slopes @ [0.0095, 0.02] / slopes.sum(), 0.0, 0.0]
+    np.testing.assert_allclose(after.onset_time, times, rtol=2e-4)
+
+
+def test_friction_that_was_written_dry_sticks(tmp_path):
+    """Its onset is next to nothing, and it stops a joint within a step."""
+    edit = RobotEdit(write_mjcf(tmp_path), tool="tip")
+    edit.add_friction(2, 0.5)
+    edit.write(tmp_path / "new.xml")
+    robot = read_robot(tmp_path / "new.xml", **TIP)
+    assert robot.drives.onset[1] < 1e-6
+    assert robot.drives.onset_time[1] <= robot.step
+
+
 def test_urdf_effort_and_friction_are_limits_and_friction(tmp_path):
     """A URDF's effort limits, damping and friction are read; it has no servo."""
     drives = read_robot(write_urdf(tmp_path)).drives

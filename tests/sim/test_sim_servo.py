@@ -8,7 +8,7 @@ from gpcorrect.sim import Segment, plan_of, run
 from gpcorrect.sim.body import Drive
 from gpcorrect.sim.effects import CableStretch, CoulombFriction, ViscousFriction
 from gpcorrect.sim.plan import minimum_jerk
-from gpcorrect.sim.servo import Clock, Reference, ServoPath, follow
+from gpcorrect.sim.servo import Clock, Loop, Reference, ServoPath, follow
 
 SPEED = np.array([0.1, -0.2, 0.01])
 ALL = (1, 2, 3)
@@ -86,9 +86,11 @@ def test_friction_behind_the_cable_stretches_it_too():
     np.testing.assert_allclose(before.q[-1, 0, 0], before.motion.position[-1, 0, 0], atol=1e-12)
 
 
-def test_torque_behind_the_cable_is_shared_out():
+@pytest.mark.parametrize("rest", ["dry", "soft"])
+def test_torque_behind_the_cable_is_shared_out(rest):
     """With friction on both sides the cable feels only its own part."""
-    both = (CoulombFriction(1, torque=0.4, side="joint"), CoulombFriction(1, torque=0.2, side="motor"))
+    sides = {"joint": 0.4, "motor": 0.2}
+    both = [CoulombFriction(1, torque=f, side=side, rest=rest, onset=0.01) for side, f in sides.items()]
     viscous = (ViscousFriction(1, damping=2.0, side="joint"), ViscousFriction(1, damping=3.0, side="motor"))
     outcome = run(weightless(*both, *viscous), constant_speed(SPEED))
     np.testing.assert_allclose(outcome.motion.load[-1, 0, 0], 0.4 + 2.0 * SPEED[0], rtol=1e-6)
@@ -117,7 +119,13 @@ def test_coulomb_oscillator_loses_two_fc_over_kp_each_half_swing():
 
 
 @pytest.mark.parametrize(
-    "friction", [CoulombFriction(1, torque=0.05), ViscousFriction(1, damping=0.05)], ids=["coulomb", "viscous"]
+    "friction",
+    [
+        CoulombFriction(1, torque=0.05),
+        CoulombFriction(1, torque=0.05, rest="soft", onset=0.05, onset_time=0.0),
+        ViscousFriction(1, damping=0.05),
+    ],
+    ids=["coulomb", "soft", "viscous"],
 )
 def test_friction_is_passive(friction):
     """Friction never feeds energy: what spring and mass hold together only falls, and without it stays."""
@@ -129,6 +137,55 @@ def test_friction_is_passive(friction):
     np.testing.assert_allclose(energy["free"], energy["free"][0], atol=ripple)
     assert (np.diff(energy["slowed"]) < ripple).all()
     assert energy["slowed"][-1] < 0.5 * energy["slowed"][0]
+
+
+def soft(torque, onset, onset_time=0.0, **keys):
+    """Friction of joint 1 that grows over the first speeds."""
+    return CoulombFriction(1, torque=torque, rest="soft", onset=onset, onset_time=onset_time, **keys)
+
+
+def pushed(push, *effects, seconds=2.0):
+    """Speeds `(n,)` of joint 1 under a constant torque, from rest, at steps of 1 ms; its spring is next to nothing."""
+    n = round(seconds * 1000.0) + 1
+    still, zero = np.zeros((1, n, 3)), np.zeros((n, 1, 3))
+    loop = Loop(Drive(np.full(3, 1e-9), np.zeros(3), np.full(3, 0.1)), ALL, effects)
+    reference = Reference(still, still, zero, zero - push, np.full(3, 0.1))
+    return loop.run(reference, Clock(1e-3, 1), np.zeros((1, 3)), np.zeros((1, 3))).velocity[:, 0, 0]
+
+
+@pytest.mark.parametrize("onset_time", [0.0, 0.0095])
+def test_soft_friction_creeps_in_proportion_to_the_load(onset_time):
+    """Under half its limit a joint creeps at half the onset, and under more than the limit it is off."""
+    np.testing.assert_allclose(pushed(0.2, soft(0.4, 0.01, onset_time))[-1], 0.005, rtol=1e-6)
+    np.testing.assert_allclose(pushed(0.5, soft(0.4, 0.01, onset_time))[-1], 2.0 * 0.1 / 0.1, rtol=0.02)
+
+
+def test_soft_frictions_on_one_joint_add_up():
+    """Two creep as one of both limits with the same onset does, and beside dry friction that holds nothing moves."""
+    one, two = pushed(0.2, soft(0.4, 0.01)), pushed(0.2, soft(0.1, 0.01, side="joint"), soft(0.3, 0.01))
+    np.testing.assert_allclose(two, one, atol=1e-15)
+    dry = CoulombFriction(1, torque=0.25)
+    assert not pushed(0.2, soft(0.4, 0.01), dry).any()
+    np.testing.assert_allclose(pushed(0.35, soft(0.4, 0.01), dry)[-1], 0.0025, rtol=1e-6)
+
+
+def test_soft_friction_without_an_onset_is_dry():
+    """As the onset goes to zero, within a step, the path goes to that of dry friction, stick and slip included."""
+    plan, dry = moves(runs=2, seconds=3.0), CoulombFriction(1, torque=2.0)
+    paths = [run(weightless(e), plan).q for e in (dry, soft(2.0, 1e-12), soft(2.0, 0.0), soft(2.0, 0.05))]
+    np.testing.assert_allclose(paths[1], paths[0], atol=1e-11)
+    np.testing.assert_array_equal(paths[2], paths[0])
+    assert np.abs(paths[3] - paths[0]).max() > 1e-4
+
+
+@pytest.mark.parametrize("onset", [1e-9, 1e-4, 0.01])
+@pytest.mark.parametrize("onset_time", [0.0, 3e-4, 0.0095])
+def test_soft_friction_is_stable_at_any_step(onset, onset_time):
+    """A joint that was let go never swings past zero speed and back within a few steps, however short the onset."""
+    velocity = released(soft(0.5, onset, onset_time)).velocity[:, 0, 0]
+    turns = np.flatnonzero(np.diff(np.sign(velocity[np.abs(velocity) > 1e-12])))
+    assert len(turns) < 8
+    assert np.abs(velocity[-50:]).max() < 0.05
 
 
 def test_halving_the_step_halves_the_error():

@@ -111,7 +111,7 @@ def refine(
         slopes = whitener.whiten_columns(_tangents(dataset, fixed, _at(free, u))[1])
         # What these sensors do not see at all, such as a turn that the marker's own takes up, stays where it is: its
         # slope is rounding, by which a step would take it to an end of its range.
-        slopes[:, np.square(slopes).sum(axis=0) * np.square(high - low) < UNSEEN] = 0.0
+        slopes[:, np.square(slopes).sum(axis=0) < UNSEEN / np.square(high - low)] = 0.0
         return np.concatenate([-slopes, np.diag(prior)])
 
     costs: list[float] = []

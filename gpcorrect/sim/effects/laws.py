@@ -21,6 +21,9 @@ class FrictionLaw(NamedTuple):
     `|tau| (exp(wrap) - 1)` against the load or `|tau| (1 - exp(-wrap))` with it; `damping v` comes on top
     (Armstrong-Helouvry, Dupont, Canudas de Wit 1994; Euler and Eytelwein's belt).
 
+    With a `slope` it is soft instead: `slope v + inertia v'`, up to `torque` either way, and the damping (the friction
+    loss of MuJoCo: its documentation, Computation, constraint model).
+
     Parameters
     ----------
     torque, static : float, kinetic and static limit, N m or N
@@ -29,6 +32,8 @@ class FrictionLaw(NamedTuple):
         Part that varies with position: N m or N, rad of phase per unit of the joint, rad.
     wrap : float, friction coefficient times wrap angle of a cable under the load
     damping : float, N m s/rad or N s/m
+    slope : float, of soft friction over speed, N m s/rad or N s/m; at 0 the friction is dry
+    inertia : float, by which soft friction resists a change of speed too, kg m^2 or kg
     """
 
     torque: float = 0.0
@@ -39,6 +44,24 @@ class FrictionLaw(NamedTuple):
     phase: float = 0.0
     wrap: float = 0.0
     damping: float = 0.0
+    slope: float = 0.0
+    inertia: float = 0.0
+
+    @classmethod
+    def creeping(cls, torque: float, onset: float, onset_time: float, damping: float = 0.0) -> FrictionLaw:
+        """Return friction that is soft, or dry where the onset is 0.
+
+        Parameters
+        ----------
+        torque, damping : float, as above
+        onset : float, speed over which it grows, rad/s or m/s
+        onset_time : float
+            Time constant with which it brings to rest, or to its creep, what it can hold, s; a step of the loop counts
+            when it is less.
+        """
+        if onset == 0.0:
+            return cls(torque=torque, damping=damping)
+        return cls(torque=torque, damping=damping, slope=torque / onset, inertia=torque / onset * onset_time)
 
 
 class TorqueLaw(NamedTuple):
@@ -65,7 +88,7 @@ def resisting(laws: FloatArray, i: int, q: float, v: float, load: float) -> tupl
 
     Parameters
     ----------
-    laws : (k, 8) array, rows of :class:`FrictionLaw` numbers
+    laws : (k, 10) array, rows of :class:`FrictionLaw` numbers
     i : int
     q, v, load : float, position, speed and load of the joint, SI units
     """

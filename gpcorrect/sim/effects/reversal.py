@@ -27,6 +27,7 @@ STATIC = Range("N m", 0.0, 30.0, 0.5), Range("N", 0.0, 600.0, 5.0)
 SPEED = Range("rad/s", 1e-4, 2.0, 0.05), Range("m/s", 1e-5, 0.2, 0.005)
 RESTS = ("dry", "soft")  # it sticks, or creeps
 ONSET = Range("rad/s", 0.0, 0.5, 0.05), Range("m/s", 0.0, 0.05, 0.005)
+MUJOCO_TIME = 0.0095  # s: half of MuJoCo's default time constant times the largest impedance that is its default
 SWING = Range("N m", -20.0, 20.0, 0.2), Range("N", -100.0, 100.0, 2.0)
 WAVES = Range("1", 0.1, 300.0, 6.0), Range("rad/m", 1.0, 5000.0, 60.0)
 
@@ -58,27 +59,31 @@ class Backlash(JointEffect):
 
 @dataclass(frozen=True)
 class CoulombFriction(FrictionEffect):
-    """Dry friction of fixed size: by a proportional gain an error of torque / kp that changes sign at reversals.
+    """Friction of fixed size: by a proportional gain an error of torque / kp that changes sign at reversals.
 
     Of one that creeps before it slips, as in a greased bearing and in simulators that regularise friction, the rest is
-    "soft", and `onset` the speed below which it falls to nothing.
+    "soft", and `onset` the speed over which it grows. It is MuJoCo's: what it can hold it brings to rest, or to its
+    creep, with a time constant of `onset_time`, which is no parameter to be found: by default that of MuJoCo.
     """
 
     torque: float = field(kw_only=True)
     onset: float = field(default=0.0, kw_only=True)
+    onset_time: float = field(default=MUJOCO_TIME, kw_only=True)
     rest: str = field(default="dry", kw_only=True)
 
     about = Description(
         name="coulomb_friction",
         number=15,
         family=Family.REVERSAL,
-        equation="F = torque sign(v), |F| <= torque at rest; soft: F = torque (1 - exp(-(v / onset)^2)) sign(v)",
-        source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
+        equation="F = torque sign(v), |F| <= torque at rest; "
+        "soft: F = torque (v + onset_time v') / onset, |F| <= torque",
+        source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7); "
+        "MuJoCo's documentation, Computation, constraint model",
         parameters=(
             Parameter("torque", "size of the friction", *TORQUE),
             Parameter(
                 "onset",
-                "speed below which it falls to nothing",
+                "speed over which it grows",
                 *ONSET,
                 ladder=Ladder(Per.PRIOR, (0.1,)),
                 only=("rest", "soft"),
@@ -90,9 +95,16 @@ class CoulombFriction(FrictionEffect):
         choices=(("side", SIDES), ("rest", RESTS)),
     )
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.onset_time >= 0:
+            raise DataError(f"effect coulomb_friction: onset_time must be >= 0, got {self.onset_time!r}.")
+
     def law(self) -> FrictionLaw:
-        """Return the limit, constant but for its onset."""
-        return FrictionLaw(torque=self.torque, static=0.0, speed=self.onset if self.rest == "soft" else 0.0)
+        """Return the limit, and what it is approached by."""
+        if self.rest == "dry":
+            return FrictionLaw(torque=self.torque)
+        return FrictionLaw.creeping(self.torque, self.onset, self.onset_time)
 
 
 @dataclass(frozen=True)
