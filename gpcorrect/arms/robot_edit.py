@@ -96,6 +96,21 @@ class RobotEdit:
         found = self._joint(joint)
         found.damping = np.array(found.damping) + np.array([damping, 0.0, 0.0])
 
+    def lose_friction(self, joint: int, term: str, part: float) -> None:
+        """Take a part of what the file states away from a joint's friction; soft friction grows as fast as before.
+
+        Parameters
+        ----------
+        joint : int, number on the arm, from 1
+        term : str, "dry" or "viscous"
+        part : float
+        """
+        found, drives = self._joint(joint), self.robot.drives
+        if term == "dry":
+            found.frictionloss -= part * drives.friction[joint - 1]
+        else:
+            found.damping = np.array(found.damping) - np.array([part * drives.damping[joint - 1], 0.0, 0.0])
+
     def add_inertia(self, joint: int, inertia: float) -> None:
         """Add to the inertia of a joint's motor, as far as it stays at least zero.
 

@@ -22,7 +22,7 @@ from gpcorrect.plain import toml_text
 from gpcorrect.sim.body import Feedforward
 from gpcorrect.sim.effects import Effect, Stage, effect_from_dict, in_order
 from gpcorrect.sim.effects.compliance import JointSpring, LinkMassError, Payload
-from gpcorrect.sim.effects.dynamics import InertiaError
+from gpcorrect.sim.effects.dynamics import InertiaError, MissingFriction
 from gpcorrect.sim.effects.geometry import DhError
 from gpcorrect.sim.effects.limit import JointStop, TorqueSaturation
 from gpcorrect.sim.effects.reversal import CoulombFriction, ViscousFriction
@@ -302,46 +302,46 @@ def write_completed(model: Model, path: Path) -> Written:
 
 def _in_own_words(edit: RobotEdit, effect: Effect, model: Model) -> bool:
     """Put an effect into a robot file; return whether the file says all of it."""
-    joint = effect.joint
+    if isinstance(effect.joint, int) and _acts_on_motor(effect, model.effects):
+        return _on_joint(edit, effect, effect.joint)
+    weighs = not _fed_forward(model)  # or a controller would know of it
     match effect:
-        case CoulombFriction() if isinstance(joint, int) and not _felt_behind(effect, model.effects):
-            return _add_friction(edit, effect, joint)
-        case ViscousFriction(damping=damping) if isinstance(joint, int) and not _felt_behind(effect, model.effects):
-            edit.add_damping(joint, damping)
-            return True
-        case InertiaError(inertia=inertia) if isinstance(joint, int) and _file_moves(model):
+        case InertiaError(joint=int(joint), inertia=inertia) if weighs and model.transmission is None:
             edit.add_inertia(joint, inertia)
             return True
-        case TorqueSaturation(limit=limit) if isinstance(joint, int):
-            return edit.limit_torque(joint, limit)
-        case Payload(mass=mass) if mass > 0.0 and not _fed_forward(model) and model.links is None:
+        case Payload(mass=mass) if mass > 0.0 and weighs and model.links is None:
             edit.add_payload(mass)
             return True
-        case LinkMassError(mass=mass) if mass > 0.0 and not _fed_forward(model) and model.links is None:
-            edit.add_link_mass(int(joint), mass)
+        case LinkMassError(joint=int(joint), mass=mass) if mass > 0.0 and weighs and model.links is None:
+            edit.add_link_mass(joint, mass)
             return True
-        case DhError(alpha=alpha, a=a, d=d, theta=theta) if isinstance(joint, int) and not _fed_forward(model):
+        case DhError(joint=int(joint), alpha=alpha, a=a, d=d, theta=theta) if weighs:
             row = Joint("R", alpha, a, d, theta, -1.0, 1.0)
             return edit.move_joint(joint, Chain((row,), "modified").forward([0.0]))
-        case JointSpring(stiffness=stiffness, push=push) if isinstance(joint, int) and joint not in _soft(
-            model.effects
-        ):
+    return False
+
+
+def _on_joint(edit: RobotEdit, effect: Effect, joint: int) -> bool:
+    """Put an effect that resists or drives one joint into a robot file."""
+    match effect:
+        case CoulombFriction(rest="soft", torque=torque, onset=onset, onset_time=time) if onset > 0.0:
+            return edit.add_soft_friction(joint, torque, onset, time)
+        case CoulombFriction(torque=torque):
+            edit.add_friction(joint, torque)
+        case ViscousFriction(damping=damping):
+            edit.add_damping(joint, damping)
+        case MissingFriction(part=part, term=term):
+            edit.lose_friction(joint, term, part)
+        case TorqueSaturation(limit=limit):
+            return edit.limit_torque(joint, limit)
+        case JointSpring(stiffness=stiffness, push=push):
             return edit.add_spring(joint, stiffness, push)
-        case JointStop(limit=limit, end=end) if isinstance(joint, int):
+        case JointStop(limit=limit, end=end):
             edit.limit_range(joint, end, limit)
-    return False  # of a stop the file has the place, but no stiffness in N m/rad
-
-
-def _add_friction(edit: RobotEdit, effect: CoulombFriction, joint: int) -> bool:
-    if effect.rest == "soft" and effect.onset > 0.0:
-        return edit.add_soft_friction(joint, effect.torque, effect.onset, effect.onset_time)
-    edit.add_friction(joint, effect.torque)
+            return False  # the file has the place, but no stiffness in N m/rad
+        case _:
+            return False
     return True
-
-
-def _file_moves(model: Model) -> bool:
-    """Whether the motors' inertia is the file's, and no controller computes torques from it."""
-    return model.transmission is None and not _fed_forward(model)
 
 
 def _fed_forward(model: Model) -> bool:
@@ -349,11 +349,9 @@ def _fed_forward(model: Model) -> bool:
     return model.controller is not None and model.controller.feedforward != "none"
 
 
-def _felt_behind(effect: CoulombFriction | ViscousFriction, others: tuple[Effect, ...]) -> bool:
-    """Whether the friction acts behind a transmission that gives way, where a robot file has no friction."""
-    return effect.side == "joint" and effect.joint in _soft(others)
-
-
-def _soft(effects: tuple[Effect, ...]) -> set[int | str]:
-    """Joints whose transmission gives way."""
-    return {effect.joint for effect in effects if effect.stage == Stage.TRANSMISSION}
+def _acts_on_motor(effect: Effect, others: tuple[Effect, ...]) -> bool:
+    """Whether it resists or drives a joint, and not behind a transmission that gives way, which no file has."""
+    kinds = (CoulombFriction, ViscousFriction, MissingFriction, TorqueSaturation, JointSpring, JointStop)
+    behind = isinstance(effect, JointSpring) or getattr(effect, "side", "") == "joint"
+    soft = {other.joint for other in others if other.stage == Stage.TRANSMISSION}
+    return isinstance(effect, kinds) and not (behind and effect.joint in soft)

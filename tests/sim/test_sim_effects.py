@@ -1,10 +1,10 @@
-from dataclasses import FrozenInstanceError, fields
+from dataclasses import FrozenInstanceError, fields, replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sim_machines import INFINITE, motion, moves, raven
+from sim_machines import INFINITE, drive, motion, moves, raven
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim import EFFECTS, effect_from_dict, simulate
@@ -31,6 +31,7 @@ from gpcorrect.sim.effects import (
     JointStop,
     LengthDependentStiffness,
     LinkMassError,
+    MissingFriction,
     NoiseChange,
     NonlinearStretch,
     PathEffect,
@@ -89,6 +90,8 @@ NEUTRAL = (
     InertiaError(2, 0.0),
     LinkMassError(2, 0.0),
     JointSpring(1, 0.0, 0.0),
+    MissingFriction(1, 0.0),
+    MissingFriction(1, 0.0, "viscous"),
 )
 ACTIVE = (
     HomingOffset(1, 0.02),
@@ -127,6 +130,7 @@ ACTIVE = (
     InertiaError(2, 0.1),
     LinkMassError(2, 0.3),
     JointSpring(1, 4.0, 0.3),
+    MissingFriction(1, 0.4),
 )
 ids = [e.about.name for e in ACTIVE]
 PATH_EFFECTS = [e for e in ACTIVE if isinstance(e, PathEffect) and e.joint != "all"]
@@ -134,8 +138,9 @@ neutral_ids = [f"{e.about.name}-{e.joint}" for e in NEUTRAL]
 
 
 def recorded(*effects):
-    """Return a short recording of the loaded arm, as named arrays."""
-    log = simulate(raven(*effects), moves(runs=1, seconds=2.0, payload=0.2))
+    """Return a short recording of the loaded arm, whose model states friction, as named arrays."""
+    stated = replace(drive(), friction=np.array([0.2, 0.2, 1.0]), damping=np.array([0.1, 0.1, 2.0]))
+    log = simulate(raven(*effects, drive=stated), moves(runs=1, seconds=2.0, payload=0.2))
     arrays = {name: getattr(log, name) for name in log.signals if not name.endswith("_cp")}
     return arrays | {"tracker": log.tracker_cp.position, "quaternion": log.tracker_cp.quaternion}
 

@@ -34,6 +34,7 @@ OF_THE_MACHINE = {
     "feedforward_error": "what the controller adds",
     "gain_error": "gains of the controller",
     "inertia_error": "inertia of the motors",
+    "missing_friction": "friction of the drives",
     "command_delay": "when commands reach the controller",
 }
 # Where live and recorded differ, and why.

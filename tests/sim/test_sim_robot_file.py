@@ -156,6 +156,7 @@ FOUND = [
     {"name": "dh_error", "joint": 2, "a": 0.01, "alpha": 0.02, "d": -0.01, "theta": 0.03},
     {"name": "inertia_error", "joint": 2, "inertia": 0.3},
     {"name": "link_mass_error", "joint": 2, "mass": 0.5},
+    {"name": "missing_friction", "joint": 1, "part": 0.4, "term": "viscous"},
     {"name": "joint_spring", "joint": 2, "stiffness": 20.0, "push": 8.0},
     {"name": "joint_spring", "joint": 4, "stiffness": 1.5, "push": -0.45},
     {"name": "backlash", "joint": 1, "radius": 0.003},

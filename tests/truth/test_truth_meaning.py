@@ -153,6 +153,7 @@ def test_the_catalogues_are_the_same() -> None:
         "inertia_error",
         "link_mass_error",
         "joint_spring",
+        "missing_friction",
     }
 
 

@@ -188,3 +188,40 @@ class InertiaError(DriveEffect):
         inertia[j] = max(0.0, inertia[j] + self.inertia)
         known = drive.motor_inertia if drive.known_inertia is None else drive.known_inertia
         return replace(drive, motor_inertia=inertia, known_inertia=known)
+
+
+FRICTIONS = ("dry", "viscous")
+
+
+@dataclass(frozen=True)
+class MissingFriction(DriveEffect):
+    """A joint has less friction than the model says; where the model states none, nothing is missing."""
+
+    part: float
+    term: str = "dry"
+
+    about = Description(
+        name="missing_friction",
+        number=37,
+        family=Family.DYNAMICS,
+        equation="F = (1 - part) F_nominal",
+        source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
+        parameters=(
+            Parameter("part", "of the model's friction, that is not there", Range("1", 0.0, 1.0, 0.3), factor=2.0),
+        ),
+        needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
+        neighbours=("gain_error", "feedforward_error"),
+        separating_runs=(Run.SPEED_LADDER, Run.GAIN_CHANGE),
+        choices=(("term", FRICTIONS),),
+    )
+
+    def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
+        """Take the part away; soft friction grows as fast as before, up to less."""
+        left = np.ones(len(joints))
+        left[self.column(joints)] = max(0.0, 1.0 - self.part)
+        if self.term == "viscous":
+            return drive if drive.damping is None else replace(drive, damping=drive.damping * left)
+        if drive.friction is None:
+            return drive
+        onset = None if drive.onset is None else drive.onset * np.stack([left, np.ones(len(joints))])
+        return replace(drive, friction=drive.friction * left, onset=onset)
