@@ -156,6 +156,19 @@ def test_where_neither_clock_is_right_no_loop_is_run() -> None:
         assert any("uneven" in remark for remark in built.remarks)
 
 
+def test_without_a_clock_nothing_is_said_of_the_motors() -> None:
+    """They were compared with nothing: what would be NONE by an even clock is INCONCLUSIVE by stamps in bunches."""
+    log, rng = fine((), runs=12, hz=50.0), np.random.default_rng(6)
+    even_one = replace(
+        log, tracker_cp=None, external_jp=log.external_jp + rng.normal(0.0, [1e-4, 1e-4, 1e-5], (len(log), 3))
+    )
+    bunched = np.concatenate(
+        [t[::4].repeat(4)[: len(t)] + np.arange(len(t)) % 4 * 2e-4 for t in np.split(log.time, 12)]
+    )
+    levels = [find_discrepancy(MODEL, one).level for one in (even_one, replace(even_one, time=bunched))]
+    assert levels == ["NONE", "INCONCLUSIVE"]
+
+
 @pytest.mark.parametrize(("delay", "named"), [(0.001, False), (0.005, True)])
 def test_a_late_command_is_named_unless_it_is_a_matter_of_steps(delay: float, named: bool) -> None:
     """A step of the servo, by which two programs may differ, is in the model and has no name; five of them have one."""
