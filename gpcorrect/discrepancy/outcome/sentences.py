@@ -213,16 +213,18 @@ def _either(effect: NamedEffect, *, chances: bool = True) -> str:
 
 
 def _nothing(result: DiscrepancyResult) -> str:
-    bounds = [e.upper for e in (result.remainder or result.localisation).equivalence if np.isfinite(e.upper)]
+    left, steps = result.remainder or result.localisation, result.verdict.of_steps
+    bounds = [e.upper for e in left.equivalence if np.isfinite(e.upper)]
     rest = f"; what could still hide is below {100 * max(bounds):.0f} % of the noise" if bounds else ""
     seen = ""
-    for faint in result.localisation.findings[:1]:  # no finding of these counts, or the verdict would be another
+    for faint in left.findings[:1]:  # no finding of these counts, or the verdict would be another
         size = f"{100 * faint.size:.0f} % of it"
         seen = f"; {channel_words(faint.channel)} differs by {size}, too little to matter"
     tolerated = _tolerated(result)
     beyond = f" and {TOLERANCES} ({100 * tolerated:.0f} % of it)" if tolerated > TESTS.equivalence else ""
-    steps = f" and how each steps its servos ({steps_words(result)})" if result.verdict.of_steps else ""
-    return f"Nothing is missing: simulation and recording agree up to noise{beyond}{steps}{rest}{seen}."
+    numbers = steps_words(result) if len(steps) == 1 else f"{len(steps)} numbers in the model"
+    stepped = f" and how each steps its servos ({numbers})" if steps else ""
+    return f"Nothing is missing: simulation and recording agree up to noise{beyond}{stepped}{rest}{seen}."
 
 
 def _undecided(result: DiscrepancyResult) -> str:
