@@ -96,8 +96,10 @@ class RobotEdit:
         found = self._joint(joint)
         found.damping = np.array(found.damping) + np.array([damping, 0.0, 0.0])
 
-    def lose_friction(self, joint: int, term: str, part: float) -> None:
-        """Take a part of what the file states away from a joint's friction; soft friction grows as fast as before.
+    def lose_friction(self, joint: int, term: str, part: float) -> bool:
+        """Take a part of what the file states from a joint's friction; return whether the joint's own has as much.
+
+        Soft friction grows as fast as before. Damping may stand in an actuator too, where it stays.
 
         Parameters
         ----------
@@ -108,8 +110,12 @@ class RobotEdit:
         found, drives = self._joint(joint), self.robot.drives
         if term == "dry":
             found.frictionloss -= part * drives.friction[joint - 1]
-        else:
-            found.damping = np.array(found.damping) - np.array([part * drives.damping[joint - 1], 0.0, 0.0])
+            return True
+        left = np.array(found.damping) - np.array([part * drives.damping[joint - 1], 0.0, 0.0])
+        if left[0] < 0.0:
+            return False
+        found.damping = left
+        return True
 
     def add_inertia(self, joint: int, inertia: float) -> None:
         """Add to the inertia of a joint's motor, as far as it stays at least zero.
@@ -131,14 +137,15 @@ class RobotEdit:
         stiffness : float, N m/rad or N/m; a push without any cannot be said
         push : float, torque or force with which it pushes back where the joint is at zero, N m or N
         """
-        found, drives = self._joint(joint), self.robot.drives
-        own = float(drives.stiffness[joint - 1])
+        found = self._joint(joint)
+        own = float(found.stiffness[0])
         if own + stiffness <= 0.0:
             return False
-        rest = (own * float(drives.rest[joint - 1]) - push) / (own + stiffness)
         degrees = self._spec.compiler.degree and found.type == mujoco_library().mjtJoint.mjJNT_HINGE
+        unit = np.pi / 180.0 if degrees else 1.0
+        rest = (own * unit * float(found.springref) - push) / (own + stiffness)
         found.stiffness = np.array(found.stiffness) + np.array([stiffness, 0.0, 0.0])
-        found.springref = np.rad2deg(rest) if degrees else rest
+        found.springref = rest / unit
         return True
 
     def limit_torque(self, joint: int, limit: float) -> bool:

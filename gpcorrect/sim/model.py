@@ -331,7 +331,7 @@ def _on_joint(edit: RobotEdit, effect: Effect, joint: int) -> bool:
         case ViscousFriction(damping=damping):
             edit.add_damping(joint, damping)
         case MissingFriction(part=part, term=term):
-            edit.lose_friction(joint, term, part)
+            return edit.lose_friction(joint, term, part)
         case TorqueSaturation(limit=limit):
             return edit.limit_torque(joint, limit)
         case JointSpring(stiffness=stiffness, push=push):

@@ -158,6 +158,7 @@ FOUND = [
     {"name": "link_mass_error", "joint": 2, "mass": 0.5},
     {"name": "missing_friction", "joint": 1, "part": 0.4, "term": "viscous"},
     {"name": "joint_spring", "joint": 2, "stiffness": 20.0, "push": 8.0},
+    {"name": "joint_spring", "joint": 2, "stiffness": 5.0, "push": -1.0},
     {"name": "joint_spring", "joint": 4, "stiffness": 1.5, "push": -0.45},
     {"name": "backlash", "joint": 1, "radius": 0.003},
     {"name": "coulomb_friction", "joint": 2, "torque": 1.0, "rest": "soft", "onset": 0.01},
