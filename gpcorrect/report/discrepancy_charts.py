@@ -10,7 +10,7 @@ import numpy as np
 from gpcorrect.discrepancy.naming.posterior import Alternative
 from gpcorrect.discrepancy.outcome.result import ChannelGap, Evidence
 from gpcorrect.discrepancy.outcome.words import channel_words, in_reader_units
-from gpcorrect.discrepancy.recording.channels import Channel
+from gpcorrect.discrepancy.recording.scene import Channel
 from gpcorrect.discrepancy.search.state import Step
 from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
 from gpcorrect.rigid.registration import evenly_spaced

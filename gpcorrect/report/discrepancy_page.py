@@ -22,7 +22,7 @@ from gpcorrect.discrepancy.outcome.words import (
     size_words,
     variable_words,
 )
-from gpcorrect.discrepancy.recording.channels import Channel
+from gpcorrect.discrepancy.recording.scene import Channel
 from gpcorrect.discrepancy.settings import ADVICE, NAMING, TESTS, VERDICT
 from gpcorrect.report.discrepancy_charts import (
     gap_chart,

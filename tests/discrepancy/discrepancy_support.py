@@ -13,8 +13,8 @@ from gpcorrect.discrepancy.evidence.variables import Span
 from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level
 from gpcorrect.discrepancy.outcome.provenance import DataSource, DecisionThresholds, Provenance
 from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, Evidence, NamedEffect, Verdict
-from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
+from gpcorrect.discrepancy.recording.scene import Channel
 from gpcorrect.discrepancy.search.candidates import Estimate
 from gpcorrect.discrepancy.search.needs import Lack
 from gpcorrect.discrepancy.search.state import Step

@@ -13,7 +13,7 @@ from scipy.signal import lfilter
 from gpcorrect.discrepancy.naming.sensor_noise import Growth, growth_of, levels_of, stated_level
 from gpcorrect.discrepancy.naming.speed_noise import SpeedGrowth, speed_growth
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
-from gpcorrect.discrepancy.recording.quantisation import quantisation_of
+from gpcorrect.discrepancy.recording.stated_noise import quantisation_of
 from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.sim.effects import EncoderQuantisation, NoiseChange
 from gpcorrect.sim.effects.noise import SpeedNoise

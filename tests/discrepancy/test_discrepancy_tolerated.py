@@ -16,7 +16,7 @@ from truth import Spec, make_case
 
 from gpcorrect.discrepancy import DiscrepancyResult, Level
 from gpcorrect.discrepancy.outcome.sentences import verdict_sentence
-from gpcorrect.discrepancy.recording.channels import Channel
+from gpcorrect.discrepancy.recording.scene import Channel
 from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.sim import model_from_dict
 

@@ -11,8 +11,7 @@ from gpcorrect import se3
 from gpcorrect.arms import raven2
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
-from gpcorrect.discrepancy.recording.tolerance import slack_of, table_slopes
-from gpcorrect.discrepancy.recording.tracker import Tracker
+from gpcorrect.discrepancy.recording.tracker import Tracker, slack_of, table_slopes
 from gpcorrect.sim import machine_of, model_from_dict, simulate
 from gpcorrect.sim.effects.compliance import GravitySag
 from gpcorrect.sim.plan import Segment, plan_of

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
+from gpcorrect.discrepancy.recording.scene import Channel
 from gpcorrect.discrepancy.settings import BURSTS
 from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.sim.effects import Effect

@@ -11,8 +11,8 @@ from scipy.stats import t as student
 from gpcorrect.discrepancy.evidence.linear import fold_of, grams, held_out_nats, solve
 from gpcorrect.discrepancy.evidence.tones import strongest_tone
 from gpcorrect.discrepancy.evidence.variables import Cells, Quantity, Span, Variable
-from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.noise import NORMAL_MAD, ChannelNoise, Whitener
+from gpcorrect.discrepancy.recording.scene import Channel
 from gpcorrect.discrepancy.settings import TESTS
 from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.types import FloatArray, IntArray

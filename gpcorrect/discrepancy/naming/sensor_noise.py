@@ -16,9 +16,8 @@ from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Lev
 from gpcorrect.discrepancy.naming.speed_noise import second_differences, speed_growth
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.recording.noise import NORMAL_MAD, ChannelNoise
-from gpcorrect.discrepancy.recording.quantisation import quantisation_of
 from gpcorrect.discrepancy.recording.scene import Scene
-from gpcorrect.discrepancy.recording.stated_noise import UNIFORM, stated_noises
+from gpcorrect.discrepancy.recording.stated_noise import UNIFORM, quantisation_of, stated_noises
 from gpcorrect.discrepancy.search.candidates import Candidate, Estimate, FittedEffect
 from gpcorrect.discrepancy.search.coordinates import coordinate_of
 from gpcorrect.discrepancy.search.state import penalty

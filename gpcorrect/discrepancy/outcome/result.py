@@ -10,7 +10,7 @@ from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.naming.posterior import Alternative, Level, Named
 from gpcorrect.discrepancy.outcome.provenance import Provenance
 from gpcorrect.discrepancy.outcome.report import report_of
-from gpcorrect.discrepancy.recording.channels import Channel
+from gpcorrect.discrepancy.recording.scene import Channel
 from gpcorrect.discrepancy.search.candidates import Estimate
 from gpcorrect.discrepancy.search.state import Step
 from gpcorrect.discrepancy.settings import NAMING, TESTS, VERDICT

@@ -8,8 +8,8 @@ import numpy as np
 
 from gpcorrect.discrepancy.evidence.variables import Quantity, Span, Variable
 from gpcorrect.discrepancy.naming.posterior import Level
-from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, NoiseSource
+from gpcorrect.discrepancy.recording.scene import Channel
 from gpcorrect.discrepancy.search.candidates import Estimate
 
 READER_UNITS = {

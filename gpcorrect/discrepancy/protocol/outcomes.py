@@ -11,7 +11,7 @@ import numpy as np
 
 from gpcorrect.discrepancy.outcome.result import ChannelGap
 from gpcorrect.discrepancy.outcome.sentences import closed_by
-from gpcorrect.discrepancy.recording.channels import Channel
+from gpcorrect.discrepancy.recording.scene import Channel
 from gpcorrect.sim.effects import EFFECTS
 
 NO_NAME = ("set", "wrong set", "unknown", "inconclusive", "none")  # columns of the confusion matrix beside the names

@@ -7,13 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.layout import Layout, layout_of
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, estimate_noise, outliers
-from gpcorrect.discrepancy.recording.scene import Scene
+from gpcorrect.discrepancy.recording.scene import Channel, Scene
 from gpcorrect.discrepancy.recording.servo_clock import RUN_OUT, commanded_plan, holes, settled_stamps
-from gpcorrect.discrepancy.recording.tolerance import Slack, slack_of, table_slopes
-from gpcorrect.discrepancy.recording.tracker import Tracker
+from gpcorrect.discrepancy.recording.tracker import Slack, Tracker, slack_of, table_slopes
 from gpcorrect.discrepancy.settings import CLOCK, NOISE
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body
@@ -50,8 +48,7 @@ def build_scene(
         The log lacks the motor side or every outside signal, or has missing motor positions.
     """
     machine = machine_of(model).with_effects()
-    joints = machine.body.joints
-    source = _motor_side(log)
+    joints, source = machine.body.joints, _motor_side(log)
     motor = _joint_columns(log, source, joints)
     _refuse_other_units(motor, source, machine)
     _refuse_still_arm(motor, source, machine.body)
@@ -111,7 +108,7 @@ def build_scene(
         tracker=tracker,
         channels=(*channels, *axes[: tracker.observed.shape[1]]),
         observed=np.concatenate([observed, tracker.observed], axis=1),
-        remarks=(*scene.remarks, why) if why else scene.remarks,
+        remarks=(*remarks, why) if why else tuple(remarks),
     )
     return replace(scene, slack=_slack(scene, tracker, noises))
 
@@ -136,14 +133,13 @@ def _slack(scene: Scene, tracker: Tracker, noises: tuple[ChannelNoise, ...] | No
 
 def _motor_side(log: CalibrationLog) -> str:
     """Name of the signal that says where the motors were: measured, else commanded."""
-    for name in ("measured_jp", "setpoint_jp"):
-        if getattr(log, name) is not None:
-            return name
-    raise DataError(
-        "the log has neither measured_jp nor setpoint_jp: nothing says where the motors were.",
-        hint="Log measured_jp_1, _2, ... (joint positions from the motor encoders) or setpoint_jp_1, ..., or name the "
-        "columns in a mapping file (--columns).",
-    )
+    if log.measured_jp is None and log.setpoint_jp is None:
+        raise DataError(
+            "the log has neither measured_jp nor setpoint_jp: nothing says where the motors were.",
+            hint="Log measured_jp_1, _2, ... (joint positions from the motor encoders) or setpoint_jp_1, ..., or name "
+            "the columns in a mapping file (--columns).",
+        )
+    return "setpoint_jp" if log.measured_jp is None else "measured_jp"
 
 
 def _joint_columns(log: CalibrationLog, signal: str, joints: tuple[int, ...]) -> FloatArray:
@@ -177,8 +173,7 @@ def _refuse_other_units(motor: FloatArray, signal: str, machine: Machine) -> Non
 def _refuse_still_arm(motor: FloatArray, signal: str, body: Body) -> None:
     """Refuse joint positions `(n, k)` of which none changes: one pose fits any number of effects."""
     low, high = np.nanpercentile(motor, [1, 99], axis=0)
-    units = np.where([kind == "P" for kind in body.types], 0.1, 1.0)
-    if not (high - low > MOVES * units).any():
+    if not (high - low > MOVES * np.where(np.array(list(body.types)) == "P", 0.1, 1.0)).any():
         raise DataError(
             f"{signal}: no joint moves by more than {MOVES:g} rad ({0.1 * MOVES:g} m): what an arm does in one pose "
             "tells no effect from another.",
@@ -192,20 +187,18 @@ def _compared_channels(
     """Joint channels that a log lets us compare, and what was measured in them `(n, c)`."""
     kinematics = body.chain is not None
     if log.external_jp is None and (log.tracker_cp is None or not kinematics):
+        bare = ", and a bare joint chain has no kinematics to use tracker_cp with"
         raise DataError(
-            "the log has no external_jp"
-            + ("" if kinematics else ", and a bare joint chain has no kinematics to use tracker_cp with")
-            + ("" if log.tracker_cp is not None or not kinematics else " and no tracker_cp")
-            + ": nothing says where the arm really was.",
+            f"the log has no external_jp{' and no tracker_cp' if kinematics else bare}: nothing says where the arm "
+            "really was.",
             hint="Log external_jp, or tracker_cp with an arm that has kinematics.",
         )
     signals = ["measured_jp"] if loop and source == "measured_jp" else []
     signals += [] if log.external_jp is None else ["external_jp"]
-    units = ["m" if kind == "P" else "rad" for kind in body.types]
     channels = tuple(
-        Channel(f"{signal}_{joint}", signal, i, joint, unit)
+        Channel(f"{signal}_{joint}", signal, i, joint, "m" if body.types[i] == "P" else "rad")
         for signal in signals
-        for i, (joint, unit) in enumerate(zip(body.joints, units, strict=True))
+        for i, joint in enumerate(body.joints)
     )
     observed = [_joint_columns(log, signal, body.joints) for signal in signals]
     return channels, np.concatenate([np.zeros((len(log), 0)), *observed], axis=1)
@@ -242,8 +235,7 @@ def _begun_on_the_move(log: CalibrationLog, label: IntArray, command: FloatArray
 
 def _loop_remarks(log: CalibrationLog, model: Model, source: str, *, clock: bool) -> tuple[bool, list[str]]:
     """Whether the closed loop can be run, and what to say of it."""
-    remarks = [f"motor side taken from {source}"]
-    why = ""
+    remarks, why = [f"motor side taken from {source}"], ""
     if not has_controller(model):
         why = "the model has no controller: effects inside the servo loop leave no trace and cannot be named"
     elif log.setpoint_jp is None:
@@ -262,12 +254,7 @@ def _loop_remarks(log: CalibrationLog, model: Model, source: str, *, clock: bool
 
 
 def _motion(
-    log: CalibrationLog,
-    joints: tuple[int, ...],
-    motor: FloatArray,
-    session: IntArray,
-    label: IntArray,
-    layout: Layout,
+    log: CalibrationLog, joints: tuple[int, ...], motor: FloatArray, session: IntArray, label: IntArray, layout: Layout
 ) -> Motion:
     """Motors as replayed, without loads."""
     begin = np.array([log.time[session == s].min() for s in range(session.max() + 1)])

@@ -48,13 +48,11 @@ def with_joint_paths(log: CalibrationLog, body: Body) -> tuple[CalibrationLog, t
             signal: PoseSignal | None = getattr(log, f"{side}_cp")
             if signal is not None:
                 path, how = joint_path_of_poses(body, signal, log.trajectory, f"{side}_cp")
-                measured = side == "measured"
-                log = replace(log, measured_jp=path) if measured else replace(log, setpoint_jp=path)
+                log = replace(log, measured_jp=path) if side == "measured" else replace(log, setpoint_jp=path)
                 remarks.append(f"{side}_jp computed from {side}_cp by inverse kinematics of the nominal arm{how}")
     whole = np.ones(len(log), dtype=np.bool_)
-    for values in (log.measured_jp, log.setpoint_jp):
-        if values is not None:
-            whole &= np.isfinite(values).all(axis=1)
+    for values in (v for v in (log.measured_jp, log.setpoint_jp) if v is not None):
+        whole &= np.isfinite(values).all(axis=1)
     if not whole.all() and whole.any():
         remarks.append(f"{int((~whole).sum())} of {len(log)} rows have no motor position and are left out")
         log = log.select(whole)
@@ -125,6 +123,9 @@ class _Goal:
     T: FloatArray
     turned: bool
 
+    def at(self, rows: IntArray) -> _Goal:
+        return replace(self, T=self.T[rows])
+
     @property
     def chain(self) -> Chain:
         assert self.body.chain is not None
@@ -145,20 +146,16 @@ class _Goal:
         return np.where(self.turning, 1.0, LENGTH)
 
 
-def _at(goal: _Goal, rows: IntArray) -> _Goal:
-    return replace(goal, T=goal.T[rows])
-
-
 def _followed(goal: _Goal, trajectory: IntArray) -> FloatArray:
     """Joints `(m, k)` along the poses."""
     groups = [np.flatnonzero(trajectory == k) for k in np.unique(trajectory)]
     stops = [np.unique(np.r_[np.arange(0, len(g), STRIDE), len(g) - 1]) for g in groups]
-    here = _firsts(_at(goal, np.array([g[0] for g in groups])))
+    here = _firsts(goal.at(np.array([g[0] for g in groups])))
     longest = max(len(s) for s in stops)
     solved = np.empty((longest, *here.shape))
     for i in range(longest):
         now = np.array([g[s[min(i, len(s) - 1)]] for g, s in zip(groups, stops, strict=True)])
-        here = solved[i] = _newton(_at(goal, now), here, WALK)
+        here = solved[i] = _newton(goal.at(now), here, WALK)
     start = np.empty((len(trajectory), here.shape[1]))
     for k, (g, s) in enumerate(zip(groups, stops, strict=True)):
         for j, column in enumerate(solved[: len(s), k].T):
@@ -175,10 +172,10 @@ def _firsts(goal: _Goal) -> FloatArray:
     near, chosen = middle, []
     for k in range(len(goal.T)):
         tried = np.concatenate([near[None], starts]) if k else starts
-        same = _at(goal, np.full(len(tried), k))
+        same = goal.at(np.full(len(tried), k))
         found = _newton(same, tried, SEEK)
         turns = np.round((middle - found) / (2 * np.pi))  # nearest to the middle of the limits
-        found = found + np.where(goal.turning, 2 * np.pi * turns, 0.0)
+        found += np.where(goal.turning, 2 * np.pi * turns, 0.0)
         inside = ((found >= low) & (found <= high)).all(axis=1)
         far = (((found - near) / span) ** 2).sum(axis=1)
         near = found[np.lexsort((far, ~inside, np.maximum(_missed_by(same, found), REACHED)))[0]]
@@ -190,15 +187,14 @@ def _beyond_limits(goal: _Goal, q: FloatArray) -> FloatArray:
     """How far `(m,)` joints are beyond their limits, rad or m over LENGTH, half a range to spare on either side."""
     low, high = goal.limits.T
     spare = 0.5 * (high - low)
-    beyond: FloatArray = np.maximum(np.maximum(low - spare - q, q - high - spare) / goal.unit, 0.0).max(axis=1)
-    return beyond
+    return np.asarray(np.maximum(np.maximum(low - spare - q, q - high - spare) / goal.unit, 0.0).max(axis=1))
 
 
 def _newton(goal: _Goal, q: FloatArray, steps: int) -> FloatArray:
     """Damped Gauss-Newton steps `(m, k)` towards the poses, all at once."""
     unit, q, left = goal.unit, np.array(q), np.arange(len(q))
     for _ in range(steps):
-        error = _error(_at(goal, left), q[left])
+        error = _error(goal.at(left), q[left])
         far = np.abs(error).max(axis=1) > SOLVED
         left, error = left[far], error[far]
         if len(left) == 0:
@@ -223,5 +219,4 @@ def _error(goal: _Goal, q: FloatArray) -> FloatArray:
 
 def _missed_by(goal: _Goal, q: FloatArray) -> FloatArray:
     """How far `(m,)` the poses are missed, rad or m over LENGTH."""
-    missed: FloatArray = np.abs(_error(goal, q)).max(axis=1)
-    return missed
+    return np.asarray(np.abs(_error(goal, q)).max(axis=1))

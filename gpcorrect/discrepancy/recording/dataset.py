@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, outliers
-from gpcorrect.discrepancy.recording.quantisation import quantisation_of
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.split import Split
+from gpcorrect.discrepancy.recording.stated_noise import quantisation_of
 from gpcorrect.sim.effects import Effect
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
@@ -21,37 +21,25 @@ LEVER_ROWS, LEVER_STEP = 200, 1e-5  # rows that levers are taken from, and a sma
 STILL = 1e-4  # of a joint's travel between samples: slower is standing still
 
 
+@dataclass(frozen=True, eq=False)
 class SignalMemory:
     """Condensed signals by what they depend on, and which of them the sets of effects asked for last consist of."""
 
-    def __init__(self) -> None:
-        self.keys: dict[tuple[Effect, ...], list[Hashable]] = {}
-        self.means: dict[Hashable, FloatArray] = {}
+    keys: dict[tuple[Effect, ...], list[Hashable]] = field(default_factory=dict)
+    means: dict[Hashable, FloatArray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """Condensed rows: each the mean over consecutive samples of one block.
-
-    Parameters
-    ----------
-    scene : Scene
-    group : (n,) int array
-        Condensed row that each log row goes into, -1 for none.
-    good : (n, c) bool array
-        Measured samples that are no outliers.
-    time, block, part, still : (m,) arrays
-        Of the condensed rows: s, block from 0 without gaps, part (0 discovery, 1 confirmation, 2 test), and whether
-        nothing moved.
-    """
+    """Condensed rows: m means over consecutive samples of one block, of the log's n rows and c channels."""
 
     scene: Scene
-    group: IntArray
-    good: BoolArray
-    time: FloatArray
-    block: IntArray
-    part: IntArray
-    still: BoolArray
+    group: IntArray  # (n,) condensed row that each log row goes into, -1 for none
+    good: BoolArray  # (n, c) measured samples that are no outliers
+    time: FloatArray  # (m,) s
+    block: IntArray  # (m,) from 0 without gaps
+    part: IntArray  # (m,) 0 discovery, 1 confirmation, 2 test
+    still: BoolArray  # (m,) whether nothing moved
     memory: SignalMemory = field(default_factory=SignalMemory, repr=False)
 
     def __len__(self) -> int:
@@ -88,8 +76,7 @@ class Dataset:
         used, index, count = self._grouping
         flat = values[used].reshape(len(index), -1)
         sums = np.stack([np.bincount(index, weights=column, minlength=len(self)) for column in flat.T], axis=1)
-        result: FloatArray = (sums / count[:, None]).reshape(len(self), *values.shape[1:])
-        return result
+        return np.asarray((sums / count[:, None]).reshape(len(self), *values.shape[1:]))
 
     @property
     def samples_a_row(self) -> int:
@@ -163,24 +150,19 @@ class Dataset:
     @cached_property
     def resolution(self) -> FloatArray:
         """Step `(c,)` in which each channel is written down; 0 where it is too fine to be seen."""
-        counts = [quantisation_of(column) for column in self.scene.observed.T]
-        return np.array([c.step if c is not None else 0.0 for c in counts])
+        found = map(quantisation_of, self.scene.observed.T)
+        return np.array([0.0 if steps is None else steps.step for steps in found])
 
     @cached_property
     def levers(self) -> FloatArray:
         """(k,) root mean square of how far the tip moves for each unit of a joint, m; 0 where that is not known."""
-        scene = self.scene
-        chain = scene.machine.body.chain
-        if chain is None:
+        scene, body = self.scene, self.scene.machine.body
+        if body.chain is None:
             return np.zeros(len(scene.joints))
         motor = scene.motor_path()[:: max(1, len(scene) // LEVER_ROWS)]
-        tip = chain.forward(scene.machine.body.all_joints(motor))[:, :3, 3]
-        moved = [
-            chain.forward(scene.machine.body.all_joints(motor + LEVER_STEP * unit))[:, :3, 3] - tip
-            for unit in np.eye(len(scene.joints))
-        ]
-        levers: FloatArray = np.sqrt(np.mean(np.sum(np.square(moved), axis=2), axis=1)) / LEVER_STEP
-        return levers
+        steps = LEVER_STEP * np.eye(len(scene.joints))
+        tip, *moved = (body.chain.forward(body.all_joints(motor + s))[:, :3, 3] for s in (0.0, *steps))
+        return np.asarray(np.sqrt(np.mean(np.sum(np.square(moved - tip), axis=2), axis=1)) / LEVER_STEP)
 
     @cached_property
     def trajectory(self) -> IntArray:

@@ -16,14 +16,10 @@ Value = TypeVar("Value", bound=np.generic)
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where each row of a table stands in a grid of n samples by N columns.
+    """Where each row of a table stands in a grid of n samples by N columns."""
 
-    `rows` `(n, N)` are rows of the table, behind a column's end its last one again. `valid` is True once for each row:
-    not behind a column's end, nor where a column only repeats rows of its neighbours to warm up and run out.
-    """
-
-    rows: IntArray
-    valid: BoolArray
+    rows: IntArray  # (n, N) of the table, behind a column's end its last one again
+    valid: BoolArray  # (n, N) true once for each row: not behind a column's end, nor where it warms up or runs out
 
     def spread(self, values: FloatArray) -> FloatArray:
         """Return values as a grid `(n, N, ...)`.
@@ -42,8 +38,7 @@ class Layout:
         ----------
         grid : (n, N, ...) array
         """
-        flat: NDArray[Value] = grid.reshape(-1, *grid.shape[2:])[self._cell_of_row]
-        return flat
+        return np.asarray(grid.reshape(-1, *grid.shape[2:])[self._cell_of_row])
 
     @cached_property
     def _cell_of_row(self) -> IntArray:

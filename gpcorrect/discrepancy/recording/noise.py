@@ -33,21 +33,15 @@ class NoiseSource(Enum):
 
 @dataclass(frozen=True)
 class ChannelNoise:
-    """Noise of one channel, in its unit.
+    """Noise of one channel, in its unit."""
 
-    Standard deviations of the part that is new at every sample and of the autoregressive part with its correlation time
-    (s), and the degrees of freedom of Student's t that the whitened noise follows; infinite is normal. `rounding_step`
-    is the step in which the channel is written down, where that makes the noise, `times_stated` how many times what the
-    model states it is, where the recording is believed against it.
-    """
-
-    white: float
-    slow: float
-    time_constant: float
-    tail: float = float("inf")
+    white: float  # standard deviation of the part that is new at every sample
+    slow: float  # of the autoregressive part
+    time_constant: float  # correlation time of that, s
+    tail: float = float("inf")  # degrees of freedom of Student's t that the whitened noise follows; infinite is normal
     source: NoiseSource = NoiseSource.STATED
-    rounding_step: float | None = None
-    times_stated: float | None = None
+    rounding_step: float | None = None  # in which the channel is written down, where that makes the noise
+    times_stated: float | None = None  # of what the model states, where the recording is believed against it
 
     @property
     def std(self) -> float:
@@ -102,20 +96,16 @@ def _structure(time: FloatArray, residual: FloatArray, label: IntArray) -> tuple
     lags, halves = [], []
     for lag in np.unique(np.geomspace(1, longest, 16).astype(int)):
         pair = (label[lag:] == label[:-lag]) & (label[lag:] >= 0)
-        change = (residual[lag:] - residual[:-lag])[pair]
-        change = change[np.isfinite(change)]
-        if len(change) >= NOISE.min_pairs // 4:
-            lags.append(float(np.median((time[lag:] - time[:-lag])[pair])))
-            halves.append(_half_square(change))
+        size = np.abs(residual[lag:] - residual[:-lag])[pair]
+        size = size[np.isfinite(size)]
+        if len(size) >= NOISE.min_pairs // 4:
+            lags.append(np.median((time[lag:] - time[:-lag])[pair]))
+            if np.mean(size == 0.0) < MANY:
+                square = (np.median(size) / NORMAL_MAD) ** 2
+            else:  # a sensor that rounds often shows no change: the bulk's mean is taken
+                square = np.mean(size[size <= np.quantile(size, BULK)] ** 2)
+            halves.append(square / 2)
     return np.array(lags), np.array(halves)
-
-
-def _half_square(change: FloatArray) -> float:
-    """Half the robust mean squared change; a sensor that rounds often shows none, and then the bulk's mean is taken."""
-    size = np.abs(change)
-    if np.mean(size == 0.0) < MANY:
-        return float((np.median(size) / NORMAL_MAD) ** 2 / 2)
-    return float(np.mean(size[size <= np.quantile(size, BULK)] ** 2) / 2)
 
 
 def _fit_structure(lags: FloatArray, halves: FloatArray, floor: float) -> tuple[float, float, float]:
@@ -123,11 +113,11 @@ def _fit_structure(lags: FloatArray, halves: FloatArray, floor: float) -> tuple[
     weight = 1.0 / np.maximum(halves, floor**2)
     best, found = np.inf, (floor, 0.0, 1.0)
     for time_constant in CORRELATION_TIMES:
-        slow = -np.expm1(-lags / time_constant)
-        columns = np.stack([np.ones(len(lags)), slow, lags**2], axis=1)
+        columns = np.stack([np.ones(len(lags)), -np.expm1(-lags / time_constant), lags**2], axis=1)
         parts, misfit = nnls(columns * weight[:, None], halves * weight)
         if misfit < best:
-            best, found = misfit, (float(np.sqrt(parts[0])), float(np.sqrt(parts[1])), float(time_constant))
+            white, slow, _ = np.sqrt(parts)
+            best, found = misfit, (float(white), float(slow), float(time_constant))
     return found
 
 
@@ -176,14 +166,13 @@ class Whitener:
     """Turns columns that carry a noise into columns of independent noise of unit variance.
 
     Innovations of the Kalman filter of the noise model, started afresh in every block; linear in the columns, gaps
-    count in real time. Of each row `(n,)` it holds the block, the Kalman gain, the deviation of the innovation, and the
-    correlation with the sample before.
+    count in real time.
     """
 
-    block: IntArray
-    gain: FloatArray
-    scale: FloatArray
-    phi: FloatArray
+    block: IntArray  # (n,) of each row
+    gain: FloatArray  # (n,) of the Kalman filter
+    scale: FloatArray  # (n,) standard deviation of the innovation
+    phi: FloatArray  # (n,) correlation with the sample before
 
     @classmethod
     def of(cls, noise: ChannelNoise, time: FloatArray, block: IntArray) -> Whitener:

@@ -15,11 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.layout import Layout
 from gpcorrect.discrepancy.recording.servo_clock import Stamps
-from gpcorrect.discrepancy.recording.tolerance import Slack
-from gpcorrect.discrepancy.recording.tracker import Tracker
+from gpcorrect.discrepancy.recording.tracker import Slack, Tracker
 from gpcorrect.sim.dynamics import posture_at
 from gpcorrect.sim.effects import Effect, PathEffect, Stage, in_order, of_kind
 from gpcorrect.sim.machine import Machine
@@ -34,6 +32,18 @@ REMEMBERED = 48  # closed-loop runs in memory
 REMEMBERED_BYTES = 120_000_000  # of joint paths: memory only, no result depends on it
 
 
+@dataclass(frozen=True)
+class Channel:
+    """One compared signal of a recording."""
+
+    name: str  # such as "external_jp_2"
+    signal: str  # of the log; the tracker's orientation counts as one of its own, "tracker_rotation"
+    index: int  # column among the model's joints; of a tracker, the axis
+    joint: int  # its number; 0 of a tracker
+    unit: str  # "rad" or "m"
+
+
+@dataclass(eq=False)
 class ReplayMemory:
     """What was simulated so far: closed-loop runs by their effects, and joint paths by a number for what made them.
 
@@ -41,11 +51,10 @@ class ReplayMemory:
     not walk the others' paths again. The oldest are forgotten.
     """
 
-    def __init__(self) -> None:
-        self.command: Command | None = None
-        self.loops: dict[tuple[Effect, ...], Driven] = {}
-        self.numbers: dict[Hashable, int] = {}
-        self.paths: dict[int, FloatArray] = {}
+    command: Command | None = None
+    loops: dict[tuple[Effect, ...], Driven] = field(default_factory=dict)
+    numbers: dict[Hashable, int] = field(default_factory=dict)
+    paths: dict[int, FloatArray] = field(default_factory=dict)
 
     def number(self, *made: Hashable) -> int:
         """Return the number that stands for what made a path."""
@@ -61,53 +70,26 @@ class Signal(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A log, a model, and what can be compared.
+    """A log of n rows, a model of k joints, and the c channels that can be compared."""
 
-    Parameters
-    ----------
-    model, machine : Model, Machine
-        Nominal model, whose own effects are always present, and the same resolved, without effects.
-    channels, observed : tuple of Channel, (n, c) array
-        What is compared, and what the sensors measured; the tracker's stand last.
-    motion, layout : Motion, Layout
-        The motors as replayed, n samples of N continuous runs, and where the log's rows stand in these.
-    plan : Plan or None
-        Commands for the closed loop; None when it cannot be run.
-    unclocked : bool
-        Whether a loop that is known was not run because no clock of its commands could be found.
-    stamps : Stamps or None
-        Where the log's samples lie on the loop's clock; None when it has their own.
-    payload : (N,) array
-        kg at the tip in each run.
-    time, trajectory, session : (n,) arrays
-        Of the log's rows; sessions numbered from 0.
-    effort : (n, k) array or None
-    tracker, slack : Tracker, Slack, or None
-        Where a tracker saw the arm; the part of its residual that is left out of account.
-    measured : bool
-        Whether the motors are measured; else their path is what the closed loop makes of the commands, where it runs.
-    remarks : tuple of str
-        What had to be assumed.
-    """
-
-    model: Model
-    machine: Machine
-    channels: tuple[Channel, ...]
-    observed: FloatArray
-    motion: Motion
-    layout: Layout
-    plan: Plan | None
-    payload: FloatArray
-    time: FloatArray
-    trajectory: IntArray
-    session: IntArray
-    effort: FloatArray | None
-    unclocked: bool = False
-    stamps: Stamps | None = None
+    model: Model  # nominal; its own effects are always present
+    machine: Machine  # the same resolved, without effects
+    channels: tuple[Channel, ...]  # the tracker's stand last
+    observed: FloatArray  # (n, c) what the sensors measured
+    motion: Motion  # the motors as replayed, in N continuous runs
+    layout: Layout  # where the log's rows stand in these
+    plan: Plan | None  # commands for the closed loop; None when it cannot be run
+    payload: FloatArray  # (N,) kg at the tip in each run
+    time: FloatArray  # (n,) s
+    trajectory: IntArray  # (n,) as the log numbers them
+    session: IntArray  # (n,) from 0
+    effort: FloatArray | None  # (n, k) N m or N
+    unclocked: bool = False  # a loop that is known was not run, for no clock of its commands could be found
+    stamps: Stamps | None = None  # where the log's samples lie on the loop's clock; None when it has their own
     tracker: Tracker | None = None
-    measured: bool = True
-    slack: Slack | None = None
-    remarks: tuple[str, ...] = ()
+    measured: bool = True  # else the motors' path is what the closed loop makes of the commands, where it runs
+    slack: Slack | None = None  # the part of the tracker's residual that is left out of account
+    remarks: tuple[str, ...] = ()  # what had to be assumed
     memory: ReplayMemory = field(default_factory=ReplayMemory, repr=False)
 
     def __len__(self) -> int:

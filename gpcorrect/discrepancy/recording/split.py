@@ -15,14 +15,11 @@ NOT_USED = -1  # block of a row that is left out
 
 @dataclass(frozen=True, eq=False)
 class Split:
-    """Block `(n,)` of each row, a trajectory or piece of a long one that resampling keeps whole, and its part `(n,)`.
+    """What rows are for; -1 marks rows left out."""
 
-    Parts are 0 discovery, 1 confirmation and 2 test; -1 marks rows left out. `remark` says how it was done.
-    """
-
-    block: IntArray
-    part: IntArray
-    remark: str
+    block: IntArray  # (n,) trajectory of each row, or piece of a long one, that resampling keeps whole
+    part: IntArray  # (n,) 0 discovery, 1 confirmation, 2 test
+    remark: str  # how it was done
 
     @property
     def training(self) -> BoolArray:
@@ -64,13 +61,11 @@ def split_rows(trajectory: IntArray, session: IntArray, rng: np.random.Generator
         There are too few rows to make three parts.
     """
     block, remark = _blocks(trajectory)
-    used = block != NOT_USED
-    n_sessions = len(np.unique(session))
+    used, n_sessions = block != NOT_USED, len(np.unique(session))
     by_session = n_sessions >= SPLIT.min_sessions
     if by_session:
-        remark = (
-            f"split by session ({n_sessions} sessions), the opening of each in discovery: a homing is new every time"
-        )
+        opening = "the opening of each in discovery: a homing is new every time"
+        remark = f"split by session ({n_sessions} sessions), {opening}"
     unit = session if by_session else block
     units, first = np.unique(unit[used], return_index=True)
     if len(units) < SPLIT.min_sessions:
@@ -113,12 +108,11 @@ def _blocks(trajectory: IntArray) -> tuple[IntArray, str]:
     if len(numbers) >= SPLIT.min_units:
         return inverse.astype(np.int64), f"split by trajectory ({len(numbers)} trajectories)"
     pieces = np.maximum(1, np.round(counts / counts.sum() * 2 * SPLIT.min_units)).astype(np.int64)
-    block = np.full(len(trajectory), NOT_USED)
-    first = 0
+    block, first = np.full(len(trajectory), NOT_USED), 0
     for number, count in enumerate(pieces):
         for piece in np.array_split(np.flatnonzero(inverse == number), count):
             guard = int(np.ceil(SPLIT.guard * len(piece))) if count > 1 else 0
             block[piece[: len(piece) - guard]] = first
             first += 1
-    gaps = f"{100 * SPLIT.guard:.0f} % guard gaps"
-    return block, f"only {len(numbers)} trajectories: cut into {first} contiguous blocks with {gaps}"
+    blocks = f"{first} contiguous blocks with {100 * SPLIT.guard:.0f} % guard gaps"
+    return block, f"only {len(numbers)} trajectories: cut into {blocks}"

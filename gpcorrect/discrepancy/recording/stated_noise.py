@@ -1,20 +1,21 @@
-"""Noise as the model file states it, and what becomes of it where samples are averaged."""
+"""Noise that is known without an estimate: as the model file states it, and by the steps of written values."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gpcorrect.discrepancy.recording.channels import Channel
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
-from gpcorrect.discrepancy.recording.scene import Scene
-from gpcorrect.discrepancy.settings import NOISE
+from gpcorrect.discrepancy.recording.scene import Channel, Scene
+from gpcorrect.discrepancy.settings import NOISE, SENSORS
 from gpcorrect.sim import Noise
 from gpcorrect.sim.effects import of_kind
 from gpcorrect.sim.effects.noise import EncoderQuantisation, NoiseChange, SpeedNoise
+from gpcorrect.types import FloatArray
 
 FINEST = 1e-9  # rad or m; a sensor without any white noise is rounding
+TRIES = 25  # step sizes near a first guess
 UNIFORM = np.sqrt(12.0)  # step of a rounded value over the standard deviation of its error
 
 
@@ -28,11 +29,12 @@ def stated_noises(scene: Scene) -> tuple[ChannelNoise | None, ...]:
     noise = scene.model.noise
     if noise is None:
         return (None,) * len(scene.channels)
-    return tuple(_of_channel(scene, channel, *_parts(noise, channel)) for channel in scene.channels)
+    return tuple(_of_channel(scene, channel, noise) for channel in scene.channels)
 
 
-def _of_channel(scene: Scene, channel: Channel, white: float, slow: float, phi: float) -> ChannelNoise | None:
+def _of_channel(scene: Scene, channel: Channel, noise: Noise) -> ChannelNoise | None:
     """Noise of a channel by its parts and the model's effects on it."""
+    white, slow, phi = _parts(noise, channel)
     if not white and not slow:
         return None
     effects = scene.model.effects
@@ -53,11 +55,9 @@ def _parts(noise: Noise, channel: Channel) -> tuple[float, float, float]:
         return noise.tracker_white, noise.tracker_ar_std, noise.tracker_ar_phi
     if channel.signal == "tracker_rotation":
         return noise.tracker_rotation_white, noise.tracker_rotation_ar_std, noise.tracker_ar_phi
-    rounded, white, slow = (
-        values[channel.index] if values else 0.0
-        for values in (noise.encoder_step, noise.external_jp_white, noise.external_jp_ar_std)
-    )
-    rounded /= float(UNIFORM)
+    of_joints = (noise.encoder_step, noise.external_jp_white, noise.external_jp_ar_std)
+    step, white, slow = (values[channel.index] if values else 0.0 for values in of_joints)
+    rounded = step / float(UNIFORM)
     if channel.signal == "measured_jp":
         return rounded, 0.0, 0.0
     return float(np.hypot(white, rounded)) if white or slow else 0.0, slow, noise.external_jp_ar_phi
@@ -122,3 +122,63 @@ def chosen_noise(own: ChannelNoise, stated: ChannelNoise | None, step: float) ->
     )  # root of half the mean squared change from one row to the next
     ratio = float(change) / float(stated_change)
     return replace(own, times_stated=ratio) if ratio > NOISE.noisier else replace(stated, tail=own.tail)
+
+
+@dataclass(frozen=True)
+class Quantisation:
+    """A step in which values are written down, in their unit, with the half width of what they leave open of it.
+
+    `visited` counts differ.
+    """
+
+    step: float
+    error: float
+    visited: int
+
+
+def quantisation_of(values: FloatArray) -> Quantisation | None:
+    """Return the largest step on whose multiples (and a common remainder) values lie; None when there is none.
+
+    Remainders then all agree (Widrow and Kollar 2008, Ch. 1), also of values rounded a second time, more finely. Each
+    value counts once, however long the joint rested there.
+
+    Parameters
+    ----------
+    values : (n,) array
+        rad or m.
+    """
+    distinct = np.unique(values[np.isfinite(values)])
+    if len(distinct) < SENSORS.fewest_counts:
+        return None
+    gaps = np.diff(distinct)
+    gaps = np.sort(gaps[gaps > 1e-9 * gaps.max()])
+    jump = int(np.argmax(gaps[1:] / gaps[:-1])) + 1 if len(gaps) > 1 else 0
+    guesses = {float(gaps[0]), float(np.median(gaps[jump:]))}  # the smallest, and that between groups of neighbours
+    found = [c for guess in sorted(guesses) if (c := _fitted(distinct, guess)) is not None]
+    return max(found, key=lambda c: c.step, default=None)
+
+
+def _fitted(distinct: FloatArray, guess: float) -> Quantisation | None:
+    """Best step near a guess, fitted over an ever wider range of values, so that no count is skipped."""
+    step, base = guess, distinct[0]
+    span = float(np.ptp(distinct))
+    if span < (SENSORS.fewest_counts - 1) * guess:
+        return None
+    reach = 4.0 * guess
+    while True:
+        near = distinct[distinct - base <= reach]
+        width = 0.3 * step**2 / max(reach, step)
+        tried = step + width * np.linspace(-1.0, 1.0, TRIES)
+        step = float(tried[int(np.argmax([_agreement(near, t) for t in tried]))])
+        if reach >= span:
+            break
+        reach *= 2.0
+    visited = len(np.unique(np.round((distinct - base) / step)))
+    if _agreement(distinct, step) < SENSORS.agreement or visited < SENSORS.fewest_counts:
+        return None
+    return Quantisation(step, float(width), visited)
+
+
+def _agreement(values: FloatArray, step: float) -> float:
+    """From 0 for remainders that are spread evenly to 1 for all the same."""
+    return float(np.abs(np.mean(np.exp(2j * np.pi * (values - values[0]) / step))))
