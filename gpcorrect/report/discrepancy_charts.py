@@ -100,8 +100,7 @@ def waterfall_chart(steps: Sequence[Step]) -> Chart:
 
     Parameters
     ----------
-    steps : sequence of Step
-        In their order.
+    steps : sequence of Step, in their order
     """
     nats = np.array([s.nats for s in steps])
     sizes, series = np.maximum(np.abs(nats), 1.1), []
@@ -120,8 +119,7 @@ def likeness_chart(correlation: FloatArray, labels: Sequence[str]) -> Chart:
 
     Parameters
     ----------
-    correlation : (p, p) array
-        Cosines.
+    correlation : (p, p) array, cosines
     labels : sequence of str
     """
     i, j = (grid.ravel() for grid in np.indices(correlation.shape))
@@ -130,7 +128,7 @@ def likeness_chart(correlation: FloatArray, labels: Sequence[str]) -> Chart:
         "cosine", Mark.CELLS, Role.RAW, j - 0.5, i - 0.5, x2=j + 0.5, y2=i + 0.5, value=correlation.ravel(), text=text
     )
     names = [str(n + 1) for n in range(len(labels))]
-    numbered = [f"{n} {label}" for n, label in zip(names, labels, strict=True)]
+    numbered = list(map(" ".join, zip(names, labels, strict=True)))
     panel = Panel(
         "the same, by number", "", [cells], rows=numbered, x_names=names, x_range=(-0.5, len(labels) - 0.5), largest=1.0
     )
@@ -148,8 +146,7 @@ def loop_chart(evidence: Evidence, channels: Sequence[tuple[int, Channel]], body
     evidence : Evidence
     channels : sequence of (int, Channel)
         Which ones, with their columns; one of no single joint is drawn against the joint that spreads it most.
-    body : Body
-        For the joints' numbers and types.
+    body : Body, for the joints' numbers and types
     """
     panels = []
     for index, channel in channels:
@@ -210,8 +207,7 @@ def _running_median(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArra
 
 def _limits(values: FloatArray) -> tuple[float, float]:
     """Both panels on one scale, a few outliers left outside."""
-    low, high = np.nanpercentile(values, [0.5, 99.5])
-    low, high = min(low, 0.0), max(high, 0.0)
+    low, high = np.clip(np.nanpercentile(values, [0.5, 99.5]), (-np.inf, 0.0), (0.0, np.inf))
     margin = 0.08 * (high - low) + 1e-12
     return float(low - margin), float(high + margin)
 
@@ -221,13 +217,10 @@ def map_chart(evidence: Evidence, index: int, channel: Channel, body: Body) -> C
 
     Parameters
     ----------
-    evidence : Evidence
-        Condensed rows; all parts are drawn.
-    index : int
-        Column of the channel.
+    evidence : Evidence, condensed rows; all parts are drawn
+    index : int, column of the channel
     channel : Channel
-    body : Body
-        For the joints' numbers and types.
+    body : Body, for the joints' numbers and types
     """
     pair = _pair(evidence, index)
     scale, symbol = in_reader_units(1.0, channel.unit)

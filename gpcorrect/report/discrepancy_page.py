@@ -9,7 +9,7 @@ import numpy as np
 
 from gpcorrect.discrepancy.evidence.localise import Finding
 from gpcorrect.discrepancy.naming.posterior import Level
-from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect
+from gpcorrect.discrepancy.outcome.result import DiscrepancyResult, NamedEffect
 from gpcorrect.discrepancy.outcome.sentences import VISIBLE, next_step, short_words, steps_words, verdict_sentences
 from gpcorrect.discrepancy.outcome.words import (
     MEANING,
@@ -87,7 +87,7 @@ def _glance(result: DiscrepancyResult) -> Section | None:
     """Every joint, and the tool: what was missing, what is left, what it is called; the largest rest first."""
     rows = []
     for v in result.verdict.places:
-        sizes = [size_words(value, v.channel.unit) for value in (v.before, v.after, v.noise)]
+        sizes = _sizes(v.channel, v.before, v.after, v.noise)
         names = [*map(short_words, v.effects), *(f"acts like {short_words(e)}" for e in v.alike)]
         left = f"{v.remaining:.2g} times the noise" if v.remaining else "none"
         rows.append([place(v.place), str(v.level), *sizes, left, ", ".join(names) or "–"])
@@ -103,7 +103,11 @@ def _where(result: DiscrepancyResult) -> Section:
     limit = result.provenance.thresholds.localisation_nats
     if not found:
         words = [f"None of the tests beats {limit:.1f} nats, the 99 % quantile of the largest of all tests in noise."]
-        return Section("Where", [*words, *_equivalence(result)])
+        for e in (result.remainder or result.localisation).equivalence:
+            bound = f"{100 * e.upper:.0f} % of the noise (95 % bound; {100 * e.limit:.0f} % was asked for)"
+            if np.isfinite(e.upper):
+                words.append(f"{_capital(channel_words(e.channel))}: a systematic part is below {bound}.")
+        return Section("Where", words)
     words = [
         "Measured minus simulated, before anything was added, depends on these variables. Gains are log Bayes factors "
         "in nats, on whole trajectories that the test had not seen (5 nats are odds of 150 to 1); noise alone stays "
@@ -128,15 +132,6 @@ def _where(result: DiscrepancyResult) -> Section:
     machine = machine_of(result.model).body
     figures = [map_chart(result.evidence, i, channel, machine) for i, channel in _worst(result)[:MOST_MAPS]]
     return Section("Where", words, (table,), figures)
-
-
-def _equivalence(result: DiscrepancyResult) -> list[str]:
-    return [
-        f"{_capital(channel_words(e.channel))}: a systematic part is below "
-        f"{100 * e.upper:.0f} % of the noise (95 % bound; {100 * e.limit:.0f} % was asked for)."
-        for e in (result.remainder or result.localisation).equivalence
-        if np.isfinite(e.upper)
-    ]
 
 
 def _capital(text: str) -> str:
@@ -176,26 +171,18 @@ def _what(result: DiscrepancyResult) -> Section | None:
     if minor:
         words.append(f"Minor, and not in the model: {', '.join(map(_title, minor))}.")
     if result.verdict.of_steps:
-        words.append(
-            f"In the model, and no name, for two programs that step one servo each in its own way differ by as much: "
-            f"{steps_words(result)}."
-        )
+        differ = "two programs that step one servo each in its own way differ by as much"
+        words.append(f"In the model, and no name, for {differ}: {steps_words(result)}.")
     if alike:
         words.append(
             "What the machine acts like is in the model, for it closes a gap, and is no name: but for friction, what a "
             f"machine is has one size in every motion (to within {100 * NAMING.constant:.0f} %), and where it shows it "
             f"closes {100 * VERDICT.whole:.0f} % of the gap, or all but noise."
         )
-        rows = [
-            [
-                _title(e),
-                str(e.level),
-                _nats(e.nats),
-                *(f"{100 * v:.0f} %" for v in (e.spread, e.closes)),
-                number(e.size),
-            ]
-            for e in alike
-        ]
+        rows = []
+        for e in alike:
+            shares = (f"{100 * v:.0f} %" for v in (e.spread, e.closes))
+            rows.append([_title(e), str(e.level), _nats(e.nats), *shares, number(e.size)])
         head = ["acts like", "level of its shape", "nats", "size differs by", "gap closed", "over the noise"]
         tables.append(TableData(head, rows, text=(1,)))
     if unnamed:
@@ -242,13 +229,11 @@ def _how_much(result: DiscrepancyResult) -> Section:
     tail_head = ["channel", "95 %, before", "95 %, after", "maximum, before", "maximum, after"]
     rows, tails = [], []
     for g in result.gap:
-        sizes, interval = (
-            _sizes(g, g.before, g.after, g.noise),
-            " to ".join(_fraction(min(c, 1.0)) for c in g.closed_ci95),
-        )
+        name, sizes = channel_words(g.channel), _sizes(g.channel, g.before, g.after, g.noise)
+        closed, *ends = (_fraction(min(c, 1.0)) for c in (g.closed, *g.closed_ci95))
         controls = _fraction(g.black_box_ceiling), _fraction(g.permutation_control)
-        rows.append([channel_words(g.channel), *sizes, _fraction(min(g.closed, 1.0)), interval, *controls])
-        tails.append([channel_words(g.channel), *_sizes(g, *g.p95, *g.largest)])
+        rows.append([name, *sizes, closed, " to ".join(ends), *controls])
+        tails.append([name, *_sizes(g.channel, *g.p95, *g.largest)])
     tables = (
         TableData(head, rows, "Root mean squares; intervals by drawing whole trajectories."),
         TableData(tail_head, tails, "Sizes that 95 % of the samples stay below, and the largest."),
@@ -256,8 +241,8 @@ def _how_much(result: DiscrepancyResult) -> Section:
     return Section("How much", words, tables, (gap_chart(result.gap),))
 
 
-def _sizes(gap: ChannelGap, *values: float) -> list[str]:
-    return [size_words(value, gap.channel.unit) for value in values]
+def _sizes(channel: Channel, *values: float) -> list[str]:
+    return [size_words(value, channel.unit) for value in values]
 
 
 def _fraction(value: float) -> str:
@@ -299,9 +284,8 @@ def _assumed(result: DiscrepancyResult) -> Section:
     for channel in (g.channel for g in result.gap):
         noise = result.provenance.noise[channel.name]
         tail = f"Student t, {noise.tail:.1f}" if np.isfinite(noise.tail) else "normal"
-        sizes = [size_words(part, channel.unit) for part in (noise.white, noise.slow)]
-        words = noise_source_words(noise)
-        rows.append([channel_words(channel), *sizes, f"{number(noise.time_constant)} s", tail, words])
+        parts = [*_sizes(channel, noise.white, noise.slow), f"{number(noise.time_constant)} s", tail]
+        rows.append([channel_words(channel), *parts, noise_source_words(noise)])
     head = ["channel", "white", "slow", "time constant", "tails", "taken from"]
     tables = [TableData(head, rows, "Noise of each channel.", (4, 5))]
     return Section("What was assumed", [f"{_capital(r)}." for r in result.provenance.remarks], tables)

@@ -40,12 +40,9 @@ def advise(
 
     Parameters
     ----------
-    scene : Scene
-        The recording that there is.
-    fitted : sequence of FittedEffect
-        Effects that were named.
-    named : sequence of Named
-        All that were weighed, with their alternatives.
+    scene : Scene, the recording that there is
+    fitted : sequence of FittedEffect, effects that were named
+    named : sequence of Named, all that were weighed, with their alternatives
     noises : sequence of ChannelNoise
 
     Returns
@@ -96,15 +93,10 @@ def _question(named: Sequence[Named]) -> tuple[Named, Alternative] | None:
     asked = [n for n in named if n.level in (Level.CLASS, Level.SET)]
     if not asked and not any(n.level == Level.EXACT for n in named):
         asked = list(named)
-    pairs = [
-        (n, a)
-        for n in asked
-        for a in n.alternatives
-        if a.explanation != Explanation.UNKNOWN  # which cannot be simulated
-        and a.label != n.fit.candidate.label
-        and a.probability >= ADVICE.open_probability
-    ]
-    return max(pairs, key=lambda pair: pair[1].probability * pair[0].nats, default=None)
+    pairs = [(n, a) for n in asked for a in n.alternatives if a.label != n.fit.candidate.label]
+    simulated = [(n, a) for n, a in pairs if a.explanation != Explanation.UNKNOWN]
+    open_ones = [(n, a) for n, a in simulated if a.probability >= ADVICE.open_probability]
+    return max(open_ones, key=lambda pair: pair[1].probability * pair[0].nats, default=None)
 
 
 def _site(scene: Scene, joint: int | str) -> Site:

@@ -26,29 +26,24 @@ Piece = tuple[FloatArray, float | None]  # path, and kg at the tip; None for the
 
 @dataclass(frozen=True, eq=False)
 class Site:
-    """Where a run is made: ranges `(dof, 2)` in which joints of these types have moved, and the joint in question.
+    """Where a run is made."""
 
-    `column` is None for all joints. `loads` and `servo` say whether loads and the closed loop can be simulated.
-    """
-
-    ranges: FloatArray
+    ranges: FloatArray  # (dof, 2) in which the joints have moved
     types: str
-    column: int | None
+    column: int | None  # of the joint in question; None for all
     rate_hz: float
-    loads: bool
-    servo: bool
+    loads: bool  # whether they can be simulated
+    servo: bool  # the same of the closed loop
 
     @property
     def middle(self) -> FloatArray:
         """(dof,) centre of the ranges."""
-        centre: FloatArray = self.ranges.mean(axis=1)
-        return centre
+        return np.asarray(self.ranges.mean(axis=1))
 
     @property
     def half(self) -> FloatArray:
         """(dof,) half width of the ranges."""
-        width: FloatArray = 0.5 * np.ptp(self.ranges, axis=1)
-        return width
+        return np.asarray(0.5 * np.ptp(self.ranges, axis=1))
 
     @property
     def moving(self) -> BoolArray:
@@ -58,16 +53,13 @@ class Site:
 
 @dataclass(frozen=True, eq=False)
 class PlannedRun:
-    """A run in words and as desired paths, each with the factor by which the controller's gains are changed.
-
-    `minutes` include changes of payload and gains, `sessions` are the homings in it.
-    """
+    """A run in words and as desired paths."""
 
     run: Run
     words: str
-    plans: tuple[tuple[Plan, float], ...]
-    minutes: float
-    sessions: int = 1
+    plans: tuple[tuple[Plan, float], ...]  # each with the factor by which the controller's gains are changed
+    minutes: float  # with changes of payload and gains
+    sessions: int = 1  # homings in it
 
 
 def planned_runs(site: Site, wanted: Sequence[Run]) -> list[PlannedRun]:
@@ -78,11 +70,11 @@ def planned_runs(site: Site, wanted: Sequence[Run]) -> list[PlannedRun]:
     site : Site
     wanted : sequence of Run
     """
-    made = _motion_runs(site) | _special_runs(site)
+    made = {planned.run: planned for planned in (*_motion_runs(site), *_special_runs(site))}
     return [made[run] for run in wanted if run in made]
 
 
-def _motion_runs(site: Site) -> dict[Run, PlannedRun]:
+def _motion_runs(site: Site) -> list[PlannedRun]:
     """Return the runs that need no other gains, homings or pauses."""
     middle, step, dof = site.middle, site.half * site.moving, len(site.ranges)
     who = "all joints together" if site.column is None else "the joint alone"
@@ -101,11 +93,10 @@ def _motion_runs(site: Site) -> dict[Run, PlannedRun]:
     hold = _sweep(site, middle, step, rest=HOLD)
     loads: Sequence[float | None] = (EXTRA_LOAD, 0.0) if site.loads else (None,)
     words = f": {who} to one end, hold {HOLD:g} s, back, hold again"
-    runs.append(_run(site, Run.HOLD_UNLOAD, words, [(hold, load) for load in loads]))
-    return {made.run: made for made in runs}
+    return [*runs, _run(site, Run.HOLD_UNLOAD, words, [(hold, load) for load in loads])]
 
 
-def _special_runs(site: Site) -> dict[Run, PlannedRun]:
+def _special_runs(site: Site) -> list[PlannedRun]:
     """Return the runs with other payloads, gains, homings or pauses."""
     strokes = _strokes(site)[:2]
     runs = []
@@ -130,8 +121,7 @@ def _special_runs(site: Site) -> dict[Run, PlannedRun]:
     visit = _tour(site, [site.middle, site.middle + WIGGLE * site.half, site.middle], 1.0)
     plan, _ = _plan(site, _bare([visit] * RETURNS), start=[i * EVERY for i in range(RETURNS)])
     words = f"{Run.REFERENCE_RETURNS}: {RETURNS} times, every {EVERY / 60:g} minutes, working in between"
-    runs.append(PlannedRun(Run.REFERENCE_RETURNS, words, ((plan, 1.0),), RETURNS * EVERY / 60))
-    return {made.run: made for made in runs}
+    return [*runs, PlannedRun(Run.REFERENCE_RETURNS, words, ((plan, 1.0),), RETURNS * EVERY / 60)]
 
 
 def _tour(site: Site, stops: Sequence[FloatArray], seconds: float = STROKE, rest: float = REST) -> FloatArray:
@@ -155,12 +145,8 @@ def _ladder(site: Site) -> list[FloatArray]:
 
 def _strokes(site: Site) -> list[FloatArray]:
     """Return strokes to both sides, at ever smaller amplitudes."""
-    middle, paths = site.middle, []
-    for fraction in AMPLITUDES:
-        step = fraction * (site.half * site.moving)
-        low, high = middle - step, middle + step
-        paths.append(_tour(site, [middle, high, low, high, low, middle]))
-    return paths
+    middle, steps = site.middle, [fraction * (site.half * site.moving) for fraction in AMPLITUDES]
+    return [_tour(site, [middle, *[middle + step, middle - step] * 2, middle]) for step in steps]
 
 
 def _bare(paths: Sequence[FloatArray]) -> list[Piece]:

@@ -29,11 +29,9 @@ def gaps_of(
     Parameters
     ----------
     prepared : PreparedData
-    fitted : sequence of FittedEffect
-        Named effects.
+    fitted : sequence of FittedEffect, named effects
     noises : sequence of ChannelNoise
-    rng : numpy.random.Generator
-        For bootstrap and controls.
+    rng : numpy.random.Generator, for bootstrap and controls
     """
     dataset = prepared.dataset.strict()
     before, after = dataset.residual(), dataset.residual([f.effect for f in fitted])
@@ -73,14 +71,13 @@ def gaps_of(
 def _rms(values: FloatArray) -> float:
     """Root mean square of the finite values; NaN when there is none."""
     good = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(good**2))) if len(good) else float("nan")
+    return float(np.sqrt(np.mean(good**2))) if len(good) else np.nan
 
 
 def _closed(before: float | FloatArray, after: float | FloatArray, noise: float) -> FloatArray:
     """Return the fraction of the mean square beyond noise that is gone; NaN where there was none."""
     gap, left = np.square(before) - noise**2, np.square(after) - noise**2
-    fraction: FloatArray = np.where(gap > 0, 1.0 - left / np.where(gap > 0, gap, 1.0), np.nan)
-    return fraction
+    return np.asarray(np.where(gap > 0, 1.0 - left / np.where(gap > 0, gap, 1.0), np.nan))
 
 
 def _closed_ci95(residuals: FloatArray, noise: float, block: IntArray, rng: np.random.Generator) -> tuple[float, float]:
@@ -104,21 +101,16 @@ def black_box(inputs: FloatArray, residual: FloatArray, train: BoolArray, rng: n
 
     Parameters
     ----------
-    inputs : (n, d) array
-        Variables of the motor side.
-    residual : (n,) array
-        NaN is missing.
-    train : (n,) bool array
-        Rows to fit to.
-    rng : numpy.random.Generator
-        Chooses among them.
+    inputs : (n, d) array, variables of the motor side
+    residual : (n,) array, NaN is missing
+    train : (n,) bool array, rows to fit to
+    rng : numpy.random.Generator, chooses among them
     """
     rows = np.flatnonzero(train & np.isfinite(residual))
     if len(rows) > BLACK_BOX_ROWS:
         rows = np.sort(rng.choice(rows, BLACK_BOX_ROWS, replace=False))
     model = ExactGPR(n_learn=BLACK_BOX_ROWS).fit(inputs[rows], residual[rows])
-    left: FloatArray = residual - model.predict(inputs)
-    return left
+    return np.asarray(residual - model.predict(inputs))
 
 
 def _permutation_control(
@@ -134,8 +126,7 @@ def _permutation_control(
     x = signatures[rows]
     gram = x.T @ x
     sizes = np.linalg.solve(gram + RIDGE * np.diag(np.diag(gram) + 1e-300), x.T @ shuffled[rows])
-    left: FloatArray = residual - signatures @ sizes
-    return left
+    return np.asarray(residual - signatures @ sizes)
 
 
 def exchanged(values: FloatArray, block: IntArray, train: BoolArray, rng: np.random.Generator) -> FloatArray:
@@ -146,12 +137,9 @@ def exchanged(values: FloatArray, block: IntArray, train: BoolArray, rng: np.ran
 
     Parameters
     ----------
-    values : (n,) array
-        To exchange.
-    block : (n,) int array
-        Trajectory of each row.
-    train : (n,) bool array
-        Rows whose trajectories take part.
+    values : (n,) array, to exchange
+    block : (n,) int array, trajectory of each row
+    train : (n,) bool array, rows whose trajectories take part
     rng : numpy.random.Generator
     """
     ring = rng.permutation(np.unique(block[train]))
@@ -175,10 +163,8 @@ def evidence_of(prepared: PreparedData, state: Search, fitted: Sequence[FittedEf
     Parameters
     ----------
     prepared : PreparedData
-    state : Search
-        After the naming.
-    fitted : sequence of FittedEffect
-        Named effects.
+    state : Search, after the naming
+    fitted : sequence of FittedEffect, named effects
     """
     dataset, scene = prepared.dataset.strict(), prepared.dataset.scene
     motor, run = scene.motor_path(), scene.run_of_row()

@@ -43,41 +43,19 @@ class DecisionThresholds:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a result comes from, and what had to be assumed.
-
-    Parameters
-    ----------
-    seed : int
-        Of the split and of everything drawn.
-    versions : dict
-        Of this package, Python and the numerical libraries.
-    seconds : float
-        Time of the run.
-    noise : dict of str to ChannelNoise
-        By the channel's name.
-    tolerated : dict of str to float
-        What is put down to tolerances of a table, over each channel's noise.
-    bursts : tuple of Burst
-        Rare moments far above the noise, where nothing is named.
-    remarks : tuple of str
-        Assumptions, for people.
-    no_trace : tuple of str
-        Labels of candidates that leave no trace in these channels.
-    not_nameable : tuple of Lack
-        Effects that these data cannot show.
-    """
+    """Where a result comes from, and what had to be assumed."""
 
     data: tuple[DataSource, ...]
-    seed: int
-    versions: Mapping[str, str]
+    seed: int  # of the split and of everything drawn
+    versions: Mapping[str, str]  # of this package, Python and the numerical libraries
     thresholds: DecisionThresholds
-    seconds: float
-    noise: Mapping[str, ChannelNoise]
-    tolerated: Mapping[str, float]
-    bursts: tuple[Burst, ...]
-    remarks: tuple[str, ...]
-    no_trace: tuple[str, ...]
-    not_nameable: tuple[Lack, ...]
+    seconds: float  # time of the run
+    noise: Mapping[str, ChannelNoise]  # by the channel's name
+    tolerated: Mapping[str, float]  # what is put down to tolerances of a table, over each channel's noise
+    bursts: tuple[Burst, ...]  # rare moments far above the noise, where nothing is named
+    remarks: tuple[str, ...]  # assumptions, for people
+    no_trace: tuple[str, ...]  # labels of candidates that leave no trace in these channels
+    not_nameable: tuple[Lack, ...]  # effects that these data cannot show
 
 
 def provenance_of(
@@ -93,21 +71,16 @@ def provenance_of(
 
     Parameters
     ----------
-    log : CalibrationLog
-        As it was given.
+    log : CalibrationLog, as it was given
     seed : int
     prepared : PreparedData
-    state : Search
-        After the naming.
-    before : Localisation
-        Of the nominal model's residual.
-    lacks : sequence of Lack
-        Known before the search.
-    seconds : float
-        Time of the run.
+    state : Search, after the naming
+    before : Localisation, of the nominal model's residual
+    lacks : sequence of Lack, known before the search
+    seconds : float, time of the run
     """
     dataset, noises = prepared.dataset, state.whitener.noises
-    scene, names = dataset.scene, [c.name for c in dataset.scene.channels]
+    scene = dataset.scene
     return Provenance(
         data=(DataSource(log.name, log.digest, len(log)),),
         seed=seed,
@@ -119,7 +92,7 @@ def provenance_of(
         },
         thresholds=DecisionThresholds(before.threshold, penalty(max(state.n_kinds, 1)), NAMING.exact, NAMING.stable),
         seconds=seconds,
-        noise=dict(zip(names, noises, strict=True)),
+        noise={channel.name: noise for channel, noise in zip(scene.channels, noises, strict=True)},
         tolerated=dataset.tolerated(noises),
         bursts=() if state.fitted else bursts_of(dataset, noises),
         remarks=(*prepared.remarks, *_model_remarks(scene), *limits_of(scene), _noise_remark(state)),
@@ -132,13 +105,11 @@ def _noise_remark(state: Search) -> str:
     """Return whether the noise was given or estimated."""
     noises, channels = state.whitener.noises, state.dataset.scene.channels
     stated = [n.source == NoiseSource.STATED for n in noises]
-    noisier = [c.name for c, n in zip(channels, noises, strict=True) if n.times_stated is not None]
     if all(stated):
         return "noise: as [noise] of the model file gives it, tails from the recording"
-    if noisier:
-        return (
-            f"noise: the recording is clearly noisier than [noise] says in {', '.join(noisier)}; there it is estimated"
-        )
+    if noisier := [c.name for c, n in zip(channels, noises, strict=True) if n.times_stated is not None]:
+        there = ", ".join(noisier)
+        return f"noise: the recording is clearly noisier than [noise] says in {there}; there it is estimated"
     return f"noise: {'as [noise] gives it where it does, else ' if any(stated) else ''}estimated from the recording"
 
 
@@ -146,8 +117,6 @@ def _model_remarks(scene: Scene) -> list[str]:
     robot = robot_of(scene.model)
     remarks = [] if robot is None else [f"robot file: {remark}" for remark in robot.remarks]
     parts = ("controller", "transmission", "links", "T_tracker_base")
-    absent = [name for name in parts if getattr(scene.model, name) is None]
-    if absent:
-        names = ", ".join(absent)
-        remarks.append(f"absent from the model file, taken from the arm's description or from the data: {names}")
+    if absent := ", ".join(name for name in parts if getattr(scene.model, name) is None):
+        remarks.append(f"absent from the model file, taken from the arm's description or from the data: {absent}")
     return remarks

@@ -13,6 +13,8 @@ from gpcorrect.plain import json_ready
 if TYPE_CHECKING:
     from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect, PlaceVerdict
 
+EFFECTS = ("effects", "minor", "alike", "of_steps")  # of a verdict
+
 
 def report_of(result: DiscrepancyResult) -> dict[str, Any]:
     """Return a result as plain values.
@@ -25,12 +27,9 @@ def report_of(result: DiscrepancyResult) -> dict[str, Any]:
     report = {
         "version": 2,
         "verdict": {
-            "level": str(result.level),
-            "effects": [_effect(e) for e in result.effects],
-            "minor": [_effect(e) for e in result.verdict.minor],
-            "alike": [_effect(e) for e in result.verdict.alike],
-            "of_steps": [_effect(e) for e in result.verdict.of_steps],
-            "places": [_place(v) for v in result.verdict.places],
+            "level": result.level,
+            **{kind: list(map(_effect, getattr(result.verdict, kind))) for kind in EFFECTS},
+            "places": list(map(_place, result.verdict.places)),
         },
         "localisation": [_finding(f) for f in result.localisation.findings],
         "gap": {g.channel.name: _gap(g) for g in result.gap},
@@ -43,8 +42,7 @@ def report_of(result: DiscrepancyResult) -> dict[str, Any]:
                 for e in (remainder or result.localisation).equivalence
             ],
             "not_named": [
-                {"label": n.label, "level": str(n.level), **_fields(n, "probability", "nats"), "why": n.reasons}
-                for n in result.not_named
+                {**_fields(n, "label", "level", "probability", "nats"), "why": n.reasons} for n in result.not_named
             ],
         },
     }
@@ -61,23 +59,20 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
     return {
         **_fields(effect, "name", "joint"),
         "class": effect.family,
-        "level": str(effect.level),
-        "probability": effect.probability,
+        **_fields(effect, "level", "probability"),
         "parameters": {k: _fields(e, "value", "ci95", "unit") for k, e in effect.parameters.items()},
         "rivals": [_alternative(a) for a in effect.rivals],
         "alternatives": [_alternative(a) for a in effect.alternatives],
         "nats": effect.nats,
         "size_over_noise": effect.size,
         "minor": effect.is_minor,
-        "spread": effect.spread,
-        "closes": effect.closes,
+        **_fields(effect, "spread", "closes"),
     }
 
 
 def _place(verdict: PlaceVerdict) -> dict[str, Any]:
     return {
-        "place": verdict.place,
-        "level": str(verdict.level),
+        **_fields(verdict, "place", "level"),
         "channel": verdict.channel.name,
         **_fields(verdict, "before", "after", "noise"),
         "unit": verdict.channel.unit,
@@ -114,7 +109,7 @@ def _gap(gap: ChannelGap) -> dict[str, Any]:
 
 def _provenance(source: Provenance) -> dict[str, Any]:
     return {
-        "data": [vars(d) for d in source.data],
+        "data": list(map(vars, source.data)),
         **_fields(source, "seed", "versions"),
         "thresholds": vars(source.thresholds),
         "seconds": source.seconds,
@@ -128,5 +123,5 @@ def _provenance(source: Provenance) -> dict[str, Any]:
             for b in source.bursts
         ],
         **_fields(source, "remarks", "no_trace"),
-        "not_nameable": [vars(lack) for lack in source.not_nameable],
+        "not_nameable": list(map(vars, source.not_nameable)),
     }

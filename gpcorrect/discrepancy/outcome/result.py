@@ -99,12 +99,9 @@ class NamedEffect:
         Parameters
         ----------
         named : Named
-        numbers : mapping of str to Estimate
-            Of its parameters.
-        size : float
-            Over the noise; infinite where it changes no mean.
-        of_motor : bool
-            Whether it shows most in a motor's channel.
+        numbers : mapping of str to Estimate, of its parameters
+        size : float, over the noise; infinite where it changes no mean
+        of_motor : bool, whether it shows most in a motor's channel
         """
         candidate = named.fit.candidate
         return cls(
@@ -136,33 +133,18 @@ class UnnamedEffect:
 
 @dataclass(frozen=True)
 class PlaceVerdict:
-    """What a run comes to at one joint, or at the tool.
+    """What a run comes to at one joint, or at the tool."""
 
-    Parameters
-    ----------
-    place : int or str
-        Number of the joint; "tool" for what a tracker alone sees.
-    channel : Channel
-        In which the gap was largest over its noise.
-    before, after, noise : float
-        Root mean squares of the test set in it, without and with the named effects, and of noise alone.
-    remaining : float
-        Largest systematic part that is left, over the noise of its channel.
-    effects : tuple of NamedEffect
-        Named there.
-    alike : tuple of NamedEffect
-        What the machine acts like there.
-    """
-
-    place: int | str
+    place: int | str  # number of the joint; "tool" for what a tracker alone sees
     level: Level
-    channel: Channel
+    channel: Channel  # in which the gap was largest over its noise
+    # root mean squares of the test set in it, without and with the named effects, and of noise alone
     before: float
     after: float
     noise: float
-    remaining: float
-    effects: tuple[NamedEffect, ...]
-    alike: tuple[NamedEffect, ...] = ()
+    remaining: float  # largest systematic part that is left, over the noise of its channel
+    effects: tuple[NamedEffect, ...]  # named there
+    alike: tuple[NamedEffect, ...] = ()  # what the machine acts like there
 
 
 @dataclass(frozen=True)
@@ -194,90 +176,45 @@ class Verdict:
 
 @dataclass(frozen=True)
 class ChannelGap:
-    """One channel on the test set, in its unit; NaN for what does not exist.
+    """One channel on the test set, in its unit; NaN for what does not exist."""
 
-    Parameters
-    ----------
-    before, after, noise : float
-        Root mean squares of the residual without and with the effects, and of noise alone.
-    p95, largest : pairs of float
-        95th percentile and maximum of the absolute residual, before and after.
-    closed : float
-        1 - (after^2 - noise^2) / (before^2 - noise^2); NaN where there is no gap to close.
-    closed_ci95 : pair of float
-        Bootstrap over trajectories.
-    black_box_ceiling, permutation_control : float
-        Fractions that a black box and a permutation control close.
-    """
-
+    # root mean squares of the residual without and with the effects, and of noise alone
     before: float
     after: float
     noise: float
-    p95: tuple[float, float]
-    largest: tuple[float, float]
-    closed: float
-    closed_ci95: tuple[float, float]
+    p95: tuple[float, float]  # 95th percentile of the absolute residual, before and after
+    largest: tuple[float, float]  # its maximum
+    closed: float  # 1 - (after^2 - noise^2) / (before^2 - noise^2); NaN where there is no gap to close
+    closed_ci95: tuple[float, float]  # bootstrap over trajectories
     channel: Channel
-    black_box_ceiling: float
-    permutation_control: float
+    black_box_ceiling: float  # fraction that a black box closes
+    permutation_control: float  # the same of a permutation control
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """The run that would tell two leaders apart.
+    """The run that would tell two leaders apart."""
 
-    Parameters
-    ----------
-    run : str
-        What to record, for people; or which sensor to add, where no run is enough.
-    decisive : bool
-        Whether it is expected to tell them apart.
-    separates : pair of str
-        The two.
-    expected_nats : float
-        Log Bayes factor that it should bring after the rival was refitted.
-    minutes : float
-        How long it takes.
-    """
-
-    run: str
-    decisive: bool
-    separates: tuple[str, str]
-    expected_nats: float
-    minutes: float
+    run: str  # what to record, for people; or which sensor to add, where no run is enough
+    decisive: bool  # whether it is expected to tell them apart
+    separates: tuple[str, str]  # the two
+    expected_nats: float  # log Bayes factor that it should bring after the rival was refitted
+    minutes: float  # that it takes
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """What the figures are drawn from: condensed rows.
+    """What the figures are drawn from: m condensed rows of c channels and k joints, and p named effects."""
 
-    Parameters
-    ----------
-    before, after : (m, c) arrays
-        Residuals without and with the named effects.
-    motor, direction : (m, k) arrays
-        Motor path and direction of travel of each joint.
-    joint : (c,) tuple of int
-        Column of the joint that each channel speaks of, -1 for none.
-    test : (m,) bool array
-        Rows of the test set.
-    correlation : (p, p) array
-        Of the named effects' signatures.
-    labels : tuple of str
-        Its rows.
-    waterfall : tuple of Step
-        Of the search.
-    """
-
-    before: FloatArray
-    after: FloatArray
-    motor: FloatArray
-    direction: FloatArray
-    joint: tuple[int, ...]
-    test: BoolArray
-    correlation: FloatArray
-    labels: tuple[str, ...]
-    waterfall: tuple[Step, ...]
+    before: FloatArray  # (m, c) residuals without the named effects
+    after: FloatArray  # (m, c) and with them
+    motor: FloatArray  # (m, k) motor path
+    direction: FloatArray  # (m, k) of travel
+    joint: tuple[int, ...]  # (c,) column of the joint that each channel speaks of, -1 for none
+    test: BoolArray  # (m,) rows of the test set
+    correlation: FloatArray  # (p, p) of the effects' signatures
+    labels: tuple[str, ...]  # (p,)
+    waterfall: tuple[Step, ...]  # of the search
 
 
 @dataclass(frozen=True, eq=False)

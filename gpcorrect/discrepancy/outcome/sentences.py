@@ -74,8 +74,7 @@ def closed_by(gaps: Sequence[ChannelGap], joint: int | str | None = None) -> Cha
     Parameters
     ----------
     gaps : sequence of ChannelGap
-    joint : int, str or None
-        Only channels of this joint, where it has any.
+    joint : int, str or None, only channels of this joint, where it has any
     """
     known = [g for g in gaps if np.isfinite(g.closed) and g.noise]
     chosen = [g for g in known if isinstance(joint, int) and g.channel.joint == joint] or known

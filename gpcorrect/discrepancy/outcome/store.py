@@ -33,8 +33,7 @@ def inputs_key(*parts: object) -> str:
 
     Parameters
     ----------
-    *parts : object
-        Hashes of the data, the model, seed, versions; each as its text.
+    *parts : object, hashes of the data, the model, seed, versions; each as its text
     """
     text = json.dumps([str(p) for p in (FORM, *parts)])
     return hashlib.sha256(text.encode()).hexdigest()
@@ -77,8 +76,7 @@ class StageStore:
         Parameters
         ----------
         stage : str
-        content : mapping
-            Plain values.
+        content : mapping of plain values
 
         Raises
         ------
@@ -96,9 +94,8 @@ class StageStore:
         evidence : Evidence
         """
         self.folder.mkdir(parents=True, exist_ok=True)
-        waterfall = [asdict(s) for s in evidence.waterfall]
-        header = {"key": self.key, "joint": evidence.joint, "labels": evidence.labels, "waterfall": waterfall}
-        arrays = {name: getattr(evidence, name) for name in ARRAYS}
+        header = {"key": self.key, **asdict(evidence)}
+        arrays = {name: header.pop(name) for name in ARRAYS}
         with atomic_path(self.folder / "evidence.npz") as path:
             np.savez_compressed(path, header=np.array(json.dumps(header)), **arrays)
 
@@ -152,17 +149,12 @@ def load_or_search(
 
     Parameters
     ----------
-    state : Search
-        Where the search starts.
-    candidates : sequence of Candidate
-        All of them, always in the same order.
-    store : StageStore or None
-        None stores nothing.
-    run : callable
-        The search.
+    state : Search, where the search starts
+    candidates : sequence of Candidate, all of them, always in the same order
+    store : StageStore or None, which stores nothing
+    run : callable, the search
     """
-    stored = None if store is None else store.load("search")
-    if stored is not None:
+    if store is not None and (stored := store.load("search")) is not None:
         return _state_of(stored, state, candidates)
     done = run(state)
     if store is not None:
@@ -179,19 +171,17 @@ def load_or_name(
     ----------
     state, candidates, store
         As for :func:`load_or_search`.
-    run : callable
-        The naming.
+    run : callable, the naming
     """
-    stored = None if store is None else store.load("naming")
-    if stored is not None:
+    if store is not None and (stored := store.load("naming")) is not None:
         named, dropped = (tuple(_named_of(n, candidates) for n in stored[part]) for part in ("named", "dropped"))
         done = _state_of(stored["state"], state, candidates)
         return replace(done, fitted=tuple(n.fit for n in named)), named, dropped
     state, named, dropped = run(state)
     if store is not None:
-        parts = {"named": named, "dropped": dropped}
-        plain = {part: [_plain_named(n, candidates) for n in names] for part, names in parts.items()}
-        store.save("naming", {**plain, "state": _plain_state(state, candidates)})  # it searches too
+        plain, others = ([_plain_named(n, candidates) for n in names] for names in (named, dropped))
+        searched = _plain_state(state, candidates)  # for a naming searches too
+        store.save("naming", {"named": plain, "dropped": others, "state": searched})
     return state, named, dropped
 
 

@@ -35,18 +35,12 @@ def verdict_level(
     Parameters
     ----------
     prepared : PreparedData
-    state : Search
-        After the naming.
-    before : Localisation
-        Of the nominal model's residual.
-    effects : sequence of NamedEffect
-        Those that may be named, effects on noise too.
-    alike : sequence of NamedEffect
-        Those that the machine only acts like.
-    fitted : sequence of FittedEffect
-        Those of them that change a mean, with their final numbers.
-    dropped : sequence of Named
-        What was looked at and may not be named.
+    state : Search, after the naming
+    before : Localisation, of the nominal model's residual
+    effects : sequence of NamedEffect, those that may be named, effects on noise too
+    alike : sequence of NamedEffect, those that the machine only acts like
+    fitted : sequence of FittedEffect, those of them that change a mean, with their final numbers
+    dropped : sequence of Named, what was looked at and may not be named
     """
     if not before.something and not effects:
         dataset, noises = state.dataset, state.whitener.noises
@@ -80,12 +74,9 @@ def is_plain(before: Localisation, channels: Set[Channel], dropped: Sequence[Nam
 
     Parameters
     ----------
-    before : Localisation
-        Of the nominal model's residual.
-    channels : set of Channel
-        Those that may count.
-    dropped : sequence of Named
-        What was looked at and may not be named.
+    before : Localisation, of the nominal model's residual
+    channels : set of Channel, those that may count
+    dropped : sequence of Named, what was looked at and may not be named
     """
     matters = {e.channel for e in before.equivalence if not e.shown}
     found = [f.nats for f in before.findings if f.counts and f.channel in channels & matters]
@@ -103,14 +94,10 @@ def closed_where_they_show(
 
     Parameters
     ----------
-    state : Search
-        After the naming.
-    fitted : sequence of FittedEffect
-        All that are in the model.
-    gaps : sequence of ChannelGap
-        Of every channel, in the scene's order.
-    left : Localisation
-        Of the residual that they leave.
+    state : Search, after the naming
+    fitted : sequence of FittedEffect, all that are in the model
+    gaps : sequence of ChannelGap, of every channel, in the scene's order
+    left : Localisation, of the residual that they leave
     """
     limit = VERDICT.plain * left.threshold
     plain = {f.channel for f in left.findings if f.counts and f.size > TESTS.equivalence and f.nats > limit}
@@ -132,14 +119,10 @@ def place_verdicts(
 
     Parameters
     ----------
-    effects : sequence of NamedEffect
-        Of the verdict.
-    gaps : sequence of ChannelGap
-        Of every channel.
-    left : Localisation
-        Of the residual that the named effects leave.
-    bursts : sequence of Burst
-        Of the same.
+    effects : sequence of NamedEffect, of the verdict
+    gaps : sequence of ChannelGap, of every channel
+    left : Localisation, of the residual that the named effects leave
+    bursts : sequence of Burst, of the same
     alike : sequence of NamedEffect
         Those that the machine only acts like: where one matters, something is unknown.
     """
@@ -196,12 +179,9 @@ def headline(
 
     Parameters
     ----------
-    level : Level
-        By the named effects alone.
-    effects, alike : sequences of NamedEffect
-        Of the verdict.
-    places : sequence of PlaceVerdict
-        Of every place.
+    level : Level, by the named effects alone
+    effects, alike : sequences of NamedEffect, of the verdict
+    places : sequence of PlaceVerdict, of every place
     """
     unknown = [v for v in places if v.level == Level.UNKNOWN]
     if level not in SURENESS:

@@ -44,8 +44,7 @@ def in_reader_units(value: float, unit: str) -> tuple[float, str]:
 
     Parameters
     ----------
-    value : float
-        SI.
+    value : float, SI
     unit : str
     """
     shown, factor = READER_UNITS.get(unit, (unit, 1.0))
@@ -57,8 +56,7 @@ def number(value: float) -> str:
 
     Parameters
     ----------
-    value : float
-        NaN is no number.
+    value : float, NaN is no number
     """
     if not np.isfinite(value):
         return "–"
@@ -74,8 +72,7 @@ def size_words(value: float, unit: str) -> str:
 
     Parameters
     ----------
-    value : float
-        SI.
+    value : float, SI
     unit : str
     """
     shown, symbol = in_reader_units(value, unit)
@@ -87,8 +84,7 @@ def region_words(spans: Sequence[Span]) -> str:
 
     Parameters
     ----------
-    spans : sequence of Span
-        Of a cell.
+    spans : sequence of Span, of a cell
     """
     return ", ".join(_span_words(span) for span in spans)
 
@@ -123,8 +119,7 @@ def place(joint: int | str | None) -> str:
 
     Parameters
     ----------
-    joint : int, str or None
-        As effects have it.
+    joint : int, str or None, as effects have it
     """
     if isinstance(joint, int):
         return f"joint {joint}"
@@ -167,8 +162,7 @@ def estimate_words(estimate: Estimate, *, interval: bool = True) -> str:
     Parameters
     ----------
     estimate : Estimate
-    interval : bool
-        Whether its 95 % interval is shown.
+    interval : bool, whether its 95 % interval is shown
     """
     value, ci95, unit = estimate.value, estimate.ci95, estimate.unit
     values = value if isinstance(value, tuple) else (value,)

@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from itertools import cycle, islice
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -127,29 +128,21 @@ def generate(spec: Spec, progress: Progress | None = None) -> Iterator[Case]:
         An effect is unknown or fits no joint of the model, or sizes are asked for and the model has no noise.
     """
     rng = np.random.default_rng([spec.table.seed, 41])
-    given = [
-        (tuple(effect_from_dict(values) for values in case.effects), None)
-        for case in spec.table.cases
-        for _ in range(case.repeat)
-    ]
-    wanted = [*given, *_drawn(spec, rng)]
+    wanted: list[tuple[tuple[Effect, ...], float | None]] = []
+    for case in spec.table.cases:
+        wanted += [(tuple(map(effect_from_dict, case.effects)), None)] * case.repeat
+    wanted += _drawn(spec, spec.table.draw, rng) if spec.table.draw else []
     ordered = [(number, *wanted[index]) for number, index in enumerate(rng.permutation(len(wanted)))]
     yield from each(partial(_case, spec), ordered, progress, "simulating")
 
 
-def _drawn(spec: Spec, rng: np.random.Generator) -> list[tuple[tuple[Effect, ...], float | None]]:
-    draw = spec.table.draw
-    if draw is None:
-        return []
-    found: list[tuple[tuple[Effect, ...], float | None]] = []
+def _drawn(spec: Spec, draw: DrawTable, rng: np.random.Generator) -> Iterator[tuple[tuple[Effect, ...], float]]:
     scout = _log(spec, spec.model, rng, seed=0)
-    for k in range(draw.cases):
-        ratio = draw.effect_to_noise[k % len(draw.effect_to_noise)]
+    for ratio in islice(cycle(draw.effect_to_noise), draw.cases):
         members: list[Drawn] = []
         for _ in range(draw.effects):
             members.append(drawn_effect(spec.model, scout, ratio, rng, names=draw.names, besides=members))
-        found.append((tuple(m.effect for m in members), ratio))
-    return found
+        yield tuple(m.effect for m in members), ratio
 
 
 def _case(spec: Spec, case: tuple[int, tuple[Effect, ...], float | None]) -> Case:
@@ -183,10 +176,8 @@ def seal(labels: Mapping[str, Any], folder: Path) -> str:
 
     Parameters
     ----------
-    labels : mapping
-        Plain values.
-    folder : Path
-        Folder of the logs.
+    labels : mapping of plain values
+    folder : Path, folder of the logs
 
     Raises
     ------
@@ -207,10 +198,8 @@ def label_of(case: Case, log_sha256: str) -> dict[str, Any]:
 
     Parameters
     ----------
-    case : Case
-        One of :func:`generate`.
-    log_sha256 : str
-        Of its recording.
+    case : Case, one of :func:`generate`
+    log_sha256 : str, of its recording
     """
     effects = [{"class": str(e.about.family), "known": True} | e.to_dict() for e in case.effects]
     kinds = {0: "null", 1: "single", 2: "pair"}

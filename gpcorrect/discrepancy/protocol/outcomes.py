@@ -20,43 +20,20 @@ Key = tuple[str, Any]
 
 @dataclass(frozen=True)
 class CaseOutcome:
-    """One case, scored.
-
-    Parameters
-    ----------
-    name, group : str
-        Of the case, and the set it belongs to ("null", "single", "outside", ...).
-    ratio : float or None
-        Effect to noise, where it is known.
-    truth : tuple of str
-        Canonical names of the hidden effects; the name of what is outside the catalogue.
-    answers : tuple of str
-        What was reported of each: its own name, another one, or one of :data:`NO_NAME`. One answer for a null case.
-    wrong : bool
-        Whether a name (or a set without the truth) was given that is not true.
-    unknown : bool
-        Whether the verdict is UNKNOWN and nothing wrong was named.
-    probabilities : tuple of (float, bool)
-        Of every name given: its posterior, and whether it is true.
-    covered : tuple of bool
-        For every comparable parameter of the rightly named: whether its 95 % interval holds the truth.
-    closed : float or None
-        Proportion of the gap closed where it was largest.
-    seconds : float
-        Time of the run.
-    """
+    """One case, scored."""
 
     name: str
-    group: str
-    ratio: float | None
-    truth: tuple[str, ...]
+    group: str  # the set that it belongs to: "null", "single", "outside", ...
+    ratio: float | None  # effect to noise, where it is known
+    truth: tuple[str, ...]  # canonical names of the hidden effects; the name of what is outside the catalogue
+    # what was reported of each: its own name, another one, or one of NO_NAME; one answer for a null case
     answers: tuple[str, ...]
-    wrong: bool
-    unknown: bool
-    probabilities: tuple[tuple[float, bool], ...]
-    covered: tuple[bool, ...]
-    closed: float | None
-    seconds: float
+    wrong: bool  # whether a name (or a set without the truth) was given that is not true
+    unknown: bool  # whether the verdict is UNKNOWN and nothing wrong was named
+    probabilities: tuple[tuple[float, bool], ...]  # of every name given: its posterior, and whether it is true
+    covered: tuple[bool, ...]  # whether the 95 % interval of each comparable parameter, rightly named, holds the truth
+    closed: float | None  # proportion of the gap closed where it was largest
+    seconds: float  # time of the run
 
     @property
     def exact(self) -> bool:
@@ -78,8 +55,7 @@ def case_outcome(name: str, label: Mapping[str, Any], report: Mapping[str, Any])
     label : mapping
         `set`, `effects` (each with `name`, `joint`, `known` and parameters), `effect_to_noise`, and perhaps `nuisance`:
         effects that are there too and may be named or not.
-    report : mapping
-        The report's JSON form.
+    report : mapping, the report's JSON form
     """
     named = report["verdict"]["effects"]
     true = {_key(e) for e in label["effects"] if e["known"]}
@@ -141,9 +117,8 @@ def _answer(
             return str(truth["name"])
         if holding:
             return "set"
-    wrong = [e["name"] for e in false if e["level"] == "EXACT"]
-    if wrong:
-        return str(wrong[0])
+    for wrong in (e for e in false if e["level"] == "EXACT"):
+        return str(wrong["name"])
     if false:
         return "wrong set"
     return {"UNKNOWN": "unknown", "NONE": "none"}.get(level, "inconclusive")

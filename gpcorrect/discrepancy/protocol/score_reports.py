@@ -46,17 +46,13 @@ class Proportion:
 
 @dataclass(frozen=True)
 class Target:
-    """One line of the target table.
-
-    What was measured over n cases, names or numbers, with the 95 % Wilson interval of a fraction (else NaN), and the
-    range that was asked for.
-    """
+    """One line of the target table."""
 
     what: str
-    n: int
+    n: int  # cases, names or numbers that it was measured over
     value: float
-    interval: tuple[float, float]
-    low: float
+    interval: tuple[float, float]  # 95 % Wilson interval of a fraction; else NaN
+    low: float  # the range that was asked for
     high: float
 
     @property
@@ -67,31 +63,20 @@ class Target:
 
 @dataclass(frozen=True)
 class Score:
-    """Everything that scoring says.
+    """Everything that scoring says."""
 
-    Parameters
-    ----------
-    targets : tuple of Target
-        Of the sets that there are.
-    confusion : dict of dict
-        For each truth (effects, "nothing", and what is outside the catalogue) how often each answer was given.
-    limits : dict
-        For each effect the smallest effect to noise from which on 70 % are named exactly, or None.
-    missing : tuple of str
-        Labels without a report.
-    """
-
-    targets: tuple[Target, ...]
+    targets: tuple[Target, ...]  # of the sets that there are
+    # for each truth (effects, "nothing", and what is outside the catalogue) how often each answer was given
     confusion: Mapping[str, Mapping[str, int]]
-    limits: Mapping[str, float | None]
-    missing: tuple[str, ...] = ()
+    limits: Mapping[str, float | None]  # smallest effect to noise from which on 70 % of an effect are named exactly
+    missing: tuple[str, ...] = ()  # labels without a report
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""
         return {
             "targets": [asdict(t) | {"met": t.met} for t in self.targets],
-            "confusion": {truth: dict(row) for truth, row in self.confusion.items()},
-            "detection_limits": dict(self.limits),
+            "confusion": self.confusion,
+            "detection_limits": self.limits,
             "missing": list(self.missing),
         }
 
@@ -101,8 +86,7 @@ def read_labels(path: Path) -> dict[str, Any]:
 
     Parameters
     ----------
-    path : Path
-        labels.json.
+    path : Path, labels.json
 
     Raises
     ------
@@ -111,14 +95,13 @@ def read_labels(path: Path) -> dict[str, Any]:
     """
     try:
         text = path.read_text(encoding="utf-8")
-        cases = json.loads(text)["cases"]
+        cases: dict[str, Any] = json.loads(text)["cases"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise DataError(f"cannot read the labels {path}: {error}.", hint="Give labels.json of `generate`.") from error
     seal = path.parent.parent / "labels.sha256"
     if seal.is_file() and seal.read_text(encoding="utf-8").split()[0] != hashlib.sha256(text.encode()).hexdigest():
         raise DataError(f"{path} is not what was sealed: its SHA-256 is not the one in {seal}.")
-    found: dict[str, Any] = cases
-    return found
+    return cases
 
 
 def read_reports(folders: Iterable[Path]) -> list[tuple[str, dict[str, Any]]]:
@@ -126,8 +109,7 @@ def read_reports(folders: Iterable[Path]) -> list[tuple[str, dict[str, Any]]]:
 
     Parameters
     ----------
-    folders : iterable of Path
-        Output folders of runs, or folders of them.
+    folders : iterable of Path, output folders of runs, or folders of them
 
     Raises
     ------
@@ -153,10 +135,8 @@ def score_reports(labels: Mapping[str, Any], reports: Iterable[tuple[str, Mappin
 
     Parameters
     ----------
-    labels : mapping
-        By the case's name.
-    reports : iterable of (str, mapping)
-        Folder's name and content of report.json.
+    labels : mapping, by the case's name
+    reports : iterable of (str, mapping), folder's name and content of report.json
 
     Raises
     ------
@@ -182,8 +162,7 @@ def score_cases(outcomes: Sequence[CaseOutcome], missing: tuple[str, ...] = ()) 
     Parameters
     ----------
     outcomes : sequence of CaseOutcome
-    missing : tuple of str
-        Labels without a report.
+    missing : tuple of str, labels without a report
     """
     return Score(tuple(_targets(outcomes)), _confusion(outcomes), _limits(outcomes), missing)
 

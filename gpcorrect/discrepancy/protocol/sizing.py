@@ -66,8 +66,7 @@ def effect_to_noise(scene: Scene, std: FloatArray, effects: Sequence[Effect]) ->
     scene : Scene
     std : (c,) array
         Noise of each channel; NaN for those that do not count.
-    effects : sequence of Effect
-        That are added.
+    effects : sequence of Effect, that are added
     """
     change = scene.predict(effects) - scene.predict()
     outside = np.isfinite(std)
@@ -87,17 +86,12 @@ def drawn_effect(
 
     Parameters
     ----------
-    model : Model
-        Nominal machine, with its noise.
-    scout : CalibrationLog
-        A recording of it, by which sizes are measured.
-    ratio : float
-        Root mean square of the change over the noise, in the channel where it is largest.
+    model : Model, nominal machine, with its noise
+    scout : CalibrationLog, a recording of it, by which sizes are measured
+    ratio : float, root mean square of the change over the noise, in the channel where it is largest
     rng : numpy.random.Generator
-    names : sequence of str
-        Effects to draw from; all when empty.
-    besides : sequence of Drawn
-        Already there: not drawn again.
+    names : sequence of str, effects to draw from; all when empty
+    besides : sequence of Drawn, already there: not drawn again
 
     Raises
     ------

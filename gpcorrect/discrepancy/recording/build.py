@@ -36,8 +36,7 @@ def build_scene(
     ----------
     log : CalibrationLog
     model : Model
-    registered_on : (n,) bool array
-        Rows that may be used to register the tracker.
+    registered_on : (n,) bool array, rows that may be used to register the tracker
     noises : tuple of ChannelNoise, optional
         Of each channel, against which the tolerance of table and registration is held; as the recording shows it when
         None.

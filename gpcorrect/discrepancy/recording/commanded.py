@@ -32,10 +32,8 @@ def with_joint_paths(log: CalibrationLog, body: Body) -> tuple[CalibrationLog, t
 
     Parameters
     ----------
-    log : CalibrationLog
-        Recording; one with `measured_jp` or `setpoint_jp`, or of bare joints, keeps its own.
-    body : Body
-        Nominal arm.
+    log : CalibrationLog, recording; one with `measured_jp` or `setpoint_jp`, or of bare joints, keeps its own
+    body : Body, nominal arm
 
     Raises
     ------
@@ -70,14 +68,10 @@ def joint_path_of_poses(
 
     Parameters
     ----------
-    body : Body
-        Arm with kinematics; its other joints are held.
-    signal : PoseSignal
-        Base frame; rows with NaN stay without an answer.
-    trajectory : (n,) int array
-        Of each row; paths are followed inside them.
-    name : str
-        Of the signal, for messages.
+    body : Body, arm with kinematics; its other joints are held
+    signal : PoseSignal, base frame; rows with NaN stay without an answer
+    trajectory : (n,) int array, of each row; paths are followed inside them
+    name : str, of the signal, for messages
 
     Raises
     ------

@@ -70,8 +70,7 @@ class Dataset:
 
         Parameters
         ----------
-        values : (n, ...) array
-            Of the log's rows.
+        values : (n, ...) array, of the log's rows
         """
         used, index, count = self._grouping
         flat = values[used].reshape(len(index), -1)
@@ -177,10 +176,8 @@ def build_dataset(scene: Scene, split: Split, max_rows: int) -> Dataset:
     Parameters
     ----------
     scene : Scene
-    split : Split
-        Blocks and parts of its rows.
-    max_rows : int
-        Above, means over as many samples as it takes are used; noise is estimated on the means.
+    split : Split, blocks and parts of its rows
+    max_rows : int, above, means over as many samples as it takes are used; noise is estimated on the means
     """
     used = split.block >= 0
     stride = max(1, int(np.ceil(used.sum() / max_rows)))

@@ -26,8 +26,7 @@ class Layout:
 
         Parameters
         ----------
-        values : (m, ...) array
-            Of the table's rows.
+        values : (m, ...) array, of the table's rows
         """
         return values[self.rows]
 
@@ -52,13 +51,11 @@ def layout_of(label: IntArray, *, piece: int | None = None, warm_up: int = 0, ru
 
     Parameters
     ----------
-    label : (m,) int array
-        Of each row.
+    label : (m,) int array, of each row
     piece : int, optional
         Labels of more than `piece + warm_up` rows may be cut into columns of `piece` rows. They are where that makes
         the grid smaller: one long label would pad the columns of many short ones.
-    warm_up : int
-        Rows before a cut that its column repeats, so that what has a memory fills it.
+    warm_up : int, rows before a cut that its column repeats, so that what has a memory fills it
     run_out : int
         Rows behind a cut that its column repeats, so that a motion cut there does not seem to stop at once.
     """

@@ -64,8 +64,7 @@ def estimate_noise(
         Seconds, residual (NaN is missing), and block of each row, -1 for rows to leave out.
     still : (n,) bool array
         Rows at which nothing moved; where there are enough, only they are used, for there the residual is noise alone.
-    floor : float
-        Smallest standard deviation to return: resolution of the channel.
+    floor : float, smallest standard deviation to return: resolution of the channel
     """
     usable = np.isfinite(residual) & (block >= 0)
     still = still & usable
@@ -181,10 +180,8 @@ class Whitener:
         Parameters
         ----------
         noise : ChannelNoise
-        time : (n,) array
-            s.
-        block : (n,) int array
-            Of each row, from 0.
+        time : (n,) array, s
+        block : (n,) int array, of each row, from 0
         """
         return cls(block, *_filter(time, block, noise.white, noise.slow, noise.time_constant))
 
@@ -200,12 +197,9 @@ class Whitener:
         Parameters
         ----------
         values : (m, k) array
-        rows : (n,) int array
-            The filter's rows among the m.
-        weight : (n,) array
-            Of each of them.
-        white : (n, k) array
-            To write to.
+        rows : (n,) int array, the filter's rows among the m
+        weight : (n,) array, of each of them
+        white : (n, k) array, to write to
         """
         _innovations(values, rows, self.block, self.gain, weight / self.scale, self.phi, white)
 
@@ -260,8 +254,7 @@ def outliers(residual: FloatArray, block: IntArray) -> BoolArray:
     ----------
     residual : (n,) array
         rad or m; NaN is missing.
-    block : (n,) int array
-        Trajectory of each row, from 0 without gaps; -1 for rows to leave out.
+    block : (n,) int array, trajectory of each row, from 0 without gaps; -1 for rows to leave out
     """
     spikes = np.zeros(len(residual), dtype=np.bool_)
     window = 2 * SPIKE_REACH + 1

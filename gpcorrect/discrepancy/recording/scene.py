@@ -178,8 +178,7 @@ class Scene:
 
         Parameters
         ----------
-        effects : sequence of Effect
-            Beyond the model's own, on an arm whose kinematics are known.
+        effects : sequence of Effect, beyond the model's own, on an arm whose kinematics are known
         """
         machine = self._machine(effects)
         replay = self._replay(machine)

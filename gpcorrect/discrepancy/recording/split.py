@@ -31,10 +31,8 @@ class Split:
 
         Parameters
         ----------
-        rows : (n,) bool array
-            Whole blocks.
-        length : int
-            Rows of a piece.
+        rows : (n,) bool array, whole blocks
+        length : int, rows of a piece
         rng : numpy.random.Generator
         """
         part, begins = self.part.copy(), np.r_[True, np.diff(self.block) != 0]

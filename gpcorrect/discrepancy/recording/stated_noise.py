@@ -68,12 +68,9 @@ def averaged(noise: ChannelNoise, count: int, step: float) -> ChannelNoise:
 
     Parameters
     ----------
-    noise : ChannelNoise
-        Of single samples.
-    count : int
-        Samples in a mean.
-    step : float
-        s from sample to sample.
+    noise : ChannelNoise, of single samples
+    count : int, samples in a mean
+    step : float, s from sample to sample
     """
     if count <= 1:
         return noise
@@ -91,8 +88,7 @@ def rounded_to(noise: ChannelNoise, step: float) -> ChannelNoise:
     Parameters
     ----------
     noise : ChannelNoise
-    step : float
-        Size of the steps, rad or m; 0 for none.
+    step : float, size of the steps, rad or m; 0 for none
     """
     error = step / float(UNIFORM)
     if noise.std >= error:
@@ -110,10 +106,8 @@ def chosen_noise(own: ChannelNoise, stated: ChannelNoise | None, step: float) ->
 
     Parameters
     ----------
-    own, stated : ChannelNoise
-        As the recording shows it, and as the model states it.
-    step : float
-        Seconds from one row to the next.
+    own, stated : ChannelNoise, as the recording shows it, and as the model states it
+    step : float, seconds from one row to the next
     """
     if stated is None:
         return own
@@ -144,8 +138,7 @@ def quantisation_of(values: FloatArray) -> Quantisation | None:
 
     Parameters
     ----------
-    values : (n,) array
-        rad or m.
+    values : (n,) array, rad or m
     """
     distinct = np.unique(values[np.isfinite(values)])
     if len(distinct) < SENSORS.fewest_counts:

@@ -45,10 +45,8 @@ class Tracker:
 
         Parameters
         ----------
-        quaternion : (n, 4) array or None
-            Measured, wxyz.
-        T : (n, 4, 4) array
-            Marker poses of the nominal model.
+        quaternion : (n, 4) array or None, measured, wxyz
+        T : (n, 4, 4) array, marker poses of the nominal model
         """
         if quaternion is None:
             return self, "the tracker's log holds no orientations: positions alone are compared"
@@ -73,8 +71,7 @@ class Tracker:
 
         Parameters
         ----------
-        T : (n, 4, 4) array
-            Simulated marker poses, in the tracker's frame as far as the model knows it.
+        T : (n, 4, 4) array, simulated marker poses, in the tracker's frame as far as the model knows it
         """
         if self.rotation is None:
             return self._position(T)[0]
@@ -136,13 +133,10 @@ def slack_of(slopes: FloatArray, rows: BoolArray, noises: tuple[ChannelNoise, ..
 
     Parameters
     ----------
-    slopes : (n, c, r) array
-        Change of the channels for one standard deviation of each error.
-    rows : (n, c) bool array
-        Measured rows that may be looked at.
+    slopes : (n, c, r) array, change of the channels for one standard deviation of each error
+    rows : (n, c) bool array, measured rows that may be looked at
     noises : tuple of ChannelNoise
-    step : float
-        Seconds from sample to sample: slow noise counts for less, the denser the samples.
+    step : float, seconds from sample to sample: slow noise counts for less, the denser the samples
     """
     scale = np.array([np.sqrt(n.white**2 + n.slow**2 * max(1.0, 2.0 * n.time_constant / step)) for n in noises])
     scale = np.broadcast_to(scale, rows.shape)[rows][:, None]
@@ -158,14 +152,10 @@ def table_slopes(chain: Chain, q: FloatArray, T_tracker_base: FloatArray, tracke
 
     Parameters
     ----------
-    chain : Chain
-        Nominal arm, up to the marker.
-    q : (n, dof) array
-        All its joints.
-    T_tracker_base : (4, 4) array
-        As the model states it, or the identity.
-    tracker : Tracker
-        That sees a of its axes: what its own registration takes up is no change.
+    chain : Chain, nominal arm, up to the marker
+    q : (n, dof) array, all its joints
+    T_tracker_base : (4, 4) array, as the model states it, or the identity
+    tracker : Tracker, that sees a of its axes: what its own registration takes up is no change
     """
     arms = [
         (replace(chain, joints=(*chain.joints[:i], moved, *chain.joints[i + 1 :])), size)
