@@ -119,16 +119,25 @@ def drawn_effect(
 def _sized(
     candidate: Candidate, scene: Scene, std: FloatArray, ratio: float, rng: np.random.Generator
 ) -> Effect | None:
-    """Scale a candidate's amplitudes by secants; None when its physical range ends before the ratio is reached."""
+    """Scale a candidate's amplitudes by secants; None when its physical range ends before the ratio is reached.
+
+    Where it has none, its size is its first number, on a logarithmic scale, such as the radius of a play.
+    """
     shape = np.array(candidate.start) + np.array(
         [0.0 if c.amplitude or c.kind != "log" else SHAPE_SPREAD * rng.standard_normal() for c in candidate.coordinates]
     )
     sign = np.array([1.0 if c.parameter.positive else rng.choice([-1.0, 1.0]) for c in candidate.coordinates])
-    factor = 1.0
+    rows, factor = list(candidate.amplitudes), 1.0
+    nothing = np.array([candidate.coordinates[i].identity for i in rows])
+    full = sign[rows] * (np.array(candidate.start)[rows] - nothing)
     for _ in range(SECANTS):
-        u = _at(candidate, shape, sign, factor)
+        u = shape.copy()
+        if rows:
+            u[rows] = nothing + factor * full
+        else:
+            u[0] += np.log(factor)
         try:
-            effect = candidate.build(u)
+            effect = candidate.build(np.clip(u, *candidate.bounds))
             reached = effect_to_noise(scene, std, [effect])
         except DataError:
             return None
@@ -136,16 +145,3 @@ def _sized(
             return effect
         factor *= float(np.clip(ratio / max(reached, 1e-12), 1e-2, 1e2))
     return None
-
-
-def _at(candidate: Candidate, shape: FloatArray, sign: FloatArray, factor: float) -> FloatArray:
-    """Return coordinates with all amplitudes moved to a common multiple of where they start, inside the bounds."""
-    u = shape.copy()
-    for i in candidate.amplitudes:
-        base = candidate.coordinates[i].identity
-        u[i] = base + factor * sign[i] * (candidate.start[i] - base)
-    if not candidate.amplitudes:  # its size is a number on a logarithmic scale, such as the radius of a play
-        u[0] += np.log(factor)
-    low, high = candidate.bounds
-    clipped: FloatArray = np.clip(u, low, high)
-    return clipped

@@ -44,7 +44,7 @@ def build_scene(
     Raises
     ------
     DataError
-        The log lacks the motor side or every outside signal, or has missing motor positions.
+        The log lacks the motor side or every outside signal, or its joints cannot be the model's.
     """
     machine = machine_of(model).with_effects()
     joints, source = machine.body.joints, _motor_side(log)
@@ -56,7 +56,8 @@ def build_scene(
     driven = has_controller(model) and log.setpoint_jp is not None
     command = _joint_columns(log, "setpoint_jp", joints) if driven else None
     time = None if command is None else settled_stamps(log.time, label, command)
-    loop, remarks = _loop_remarks(log, model, source, clock=time is not None)
+    loop = time is not None
+    remarks = _loop_remarks(log, model, source, loop=loop)
     columns, chain = getattr(log, source).shape[1], machine.body.chain
     if chain is not None and columns > chain.dof:
         remarks.append(f"{source} has {columns} columns for an arm of {chain.dof} joints: the first are taken for them")
@@ -69,10 +70,11 @@ def build_scene(
         payload = np.median(layout.spread(np.nan_to_num(log.payload)), axis=0)
     motion = _motion(log, joints, motor, session, label, layout)
     channels, observed = _compared_channels(log, machine.body, source, loop=loop)
+    plan, stamps = None, None
     if loop and command is not None:
         of_motors = np.array([c.signal == "measured_jp" for c in channels], dtype=np.bool_)
         observed[_begun_on_the_move(log, label, command)[:, None] & of_motors] = np.nan
-    plan, stamps = commanded_plan(command, layout, motion, payload) if loop and command is not None else (None, None)
+        plan, stamps = commanded_plan(command, layout, motion, payload)
     scene = Scene(
         model=model,
         machine=machine,
@@ -81,7 +83,7 @@ def build_scene(
         motion=motion,
         layout=layout,
         plan=plan,
-        unclocked=driven and time is None,
+        unclocked=driven and not loop,
         stamps=stamps,
         payload=payload,
         time=log.time,
@@ -232,24 +234,20 @@ def _begun_on_the_move(log: CalibrationLog, label: IntArray, command: FloatArray
     return np.asarray(moves[label] & (log.time - log.time[first][label] < CLOCK.settles))
 
 
-def _loop_remarks(log: CalibrationLog, model: Model, source: str, *, clock: bool) -> tuple[bool, list[str]]:
-    """Whether the closed loop can be run, and what to say of it."""
-    remarks, why = [f"motor side taken from {source}"], ""
+def _loop_remarks(log: CalibrationLog, model: Model, source: str, *, loop: bool) -> list[str]:
+    """Return what was taken for the motors, and why the closed loop is not run where it is not."""
+    remarks = [f"motor side taken from {source}"]
     if not has_controller(model):
-        why = "the model has no controller: effects inside the servo loop leave no trace and cannot be named"
+        remarks.append("the model has no controller: effects inside the servo loop leave no trace and cannot be named")
     elif log.setpoint_jp is None:
-        why = "the closed loop needs setpoint_jp: effects inside it cannot be named"
-    elif not clock:
-        why = (
-            "stamps stand still, or are uneven and commands as rough on them as on an even clock: the closed loop is "
-            "not run, effects inside it cannot be named"
-        )
-    if why:
-        remarks.append(why)
+        remarks.append("the closed loop needs setpoint_jp: effects inside it cannot be named")
+    elif not loop:
+        rough = "stamps stand still, or are uneven and commands as rough on them as on an even clock"
+        remarks.append(f"{rough}: the closed loop is not run, effects inside it cannot be named")
     if source != "measured_jp":
-        path = "taken to follow their commands exactly" if why else "those of the simulated servo loop"
+        path = "those of the simulated servo loop" if loop else "taken to follow their commands exactly"
         remarks.append(f"the motors were not measured: they are {path}")
-    return not why, remarks
+    return remarks
 
 
 def _motion(

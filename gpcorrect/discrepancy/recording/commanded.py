@@ -111,13 +111,13 @@ def joint_path_of_poses(
 
 @dataclass(frozen=True, eq=False)
 class _Goal:
-    """Poses `(m, 4, 4)` that an arm is to reach, and whether their orientations count."""
+    """Poses that an arm is to reach with k moving joints."""
 
     body: Body
-    T: FloatArray
-    turned: bool
+    T: FloatArray  # (m, 4, 4)
+    turned: bool  # whether their orientations count
 
-    def at(self, rows: IntArray) -> _Goal:
+    def __getitem__(self, rows: IntArray) -> _Goal:
         return replace(self, T=self.T[rows])
 
     @property
@@ -127,7 +127,7 @@ class _Goal:
 
     @property
     def limits(self) -> FloatArray:
-        """(k, 2) of the moving joints."""
+        """(k, 2), rad or m."""
         return self.chain.limits[self.body.columns]
 
     @property
@@ -144,12 +144,12 @@ def _followed(goal: _Goal, trajectory: IntArray) -> FloatArray:
     """Joints `(m, k)` along the poses."""
     groups = [np.flatnonzero(trajectory == k) for k in np.unique(trajectory)]
     stops = [np.unique(np.r_[np.arange(0, len(g), STRIDE), len(g) - 1]) for g in groups]
-    here = _firsts(goal.at(np.array([g[0] for g in groups])))
+    here = _firsts(goal[np.array([g[0] for g in groups])])
     longest = max(len(s) for s in stops)
     solved = np.empty((longest, *here.shape))
     for i in range(longest):
         now = np.array([g[s[min(i, len(s) - 1)]] for g, s in zip(groups, stops, strict=True)])
-        here = solved[i] = _newton(goal.at(now), here, WALK)
+        here = solved[i] = _newton(goal[now], here, WALK)
     start = np.empty((len(trajectory), here.shape[1]))
     for k, (g, s) in enumerate(zip(groups, stops, strict=True)):
         for j, column in enumerate(solved[: len(s), k].T):
@@ -166,7 +166,7 @@ def _firsts(goal: _Goal) -> FloatArray:
     near, chosen = middle, []
     for k in range(len(goal.T)):
         tried = np.concatenate([near[None], starts]) if k else starts
-        same = goal.at(np.full(len(tried), k))
+        same = goal[np.full(len(tried), k)]
         found = _newton(same, tried, SEEK)
         turns = np.round((middle - found) / (2 * np.pi))  # nearest to the middle of the limits
         found += np.where(goal.turning, 2 * np.pi * turns, 0.0)
@@ -188,7 +188,7 @@ def _newton(goal: _Goal, q: FloatArray, steps: int) -> FloatArray:
     """Damped Gauss-Newton steps `(m, k)` towards the poses, all at once."""
     unit, q, left = goal.unit, np.array(q), np.arange(len(q))
     for _ in range(steps):
-        error = _error(goal.at(left), q[left])
+        error = _error(goal[left], q[left])
         far = np.abs(error).max(axis=1) > SOLVED
         left, error = left[far], error[far]
         if len(left) == 0:
