@@ -15,14 +15,14 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from gpcorrect.atomic import atomic_path, write_file
+from gpcorrect.codec import pack, unpack
 from gpcorrect.discrepancy.naming.posterior import Alternative, Level, Named
 from gpcorrect.discrepancy.outcome.result import DiscrepancyResult, Evidence
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.state import Search, Step
 from gpcorrect.sim.model import model_from_dict
 
-FORM = 2  # of what is stored: stages of another one are of other inputs
-ARRAYS = ("before", "after", "motor", "direction", "test", "correlation")
+FORM = 3  # of what is stored: stages of another one are of other inputs
 APART = ("model", "evidence", "advised_plans", "read_back")  # of a result: with a form of their own, or without one
 ALTERNATIVES = TypeAdapter(tuple[Alternative, ...])
 Names = tuple[Search, tuple[Named, ...], tuple[Named, ...]]  # with the named effects only, those, and the others
@@ -94,23 +94,19 @@ class StageStore:
         evidence : Evidence
         """
         self.folder.mkdir(parents=True, exist_ok=True)
-        header = {"key": self.key, **asdict(evidence)}
-        arrays = {name: header.pop(name) for name in ARRAYS}
+        content, arrays = pack(evidence, "evidence")
+        header = json.dumps({"key": self.key, "content": content})
         with atomic_path(self.folder / "evidence.npz") as path:
-            np.savez_compressed(path, header=np.array(json.dumps(header)), **arrays)
+            np.savez_compressed(path, header=np.array(header), **arrays)
 
     def load_evidence(self) -> Evidence | None:
         """Return what :meth:`save_evidence` stored; None when there is nothing, or it is of other inputs or damaged."""
         try:
             with np.load(self.folder / "evidence.npz", allow_pickle=False) as stored:
                 header = json.loads(str(stored["header"]))
-                arrays = {name: stored[name] for name in ARRAYS}
+                return unpack(Evidence, header["content"], stored) if header["key"] == self.key else None
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
             return None
-        if header.get("key") != self.key:
-            return None
-        waterfall = tuple(Step(**s) for s in header["waterfall"])
-        return Evidence(**arrays, joint=tuple(header["joint"]), labels=tuple(header["labels"]), waterfall=waterfall)
 
     def save_result(self, result: DiscrepancyResult) -> None:
         """Store a finished run, all but the plans of the advised one.
