@@ -117,7 +117,7 @@ class StageStore:
         """
         self.save_evidence(result.evidence)
         content = {n: a.dump_python(getattr(result, n), mode="json") for n, a in _adapters().items()}
-        self.save("result", content | {"model": result.model.model_dump(mode="json", exclude_none=True)})
+        self.save("result", content | {"model": result.model.model_dump(exclude_none=True)})
 
     def load_result(self) -> DiscrepancyResult | None:
         """Return what :meth:`save_result` stored; None when there is nothing, or it is of other inputs or damaged."""
