@@ -151,13 +151,13 @@ def loop_chart(evidence: Evidence, channels: Sequence[tuple[int, Channel]], body
     panels = []
     for index, channel in channels:
         column = evidence.joint[index] if evidence.joint[index] >= 0 else _most_explaining(evidence, index)
-        along, unit = in_reader_units(1.0, "m" if body.types[column] == "P" else "rad")
+        along, joint = _axis(body, column)
         scale, symbol = in_reader_units(1.0, channel.unit)
         limits = _limits(scale * evidence.before[evidence.test, index])
         for title, values in zip(STATES, (evidence.before[:, index], evidence.after[:, index]), strict=True):
             panels.append(
                 Panel(
-                    f"motor position, joint {body.joints[column]} [{unit}]",
+                    f"motor position, {joint}",
                     f"measured − simulated [{symbol}]",
                     _loops(evidence, along * evidence.motor[:, column], scale * values, column),
                     title=f"{channel_words(channel)}: {title}",
@@ -170,6 +170,12 @@ def loop_chart(evidence: Evidence, channels: Sequence[tuple[int, Channel]], body
         "a line at zero is explained. Lines are running medians."
     )
     return Chart(caption, panels, columns=2)
+
+
+def _axis(body: Body, column: int) -> tuple[float, str]:
+    """Return the reader's units in an SI one of a joint's positions, and the joint with that unit."""
+    scale, unit = in_reader_units(1.0, "m" if body.types[column] == "P" else "rad")
+    return scale, f"joint {body.joints[column]} [{unit}]"
 
 
 def _loops(evidence: Evidence, x: FloatArray, y: FloatArray, column: int) -> list[Series]:
@@ -226,15 +232,14 @@ def map_chart(evidence: Evidence, index: int, channel: Channel, body: Body) -> C
     scale, symbol = in_reader_units(1.0, channel.unit)
     means = [scale * _mean_map(evidence, values[:, index], pair) for values in (evidence.before, evidence.after)]
     largest = float(np.nanmax(np.abs(means[0]))) if np.isfinite(means[0]).any() else 1.0
-    units = [in_reader_units(1.0, "m" if body.types[j] == "P" else "rad") for j in pair]
-    edges = [k * _edges(evidence.motor[:, j]) for j, (k, _) in zip(pair, units, strict=True)]
+    (along, one), (across, other) = (_axis(body, column) for column in pair)
+    columns, rows = along * _edges(evidence.motor[:, pair[0]]), across * _edges(evidence.motor[:, pair[1]])
     i, j = (grid.ravel() for grid in np.indices(means[0].shape))
-    labels = [f"joint {body.joints[n]} [{unit}]" for n, (_, unit) in zip(pair, units, strict=True)]
-    x, x2, y, y2 = edges[0][i], edges[0][i + 1], edges[1][j], edges[1][j + 1]
+    x, x2, y, y2 = columns[i], columns[i + 1], rows[j], rows[j + 1]
     panels = [
         Panel(
-            labels[0],
-            labels[1],
+            one,
+            other,
             [Series(symbol, Mark.CELLS, Role.RAW, x, y, x2=x2, y2=y2, value=mean.ravel())],
             title=title,
             largest=largest,

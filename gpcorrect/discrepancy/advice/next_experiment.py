@@ -76,15 +76,12 @@ def advise(
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Two explanations of one recording: the rest, which both have, with the leader, taken for true, or with a rival.
-
-    Rivals are shape variants of one; there are none for "nothing".
-    """
+    """Two explanations of one recording."""
 
     scene: Scene
-    rest: tuple[Effect, ...]
-    leader: FittedEffect
-    rivals: tuple[Candidate, ...]
+    rest: tuple[Effect, ...]  # which both have
+    leader: FittedEffect  # taken for true
+    rivals: tuple[Candidate, ...]  # shape variants of one; none for "nothing"
     noises: tuple[ChannelNoise, ...]
 
 

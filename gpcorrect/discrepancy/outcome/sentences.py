@@ -119,14 +119,12 @@ def _alike_words(result: DiscrepancyResult) -> list[str]:
     alike = [e for e in result.verdict.alike if not e.is_minor]
     if not alike:
         return []
-    names = [f"{_named(e, interval=False, sized=False)} ({place(e.joint)})" for e in alike[:SHOWN]]
-    more = f" and {len(alike) - SHOWN} more" if len(alike) > SHOWN else ""
     but = []
     if spreads := [e.spread for e in alike if not e.is_constant]:
         but.append(f"by another size in every motion (up to {_percent(max(spreads))})")
     if parts := [e.closes for e in alike if not e.is_whole]:
         but.append(f"closes only {_percent(min(parts))} of the gap")
-    return [f"It acts like {' + '.join(names)}{more}, but {' and '.join(but)}."]
+    return [f"It acts like {_listed(alike, sized=False)}, but {' and '.join(but)}."]
 
 
 def _by_place(result: DiscrepancyResult) -> list[str]:
@@ -154,8 +152,12 @@ def steps_words(result: DiscrepancyResult) -> str:
     ----------
     result : DiscrepancyResult
     """
-    names = [f"{_named(e, interval=False)} ({place(e.joint)})" for e in result.verdict.of_steps[:SHOWN]]
-    more = len(result.verdict.of_steps) - len(names)
+    return _listed(result.verdict.of_steps)
+
+
+def _listed(effects: Sequence[NamedEffect], *, sized: bool = True) -> str:
+    names = [f"{_named(e, interval=False, sized=sized)} ({place(e.joint)})" for e in effects[:SHOWN]]
+    more = len(effects) - len(names)
     return " + ".join(names) + (f" and {more} more" if more else "")
 
 

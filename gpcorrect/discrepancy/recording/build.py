@@ -174,7 +174,8 @@ def _refuse_other_units(motor: FloatArray, signal: str, machine: Machine) -> Non
 def _refuse_still_arm(motor: FloatArray, signal: str, body: Body) -> None:
     """Refuse joint positions `(n, k)` of which none changes: one pose fits any number of effects."""
     low, high = np.nanpercentile(motor, [1, 99], axis=0)
-    if not (high - low > MOVES * np.where(np.array(list(body.types)) == "P", 0.1, 1.0)).any():
+    units = np.where([kind == "P" for kind in body.types], 0.1, 1.0)
+    if not (high - low > MOVES * units).any():
         raise DataError(
             f"{signal}: no joint moves by more than {MOVES:g} rad ({0.1 * MOVES:g} m): what an arm does in one pose "
             "tells no effect from another.",

@@ -21,7 +21,7 @@ LEVER_ROWS, LEVER_STEP = 200, 1e-5  # rows that levers are taken from, and a sma
 STILL = 1e-4  # of a joint's travel between samples: slower is standing still
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class SignalMemory:
     """Condensed signals by what they depend on, and which of them the sets of effects asked for last consist of."""
 

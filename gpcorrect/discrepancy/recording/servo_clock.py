@@ -28,13 +28,10 @@ LONG = 1.5  # usual steps that a hole has at least
 
 @dataclass(frozen=True, eq=False)
 class Stamps:
-    """Where the n samples of N runs lie on the servo's clock: four samples there, and the weights of the cubic.
+    """Where the n samples of N runs lie on the servo's clock: between four samples of it, read by a cubic."""
 
-    `first` `(n, N)` is the first of the four, `weight` `(4, n, N)`.
-    """
-
-    first: IntArray
-    weight: FloatArray
+    first: IntArray  # (n, N) of the four
+    weight: FloatArray  # (4, n, N) of each in the cubic
 
     @classmethod
     def at(cls, place: FloatArray, length: int) -> Stamps:

@@ -120,14 +120,11 @@ def chosen_noise(own: ChannelNoise, stated: ChannelNoise | None, step: float) ->
 
 @dataclass(frozen=True)
 class Quantisation:
-    """A step in which values are written down, in their unit, with the half width of what they leave open of it.
-
-    `visited` counts differ.
-    """
+    """A step in which values are written down, in their unit."""
 
     step: float
-    error: float
-    visited: int
+    error: float  # half width of what the values leave open of it
+    visited: int  # counts that differ
 
 
 def quantisation_of(values: FloatArray) -> Quantisation | None:

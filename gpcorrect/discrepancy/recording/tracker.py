@@ -26,19 +26,16 @@ ROW_TERMS = {"alpha": NOISE.table_angle, "a": NOISE.table_length, "d": NOISE.tab
 
 @dataclass(frozen=True, eq=False)
 class Tracker:
-    """Measured positions `(n, 3)`, m (NaN is missing), and what the model leaves open of the tracker's frames.
+    """What a tracker measured at n rows, and what the model leaves open of its frames."""
 
-    An open frame, of the base in the tracker's or of the marker on the tip, is registered on `rows` `(n,)`. `rotation`
-    `(n, 3, 3)` are measured orientations, and `reference` the nominal model's, from which measured and simulated turns
-    are written down, so that these stay small; both are None where only positions are compared.
-    """
-
-    position: FloatArray
-    rows: BoolArray
-    base_known: bool
-    marker_known: bool
-    rotation: FloatArray | None = None
-    reference: FloatArray | None = None
+    position: FloatArray  # (n, 3) m; NaN is missing
+    rows: BoolArray  # (n,) on which an open frame is registered
+    base_known: bool  # in the tracker's frame
+    marker_known: bool  # on the tip
+    rotation: FloatArray | None = None  # (n, 3, 3) measured orientations; None where only positions are compared
+    reference: FloatArray | None = (
+        None  # the nominal model's, from which all turns are written down, so that they are small
+    )
 
     def with_orientations(self, quaternion: FloatArray | None, T: FloatArray) -> tuple[Tracker, str]:
         """Return the tracker with orientations compared about simulated ones, and why not, where they cannot be.
@@ -108,15 +105,11 @@ class Tracker:
 
 @dataclass(frozen=True, eq=False)
 class Slack:
-    """A linear part of the residual that is left out of account.
+    """A linear part of the residual that is left out of account: what r errors of table and registration explain."""
 
-    `pick` `(r, m)` takes the sizes of the errors, as far as they are left out, from the m residuals of `rows` `(n, c)`;
-    `slopes` `(n, c, r)` is what a standard deviation of each changes in the channels.
-    """
-
-    slopes: FloatArray
-    pick: FloatArray
-    rows: BoolArray
+    slopes: FloatArray  # (n, c, r) what a standard deviation of each changes in the channels
+    pick: FloatArray  # (r, m) takes their sizes, as far as they are left out, from m residuals
+    rows: BoolArray  # (n, c) of which these are
 
     def part(self, residual: FloatArray) -> FloatArray:
         """Return the part `(n, c)` of a residual that is left out of account.
