@@ -26,28 +26,19 @@ class NamedEffect:
 
     Parameters
     ----------
-    name, family : str
-        Canonical name and class in the catalogue.
-    joint : int or str
-        Number of the joint, or "all", "tool", "base".
-    level : Level
-        EXACT, CLASS or SET.
-    probability : float
-        Posterior of this very effect.
-    nats : float
-        Log Bayes factor against nothing, on trajectories that the fit had not seen.
+    name, family : str, canonical name and class in the catalogue
+    joint : int or str, number of the joint, or "all", "tool", "base"
+    level : Level, EXACT, CLASS or SET
+    probability : float, posterior of this very effect
+    nats : float, log Bayes factor against nothing, on trajectories that the fit had not seen
     parameters : dict of str to Estimate
         Value, 95 % interval and unit of each; a field that is no number to estimate (a source) has no interval.
     alternatives : tuple of Alternative
         What could stand in its place, itself, nothing and the unknown among them, most probable first.
-    rivals : tuple of Alternative
-        Those other effects that cannot be ruled out.
-    size : float
-        Root mean square of what it changes over the noise, in the channel where that is largest.
-    of_motor : bool
-        Whether that channel is a motor's.
-    spread : float
-        By how much its size differs between trajectories beyond noise, as a part of the size.
+    rivals : tuple of Alternative, those other effects that cannot be ruled out
+    size : float, root mean square of what it changes over the noise, in the channel where that is largest
+    of_motor : bool, whether that channel is a motor's
+    spread : float, by how much its size differs between trajectories beyond noise, as a part of the size
     closes : float
         Part of the gap that all effects together close where it shows, on the test set; 1 where the rest may be noise.
     """
@@ -153,17 +144,13 @@ class Verdict:
 
     Parameters
     ----------
-    effects : tuple of NamedEffect
-        Named, and in the model.
-    places : tuple of PlaceVerdict
-        Of each joint, and of the tool.
-    minor : tuple of NamedEffect
-        Sure, but too small to matter beside those, and not in the model.
+    effects : tuple of NamedEffect, named, and in the model
+    places : tuple of PlaceVerdict, of each joint, and of the tool
+    minor : tuple of NamedEffect, sure, but too small to matter beside those, and not in the model
     alike : tuple of NamedEffect
         What the machine acts like, though not by the same size in every motion, or only in a part of what it does: in
         the model, for it closes a gap, and no name.
-    of_steps : tuple of NamedEffect
-        No more than how two programs step one servo: in the model, and no name.
+    of_steps : tuple of NamedEffect, no more than how two programs step one servo: in the model, and no name
     """
 
     level: Level
@@ -223,25 +210,17 @@ class DiscrepancyResult:
 
     Parameters
     ----------
-    not_named : tuple of UnnamedEffect
-        What helped in the search but may not be named.
-    localisation : Localisation
-        Where the nominal model and the recording disagree.
-    remainder : Localisation or None
-        The same with the named effects; None when nothing was looked for.
-    gap : tuple of ChannelGap
-        Each channel on the test set.
-    next_experiment : Experiment or None
-        What to record next; None when nothing is open.
-    model : Model
-        With the named effects, and those that the machine acts like.
-    evidence : Evidence
-        For the figures.
+    not_named : tuple of UnnamedEffect, what helped in the search but may not be named
+    localisation : Localisation, where the nominal model and the recording disagree
+    remainder : Localisation or None, the same with the named effects; None when nothing was looked for
+    gap : tuple of ChannelGap, each channel on the test set
+    next_experiment : Experiment or None, what to record next; None when nothing is open
+    model : Model, with the named effects, and those that the machine acts like
+    evidence : Evidence, for the figures
     advised_plans : tuple of (Plan, float)
         Desired paths of the next experiment, each with the factor on the controller's gains; none when a sensor is
         advised, or when the result was read back.
-    read_back : bool
-        Whether the result is that of an earlier, finished run, read from its stages.
+    read_back : bool, whether the result is that of an earlier, finished run, read from its stages
     """
 
     verdict: Verdict

@@ -45,10 +45,8 @@ class StageStore:
 
     Parameters
     ----------
-    folder : Path
-        Where they are; made when the first one is saved.
-    key : str
-        Of the inputs, from :func:`inputs_key`.
+    folder : Path, where they are; made when the first one is saved
+    key : str, of the inputs, from :func:`inputs_key`
     """
 
     folder: Path
