@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from discrepancy_core import raven_swings
+from scipy.stats import multivariate_normal
 
 from gpcorrect.discrepancy.naming.intervals import half_widths
 from gpcorrect.discrepancy.naming.posterior import Named, name_effect
 from gpcorrect.discrepancy.naming.view import view_of
-from gpcorrect.discrepancy.naming.weigh import own_gain
+from gpcorrect.discrepancy.naming.weigh import _Linear, own_gain
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.prepared import PreparedData, prepare_data
@@ -69,3 +70,21 @@ def test_what_these_sensors_do_not_see_stays_where_it_is_and_may_be_anything() -
     widths = half_widths(state, state.whitener, [fit], fit)
     assert widths[theta] == row.coordinates[theta].width
     assert widths[alpha] < 0.1 * row.coordinates[alpha].width
+
+
+def test_the_evidence_of_a_linear_model_is_what_is_left_of_the_data_once_its_numbers_are_integrated_out() -> None:
+    """Bishop 2006, Eq. 3.81 beside 3.86: also where what a set leaves has a part that no tangent of it explains."""
+    rng, noisier = np.random.default_rng(4), 1.7
+    for numbers in (np.array([0.8]), np.array([0.5, -1.2, 0.3])):
+        slopes = rng.normal(size=(40, len(numbers)))
+        size = float(np.mean(numbers**2))
+        basis = np.linalg.qr(slopes)[0]
+        elsewhere = rng.normal(size=40)
+        elsewhere -= basis @ (basis.T @ elsewhere)
+        pull = slopes @ np.linalg.solve(slopes.T @ slopes, numbers) * noisier / size  # of the prior
+        data = slopes @ numbers + pull + elsewhere
+        misfit = 0.5 * float((data - slopes @ numbers) @ (data - slopes @ numbers))
+        marginal = multivariate_normal(cov=noisier * np.eye(40) + size * slopes @ slopes.T).logpdf(data)
+        alone = -0.5 * 40 * np.log(2.0 * np.pi * noisier)
+        found = _Linear(slopes, numbers, misfit).evidence(slopes @ numbers, noisier)
+        assert found + alone == pytest.approx(marginal, rel=1e-5)

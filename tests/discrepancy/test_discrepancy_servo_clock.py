@@ -194,3 +194,14 @@ def test_an_inertia_is_named_unless_it_is_a_matter_of_steps(inertia: float, name
     assert (heavy.name, heavy.joint, heavy in found.effects) == ("inertia_error", 1, named)
     assert heavy.parameters["inertia"].value == pytest.approx(inertia, rel=0.05)
     assert any("steps its servos" in sentence for sentence in verdict_sentences(found)) != named
+
+
+@pytest.mark.parametrize(("delay", "level"), [(0.0015, "SET"), (0.01, "EXACT")])
+def test_one_joint_is_late_beyond_doubt_only_by_more_than_steps(delay: float, level: str) -> None:
+    """Friction makes a lag as well: between the two, what the steps may do to a delay is no evidence."""
+    log = fine((CommandDelay(2, delay),), runs=12, hz=50.0)
+    noise = np.random.default_rng(6).normal(0.0, [1e-4, 1e-4, 1e-5], log.external_jp.shape)
+    found = find_discrepancy(MODEL, replace(log, external_jp=log.external_jp + noise, tracker_cp=None))
+    (late,) = found.effects
+    assert (late.name, late.joint, late.level) == ("command_delay", 2, level)
+    assert late.parameters["delay"].value == pytest.approx(delay, rel=0.05)

@@ -10,17 +10,17 @@ from discrepancy_support import outside
 from gpcorrect.discrepancy.evidence.localise import Equivalence, Finding, Localisation
 from gpcorrect.discrepancy.evidence.variables import Quantity, Variable
 from gpcorrect.discrepancy.naming.posterior import Level, Named
-from gpcorrect.discrepancy.outcome.result import PlaceVerdict
-from gpcorrect.discrepancy.outcome.verdict import headline, is_plain
+from gpcorrect.discrepancy.outcome.result import ChannelGap, NamedEffect, PlaceVerdict
+from gpcorrect.discrepancy.outcome.verdict import headline, is_plain, place_verdicts
 from gpcorrect.discrepancy.settings import SETTINGS
 
 THRESHOLD = 10.0
 A, B = outside(1), outside(2)
 
 
-def localisation(nats: float, upper: float = 1.0) -> Localisation:
+def localisation(nats: float, upper: float = 1.0, size: float = 0.5) -> Localisation:
     """One finding in channel A; B is quiet."""
-    finding = Finding(A, (Variable(Quantity.POSITION, 1),), (), nats, 0.5)
+    finding = Finding(A, (Variable(Quantity.POSITION, 1),), (), nats, size)
     return Localisation((finding,), THRESHOLD, nats, (Equivalence(A, upper, 0.25), Equivalence(B, 0.1, 0.25)))
 
 
@@ -53,3 +53,13 @@ def test_a_headline_is_no_weaker_than_its_places(level: Level) -> None:
     unknown, open_ = (PlaceVerdict(1, v, A, 2.0, 2.0, 1.0, 0.5, ()) for v in (Level.UNKNOWN, Level.INCONCLUSIVE))
     assert headline(level, (), (), [unknown, open_]) == Level.UNKNOWN
     assert headline(level, (), (), [open_]) == level
+
+
+@pytest.mark.parametrize(("size", "level"), [(0.9, Level.EXACT), (1.1, Level.UNKNOWN)])
+def test_what_is_plainly_left_at_a_joint_is_as_large_as_its_largest_finding(size: float, level: Level) -> None:
+    """A name stands beside a rest that is smaller than the noise; the mean over a recording may hide a larger one."""
+    effect = NamedEffect("coulomb_friction", 1, "reversal", Level.EXACT, 1.0, 9e3, {}, (), (), size=3.0)
+    gap = ChannelGap(3.0, 1.2, 1.0, (6.0, 2.4), (9.0, 5.0), 0.95, (0.9, 1.0), A, 1.0, 0.0)
+    (place,) = place_verdicts([effect], [gap], localisation(1600.0, size=size))
+    assert (place.level, place.remaining) == (level, pytest.approx(size))
+    assert headline(Level.EXACT, [effect], (), [place]) == level

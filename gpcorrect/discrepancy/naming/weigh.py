@@ -101,12 +101,15 @@ class Weighed:
         Trajectories of discovery, then confirmation, in which it acts: a slip does not before it happens.
     rivals : tuple of Rival
         Those like it and those that it is a special case of, best first.
+    shape_error : float
+        How far its signature may be off, as a part of it.
     """
 
     own: Own
     active: BoolArray
     rivals: tuple[Rival, ...]
     unknown: Unknown
+    shape_error: float = NAMING.shape_error
 
 
 def own_gain(view: View, fit: FittedEffect) -> Own:
@@ -141,16 +144,18 @@ def weigh(view: View, fit: FittedEffect, own: Own) -> Weighed:
     columns = smooth_columns(view, own.rest, channels)
     unknown = Unknown(*(smooth_nats(view, fitted, channels, columns) for fitted in (own.rest, search.fitted)))
     general = _more_general(search, own, fit)
-    counts = between_effects(own, unknown, penalty(search.n_kinds))
+    shape_error = max(NAMING.shape_error, fit.effect.part_of_steps(search.dataset.scene.machine.drive))
+    counts = between_effects(own, unknown, penalty(search.n_kinds), shape_error)
     rivals = [
         r
         for r in _rivals(view, own, fit, NAMING.hopeless * counts)
         if not any(r.candidate.called_like(g.candidate) for g in general)
     ]
-    return Weighed(own, _active(view, fit), tuple(sorted([*rivals, *general], key=lambda r: -r.nats)), unknown)
+    best_first = tuple(sorted([*rivals, *general], key=lambda r: -r.nats))
+    return Weighed(own, _active(view, fit), best_first, unknown, shape_error)
 
 
-def between_effects(own: Own, unknown: Unknown, cost: float) -> float:
+def between_effects(own: Own, unknown: Unknown, cost: float, shape_error: float) -> float:
     """Return by how much nats between two effects count less while something else is still missing.
 
     What neither explains, and the smooth model sees beside them, may favour either by as much as it is: a lead of that
@@ -165,8 +170,10 @@ def between_effects(own: Own, unknown: Unknown, cost: float) -> float:
         The smooth model's nats.
     cost : float
         Prior nats that any effect costs.
+    shape_error : float
+        How far the effect's signature may be off, as a part of it.
     """
-    tolerated = max(unknown.beside - cost, NAMING.shape_error**2 * own.nats)
+    tolerated = max(unknown.beside - cost, shape_error**2 * own.nats)
     return max(own.overdispersion, tolerated / float(-np.log(NAMING.stable)))
 
 

@@ -145,14 +145,16 @@ def _place_verdict(
     worst = max(seen, key=lambda g: (np.nan_to_num(g.before) / g.noise, g.channel.signal != "measured_jp"))
     here, like = (tuple(e for e in some if _acts_at(e, place)) for some in (effects, alike))
     channels = {g.channel for g in own}
-    findings = [f.nats for f in left.findings if f.counts and f.channel in channels]
+    findings = [f for f in left.findings if f.counts and f.channel in channels]
+    plain = [f for f in findings if f.nats > VERDICT.plain * left.threshold]
     rests = [np.sqrt(max(np.nan_to_num(g.after) ** 2 / g.noise**2 - 1.0, 0.0)) for g in own]
-    remaining = float(max(rests, default=0.0))
+    remaining = float(max([*rests, *(f.size for f in plain)], default=0.0))
     rare = [b for b in bursts if b.channel in channels]
     if (
         any(b.lasts for b in rare)
         or any(not e.is_minor for e in like)
-        or (findings and (remaining > VERDICT.rest or (not here and max(findings) > VERDICT.plain * left.threshold)))
+        or (findings and remaining > VERDICT.rest)
+        or (plain and not here)
     ):
         level = Level.UNKNOWN
     elif here:

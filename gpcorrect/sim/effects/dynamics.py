@@ -215,10 +215,15 @@ class MissingFriction(DriveEffect):
         choices=(("term", FRICTIONS),),
     )
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.part > 1.0:
+            raise DataError(f"effect missing_friction: part must be from 0 to 1 (all of it), got {self.part!r}.")
+
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
         """Take the part away; soft friction grows as fast as before, up to less."""
         left = np.ones(len(joints))
-        left[self.column(joints)] = max(0.0, 1.0 - self.part)
+        left[self.column(joints)] = 1.0 - self.part
         if self.term == "viscous":
             return drive if drive.damping is None else replace(drive, damping=drive.damping * left)
         if drive.friction is None:
