@@ -153,6 +153,9 @@ def test_reports_are_matched_by_the_recordings_hash(tmp_path: Path) -> None:
         score_reports(labels, read_reports([tmp_path]))
     with pytest.raises(DataError, match=r"holds no report\.json"):
         read_reports([tmp_path / "x" / "nothing"])
+    (tmp_path / "y" / "report.json").write_text('{"some": "page"}')
+    with pytest.raises(DataError, match="no report of"):
+        read_reports([tmp_path / "y"])
 
 
 def test_changed_labels_are_refused(tmp_path: Path) -> None:
@@ -164,4 +167,7 @@ def test_changed_labels_are_refused(tmp_path: Path) -> None:
     assert read_labels(path) == {}
     path.write_text(json.dumps({"cases": {"case_000": label(BACKLASH)}}))
     with pytest.raises(DataError, match="not what was sealed"):
+        read_labels(path)
+    path.write_text('{"cases": 3}')
+    with pytest.raises(DataError, match="cannot read the labels"):
         read_labels(path)

@@ -21,7 +21,7 @@ from gpcorrect.discrepancy.search.prepared import PreparedData
 from gpcorrect.discrepancy.search.state import Search, Step
 from gpcorrect.discrepancy.search.stepwise import search
 from gpcorrect.sim import model_from_dict
-from gpcorrect.sim.effects import HomingOffset, TransmissionRatio
+from gpcorrect.sim.effects import HomingOffset, NoiseChange, TransmissionRatio
 from gpcorrect.types import Progress
 
 
@@ -114,3 +114,14 @@ def test_a_finished_result_comes_back_whole(tmp_path: Path) -> None:
     assert stored.read_back
     assert (stored.verdict, stored.gap, stored.provenance) == (whole.verdict, whole.gap, whole.provenance)
     assert json.dumps(stored.to_report()) == json.dumps(whole.to_report())
+
+
+def test_a_model_with_an_infinite_number_comes_back(tmp_path: Path) -> None:
+    """Noise with normal tails has infinitely many degrees of freedom, and is in the model as such."""
+    whole = result("EXACT", named("backlash", 2))
+    noisy = replace(whole, model=whole.model.with_effects(NoiseChange(2, std=1e-3)))
+    StageStore(tmp_path, "key").save_result(noisy)
+    stored = StageStore(tmp_path, "key").load_result()
+    assert stored is not None
+    assert stored.model.effects == (NoiseChange(2, std=1e-3),)
+    assert np.isinf(NoiseChange(2, std=1e-3).tail)

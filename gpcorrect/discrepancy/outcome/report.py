@@ -15,6 +15,8 @@ if TYPE_CHECKING:
 
 EFFECTS = ("effects", "minor", "alike", "of_steps")  # of a verdict
 
+VERSION = 2  # of report.json
+
 
 def report_of(result: DiscrepancyResult) -> dict[str, Any]:
     """Return a result as plain values.
@@ -25,7 +27,7 @@ def report_of(result: DiscrepancyResult) -> dict[str, Any]:
     """
     experiment, remainder = result.next_experiment, result.remainder
     report = {
-        "version": 2,
+        "version": VERSION,
         "verdict": {
             "level": result.level,
             **{kind: list(map(_effect, getattr(result.verdict, kind))) for kind in EFFECTS},

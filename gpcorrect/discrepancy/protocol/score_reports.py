@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.stats import binomtest
 
+from gpcorrect.discrepancy.outcome.report import VERSION
 from gpcorrect.discrepancy.protocol.outcomes import NO_NAME, CaseOutcome, case_outcome
 from gpcorrect.errors import DataError
 
@@ -95,7 +96,7 @@ def read_labels(path: Path) -> dict[str, Any]:
     """
     try:
         text = path.read_text(encoding="utf-8")
-        cases: dict[str, Any] = json.loads(text)["cases"]
+        cases = dict[str, Any](json.loads(text)["cases"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise DataError(f"cannot read the labels {path}: {error}.", hint="Give labels.json of `generate`.") from error
     seal = path.parent.parent / "labels.sha256"
@@ -124,9 +125,12 @@ def read_reports(folders: Iterable[Path]) -> list[tuple[str, dict[str, Any]]]:
             raise DataError(f"{folder} holds no report.json.", hint=hint)
         for path in paths:
             try:
-                found.append((path.parent.name, json.loads(path.read_text(encoding="utf-8"))))
+                report = json.loads(path.read_text(encoding="utf-8"))
             except (OSError, ValueError) as error:
                 raise DataError(f"cannot read {path}: {error}.") from error
+            if not (isinstance(report, dict) and report.get("version") == VERSION and "provenance" in report):
+                raise DataError(f"{path} is no report of `discrepancy run` (version {VERSION}).")
+            found.append((path.parent.name, report))
     return found
 
 

@@ -34,7 +34,7 @@ class Tracker:
     marker_known: bool  # on the tip
     rotation: FloatArray | None = None  # (n, 3, 3) measured orientations; None where only positions are compared
     reference: FloatArray | None = (
-        None  # the nominal model's, from which all turns are written down, so that they are small
+        None  # the nominal model's: turns are written down about them, so that they are small
     )
 
     def with_orientations(self, quaternion: FloatArray | None, T: FloatArray) -> tuple[Tracker, str]:
