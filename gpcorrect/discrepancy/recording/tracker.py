@@ -33,9 +33,7 @@ class Tracker:
     base_known: bool  # in the tracker's frame
     marker_known: bool  # on the tip
     rotation: FloatArray | None = None  # (n, 3, 3) measured orientations; None where only positions are compared
-    reference: FloatArray | None = (
-        None  # the nominal model's: turns are written down about them, so that they are small
-    )
+    reference: FloatArray | None = None  # the nominal model's: turns are written down about them, and so stay small
 
     def with_orientations(self, quaternion: FloatArray | None, T: FloatArray) -> tuple[Tracker, str]:
         """Return the tracker with orientations compared about simulated ones, and why not, where they cannot be.
