@@ -144,3 +144,9 @@ def test_the_page_stands_alone_at_every_level(level: str, tmp_path: Path) -> Non
     assert page.count('class="chart"') >= (4 if effects else 2)
     assert "http" not in page
     assert "nan" not in page.split("<h2>", 1)[1].split("<footer>")[0].lower()
+
+
+def test_what_no_sensor_sees_beside_its_noise_has_no_gap_to_close() -> None:
+    """An effect that evidence alone shows is named with its size, and no share of a gap, which would be noise."""
+    assert "closes 99 % of the gap" in verdict_sentence(result("EXACT", named("backlash", 2)))
+    assert "gap" not in verdict_sentence(result("EXACT", named("backlash", 1)))

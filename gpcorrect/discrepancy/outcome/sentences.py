@@ -163,7 +163,8 @@ def _listed(effects: Sequence[NamedEffect], *, sized: bool = True) -> str:
 
 def _group_words(effects: Sequence[NamedEffect], gap: ChannelGap | None) -> str:
     where = place(effects[0].joint).removeprefix("the ")
-    fraction = "" if gap is None else f"{_percent(min(gap.closed, 1.0))} of the gap"
+    shown = None if gap is None or gap.before < VISIBLE * gap.noise else gap
+    fraction = f"{_percent(min(shown.closed, 1.0))} of the gap" if shown else ""
     if all(e.family == Family.NOISE for e in effects):
         return f"{where}: {' + '.join(_named(e, interval=len(effects) == 1) for e in effects)}, noise: no gap to close"
     if len(effects) == 1:
