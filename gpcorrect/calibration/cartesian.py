@@ -9,7 +9,6 @@ import numpy as np
 
 from gpcorrect.calibration import queries
 from gpcorrect.calibration.arm_kinematics import ArmKinematics
-from gpcorrect.calibration.bridging import MotionLimits
 from gpcorrect.calibration.dataset import Samples, folds_of, path_starts
 from gpcorrect.calibration.joint_route import JointRoute
 from gpcorrect.calibration.memory import Memory, choose_memory
@@ -28,7 +27,7 @@ from gpcorrect.calibration.poses import observed_twists, pose_pair, reference_tw
 from gpcorrect.calibration.queries import POSE, POSITION
 from gpcorrect.calibration.settings import JOINTS, MEMORY, FitSettings
 from gpcorrect.calibration.task import LearnLaw, Measured, Outcome
-from gpcorrect.calibration.training_motion import TrainingMotion
+from gpcorrect.calibration.training_motion import MotionLimits, TrainingMotion
 from gpcorrect.cleaning import POSES, FittedCleaner, Pair
 from gpcorrect.correction import Correction
 from gpcorrect.errors import GpCorrectError, LogError

@@ -11,12 +11,11 @@ import numpy as np
 
 from gpcorrect.calibration.cartesian import CommandCorrector
 from gpcorrect.calibration.dataset import Layout, Samples, folds_of
-from gpcorrect.calibration.domain import Bounds, Domain
+from gpcorrect.calibration.domain import Bounds, Domain, Surroundings
 from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import learner_named
 from gpcorrect.calibration.settings import LIMITS, FitSettings
-from gpcorrect.calibration.surroundings import Surroundings
 from gpcorrect.calibration.task import Corrector, Outcome
 from gpcorrect.cleaning import CleaningReport, Reason, fit_cleaner
 from gpcorrect.gpr import IntervalCalibration, LeftOut, novelty_limit

@@ -117,8 +117,7 @@ class JointRoute:
     joints : JointCorrector, from desired joints to commanded ones
     intervals : IntervalCalibration
         Of poses: errors of joints go together, so that intervals of joints say too little of those of poses.
-    aim : Aim or None
-        What moves the commanded joints on by what they would miss; None in files of before there was one.
+    aim : Aim or None, what moves the commanded joints on by what they would miss; None in files of before there was one
     """
 
     kinematics: ArmKinematics

@@ -14,7 +14,6 @@ from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.joint_features import JointFeatures
 from gpcorrect.calibration.joint_path import JointPath, joint_path, usual_steps
 from gpcorrect.calibration.joint_view import (
-    InputSignal,
     JointView,
     ViewCorrector,
     directed,
@@ -23,7 +22,7 @@ from gpcorrect.calibration.joint_view import (
 )
 from gpcorrect.calibration.metrics import joint_errors, joint_units
 from gpcorrect.calibration.queries import checked_times, numbers
-from gpcorrect.calibration.settings import LIMITS, FitSettings
+from gpcorrect.calibration.settings import LIMITS, FitSettings, InputSignal
 from gpcorrect.calibration.stops import Stops
 from gpcorrect.calibration.stream import JointStream
 from gpcorrect.calibration.task import LearnLaw, Measured, Outcome, Part

@@ -71,15 +71,12 @@ def joint_units(types: str) -> tuple[list[str], FloatArray]:
 
     Parameters
     ----------
-    types : str
-        "R" or "P" for each joint.
+    types : str, "R" or "P" for each joint
 
     Returns
     -------
-    names : list of str
-        "deg" or "mm".
-    scale : (d,) array
-        Of one rad or m.
+    names : list of str, "deg" or "mm"
+    scale : (d,) array, of one rad or m
     """
     names = ["mm" if kind == "P" else "deg" for kind in types]
     return names, np.array([1e3 if kind == "P" else np.rad2deg(1.0) for kind in types])

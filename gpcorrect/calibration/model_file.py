@@ -53,8 +53,7 @@ def require_model_place(path: str | Path) -> None:
 
     Parameters
     ----------
-    path : str or Path
-        The file to come.
+    path : str or Path, the file to come
 
     Raises
     ------
@@ -69,10 +68,8 @@ def save(corrector: Corrector, path: str | Path) -> None:
 
     Parameters
     ----------
-    corrector : Corrector
-        Of any task.
-    path : str or Path
-        File to write.
+    corrector : Corrector, of any task
+    path : str or Path, file to write
 
     Raises
     ------
@@ -121,8 +118,7 @@ def load_any(path: str | Path) -> Any:
 
     Parameters
     ----------
-    path : str or Path
-        Model file.
+    path : str or Path, model file
 
     Raises
     ------
@@ -137,10 +133,8 @@ def load_with_hash(path: str | Path, kind: type[Corrector] | None = None) -> tup
 
     Parameters
     ----------
-    path : str or Path
-        Model file.
-    kind : type, optional
-        Task that it must be of; any by default.
+    path : str or Path, model file
+    kind : type, optional, task that it must be of; any by default
 
     Returns
     -------
@@ -259,7 +253,23 @@ def _header_in(path: str | Path, contents: dict[str, Any]) -> Header:
         header: Header = json.loads(contents.pop("header").tobytes().decode())
     except (ValueError, RecursionError) as error:
         raise refused(path, "its header is not JSON") from error
-    _check_header(path, header)
+    if not isinstance(header, dict) or header.get("kind") not in [task.KIND for task in TASKS.values()]:
+        raise refused(path, "it is not a model file of gpcorrect")
+    schema = header.get("schema")
+    if not isinstance(schema, int) or schema > SCHEMA:
+        raise ArtifactError(
+            f"model file {path} has schema {schema}; this version reads schemas {OLDEST} to {SCHEMA}.",
+            hint=f"It was written by gpcorrect {header.get('version')}: upgrade, or fit the model again.",
+        )
+    if schema < OLDEST:
+        raise ArtifactError(
+            f"model file {path} has schema {schema}, from before every model knew its training's speed.",
+            hint="Fit the model again.",
+        )
+    if header.get("seal") != seal_of(header):
+        raise refused(path, "its header was altered")
+    if not isinstance(header.get("digests"), dict):
+        raise refused(path, "it carries no digests")
     return header
 
 
@@ -292,26 +302,6 @@ def _unpacked(path: str | Path, content: bytes, only: str | None = None) -> dict
         raise
     except Exception as error:  # whatever damaged bytes make the readers of archives and arrays raise
         raise refused(path, "it is truncated or altered") from error
-
-
-def _check_header(path: str | Path, header: Any) -> None:
-    if not isinstance(header, dict) or header.get("kind") not in [task.KIND for task in TASKS.values()]:
-        raise refused(path, "it is not a model file of gpcorrect")
-    schema = header.get("schema")
-    if not isinstance(schema, int) or schema > SCHEMA:
-        raise ArtifactError(
-            f"model file {path} has schema {schema}; this version reads schemas {OLDEST} to {SCHEMA}.",
-            hint=f"It was written by gpcorrect {header.get('version')}: upgrade, or fit the model again.",
-        )
-    if schema < OLDEST:
-        raise ArtifactError(
-            f"model file {path} has schema {schema}, from before every model knew its training's speed.",
-            hint="Fit the model again.",
-        )
-    if header.get("seal") != seal_of(header):
-        raise refused(path, "its header was altered")
-    if not isinstance(header.get("digests"), dict):
-        raise refused(path, "it carries no digests")
 
 
 def _digest(array: FloatArray) -> str:

@@ -9,6 +9,7 @@ from gpcorrect.cleaning import CleaningSettings
 from gpcorrect.rigid import MarkerOption
 
 Direction = Literal["estimate", "command"]
+InputSignal = Literal["measured_jp", "setpoint_jp"]
 
 MEMORY = "memory"
 """Name of the features that say where in its slack the arm is, in every task."""
@@ -63,7 +64,7 @@ class FitSettings:
     rigid: bool = True
     marker: MarkerOption = "auto"
     velocity_step: float | Literal["auto"] | None = "auto"
-    input_signal: Literal["measured_jp", "setpoint_jp"] | None = None
+    input_signal: InputSignal | None = None
     direction: Direction = "estimate"
     end_to_end: bool = False
     extra: tuple[str, ...] = ()

@@ -129,8 +129,7 @@ def refuse_unlike(one: Corrector, other: Corrector, names: tuple[str, str]) -> N
     Parameters
     ----------
     one, other : Corrector
-    names : (str, str)
-        Of the models, for the message.
+    names : (str, str), of the models, for the message
 
     Raises
     ------
@@ -197,8 +196,7 @@ def compare(one: Any, other: Any) -> dict[str, Any]:
 
     Parameters
     ----------
-    one, other : Corrector
-        Models of one task.
+    one, other : Corrector, models of one task
 
     Returns
     -------
