@@ -66,7 +66,7 @@ class CommandCorrector(PoseAnswers):
     ) -> Outcome:
         """See :class:`Corrector`."""
         kinds, features = features_of(log, settings)
-        step = stencil_step(log) if settings.velocity_step == "auto" else settings.velocity_step
+        step = stencil_step(log)
         pairs = PosePairs.of(log, keep, step)
         shown = log.select(pairs.rows)
         # What is asked for is refused before the work.
@@ -118,7 +118,7 @@ class CommandCorrector(PoseAnswers):
         corrector = cls(
             law=law,
             cleaner=cleaner,
-            trained=TrainingMotion.of(path, log.time, log.trajectory, keep, joints=False, static=log.static),
+            trained=TrainingMotion.of(path, log, keep, joints=False),
             rigid=rigid,
             features=features,
             motion=MotionLimits.of(cleaner) if settings.clean else None,

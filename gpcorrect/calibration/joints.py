@@ -241,7 +241,7 @@ class JointCorrector(ViewCorrector):
         corrector = cls(
             law=law,
             cleaner=cleaner,
-            trained=TrainingMotion.of(task.source, log.time, log.trajectory, keep, joints=True, static=log.static),
+            trained=TrainingMotion.of(task.source, log, keep, joints=True),
             view=view,
             offset=task.error[task.rows].mean(axis=0),
             usual_step=usual,

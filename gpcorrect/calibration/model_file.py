@@ -154,14 +154,9 @@ def load_with_hash(path: str | Path, kind: type[Corrector] | None = None) -> tup
             f"model file {path} corrects {found.TASK}, and a model of {kind.TASK} is needed here.",
             hint=f"Use it with `{SERVED[found.TASK]}`, or make a model of {kind.TASK}: {MADE[kind.TASK]}",
         )
-    return _built(path, kind or found, header, arrays), hashlib.sha256(content).hexdigest()
-
-
-def _built(path: str | Path, kind: type[Any], header: Header, arrays: Arrays) -> Any:
-    """Build a model, and check its answers to the queries of the time it was saved."""
     try:
         with np.errstate(all="ignore"):  # forged numbers overflow; what comes of it is compared below
-            corrector = unpack(kind, header["model"], arrays)
+            corrector = unpack(kind or found, header["model"], arrays)
             check_summary(corrector.summary)
             given = corrector.check_answers()
         expected = np.array(header.get("check"), dtype=np.float64)
@@ -171,7 +166,7 @@ def _built(path: str | Path, kind: type[Any], header: Header, arrays: Arrays) ->
         given = given[: len(expected)]
     if expected.shape != given.shape or not np.allclose(expected, given, rtol=0, atol=CHECK_TOLERANCE):
         raise refused(path, "it answers its own check queries otherwise than when it was saved")
-    return corrector
+    return corrector, hashlib.sha256(content).hexdigest()
 
 
 def read_parts(path: str | Path) -> tuple[Header, Arrays]:

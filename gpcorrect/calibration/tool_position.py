@@ -208,7 +208,7 @@ class PositionEstimator(ViewCorrector):
         corrector = cls(
             law=law,
             cleaner=cleaner,
-            trained=TrainingMotion.of(path.q, log.time, log.trajectory, keep, joints=True, static=log.static),
+            trained=TrainingMotion.of(path.q, log, keep, joints=True),
             view=view,
             rigid=rigid,
             usual_step=usual,

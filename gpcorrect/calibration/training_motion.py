@@ -13,7 +13,7 @@ from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.cleaning import FittedCleaner
 from gpcorrect.cleaning.steps import best_chain
 from gpcorrect.errors import DataError
-from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal, frozen_array
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, frozen_array
 
 UNITS = "radians and metres"
 """Of joints."""
@@ -51,23 +51,20 @@ class TrainingMotion:
             )
 
     @classmethod
-    def of(
-        cls, path: FloatArray, time: FloatArray, trajectory: IntArray, keep: BoolArray, *, joints: bool, static: bool
-    ) -> Self:
+    def of(cls, path: FloatArray, log: CalibrationLog, keep: BoolArray, *, joints: bool) -> Self:
         """Return what a training's motion was like.
 
         Parameters
         ----------
         path : (n, k) array, positions or joints, m or rad
-        time, trajectory : (n,) arrays, as in the log
+        log : CalibrationLog, n samples
         keep : (n,) mask, samples that were not rejected
         joints : bool, whether each coordinate is measured by its own range
-        static : bool, whether the log has no clock
         """
         keep = keep & np.isfinite(path).all(axis=1)
         low, high = np.percentile(path[keep], LIMITS.range_quantiles, axis=0)
         size = np.maximum(high - low if joints else np.full(path.shape[1], (high - low).max()), np.finfo(float).tiny)
-        speed = np.nan if static else _speed(path[keep] / size, time[keep], trajectory[keep])
+        speed = np.nan if log.static else _speed(path[keep] / size, log.time[keep], log.trajectory[keep])
         return cls(low, high, size, speed)
 
     def widened(self, other: Self) -> Self:
