@@ -114,16 +114,11 @@ def load(path: str | Path, kind: type[Any] = CommandCorrector) -> Any:
 
 
 def load_any(path: str | Path) -> Any:
-    """Read a model file of whatever task; parameters and errors as for :func:`load`.
+    """Read a model file of whatever task; raises as :func:`load`.
 
     Parameters
     ----------
     path : str or Path, model file
-
-    Raises
-    ------
-    ArtifactError
-        As for :func:`load`.
     """
     return load_with_hash(path)[0]
 
@@ -131,20 +126,12 @@ def load_any(path: str | Path) -> Any:
 def load_with_hash(path: str | Path, kind: type[Corrector] | None = None) -> tuple[Any, str]:
     """Return a model and the hash of the very bytes that it was built from, though the file be replaced meanwhile.
 
+    The hash is as of :func:`model_hash`; raises as :func:`load`.
+
     Parameters
     ----------
     path : str or Path, model file
     kind : type, optional, task that it must be of; any by default
-
-    Returns
-    -------
-    tuple
-        The model, and the SHA-256 as :func:`model_hash` returns it.
-
-    Raises
-    ------
-    ArtifactError
-        As for :func:`load`.
     """
     content = _read(path)
     header, arrays = _parts(path, content)

@@ -37,10 +37,8 @@ class Difference:
         ----------
         names : (str, str), of the models
         """
-        less, apart = (
-            f"{names[int(self.mean < 0)]} errs less",
-            f"{names[1]} - {names[0]} = {self.mean:+.3g} {self.unit}",
-        )
+        less = f"{names[int(self.mean < 0)]} errs less"
+        apart = f"{names[1]} - {names[0]} = {self.mean:+.3g} {self.unit}"
         if self.interval95 is None:
             return f"{self.part}: {less}, {apart} (too few trajectories to say how sure that is)"
         low, high = self.interval95

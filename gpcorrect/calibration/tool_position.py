@@ -250,11 +250,8 @@ def _positions(log: CalibrationLog, *, needs_truth: bool = True) -> tuple[FloatA
                 path=log.name,
             )
         return log.measured_cp.position, None
-    status = log.extra.get("tracking_status")
-    seen = (
-        log.tracker_cp.position if status is None else np.where(status[:, None] == 0, log.tracker_cp.position, np.nan)
-    )
-    return log.measured_cp.position, seen
+    seen, status = log.tracker_cp.position, log.extra.get("tracking_status")
+    return log.measured_cp.position, seen if status is None else np.where(status[:, None] == 0, seen, np.nan)
 
 
 def _stated_frame(log: CalibrationLog) -> RigidModel | None:

@@ -205,10 +205,7 @@ def _rotation_features(rotations: FloatArray, kind: RotationKind, R_mean: FloatA
     if kind == "euler":
         centre = _fixed_axes_angles(R_mean)  # half a turn from it, far from the training, is where angles jump
         return centre + np.mod(_fixed_axes_angles(rotations) - centre + np.pi, 2 * np.pi) - np.pi
-    features = np.full((len(rotations), 3), np.nan)
-    finite = np.isfinite(rotations).all(axis=(1, 2))
-    features[finite] = se3.rotvec_from_matrix(rotations[finite] @ R_mean.T)
-    return features
+    return se3.rotvec_from_matrix(rotations @ R_mean.T)
 
 
 def _rotations_from_features(features: FloatArray, kind: RotationKind, R_mean: FloatArray) -> FloatArray | None:

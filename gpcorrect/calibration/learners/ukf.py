@@ -80,9 +80,7 @@ class CableModel:
         q : (n, d) array, joints, rad or m
         effort : (n, d) array or None, N m or N
         """
-        motor = np.full(q.shape, np.nan)
-        known = np.isfinite(q).all(axis=1)
-        motor[known] = q[known] + self.motor.mean(q[known])
+        motor = q + self.motor.mean(q)
         if effort is None:
             return motor, np.full(q.shape, np.nan)
         stretch = self.stretch_per_effort * effort + self.stretch_at_rest
@@ -107,7 +105,7 @@ def learn_cable(samples: Samples, layout: Layout, settings: FitSettings, progres
     samples.learnable()
     rows = samples.rows
     motor = PolynomialMap.fit(samples.path[rows], samples.target[rows], 1)
-    path = CableModel(motor, *np.zeros((5, samples.path.shape[1]))).inputs(samples.path, None)[0]
+    path = samples.path + motor.mean(samples.path)
     left = samples.path + samples.target - path
     parts = [_tuned(samples, path[:, j], left[:, j], j) for j in range(path.shape[1])]
     spread, *cables = (np.array(column) for column in zip(*parts, strict=True))
