@@ -118,8 +118,7 @@ def learn_gp(samples: Samples, layout: Layout, settings: FitSettings, progress: 
     )
     regressor.set_params(n_learn=settings.search_samples or regressor.n_learn)
     chosen = X[:, layout.smooth]
-    folds = folds_of(trajectory)
-    terms = None if linear is None else np.column_stack([np.ones(len(X)), linear.scaler.apply(X)])
+    folds, terms = folds_of(trajectory), None if linear is None else _terms(linear, X)
     stride = ALIKE if linear is None and len(X) >= ALIKE * ENOUGH_SUMMED else 1
     regressor.fit_by_parts(chosen, left, folds, terms, stride=stride, groups=groups, times=time, progress=progress)
     if linear is None:
@@ -163,6 +162,11 @@ def _left_out(
         of_law[out] = Y[out] - law.mean(X[out])
         errors[out] = of_law[out] - mean
     return LeftOut(errors, std, novelty), of_law
+
+
+def _terms(linear: PolynomialMap, X: FloatArray) -> FloatArray:
+    """Return the terms `(n, 1 + d)` of a linear law at inputs `(n, d)`."""
+    return np.column_stack([np.ones(len(X)), linear.scaler.apply(X)])
 
 
 def _foretold(errors: FloatArray, trajectory: IntArray, folds: IntArray, zero: FloatArray) -> FloatArray:
