@@ -260,8 +260,7 @@ class ModelStore:
             raise DataError(f"{path} is not the state of a model store ({error}).", hint=hint) from error
 
     def _write(self, state: _State) -> None:
-        models = [asdict(entry) for entry in state.models]
-        stored = {"schema": SCHEMA, "models": models, "history": state.history, "paused": state.paused}
+        stored = {"schema": SCHEMA, **asdict(state)}
         target = self.folder / "store.json"
         with _writing(target):
             write_file(target, json.dumps(stored, indent=2))
