@@ -195,7 +195,7 @@ class JointRoute:
             aimed = replace(route, aim=aim).calibrated(joints, outcome.samples, outcome.left_out, first)
             if changes(aimed[1], left_out).mean() <= AWAY:
                 route, left_out = aimed
-        return route, replace(outcome, left_out=left_out, interval95=route.intervals.interval95(left_out.std))
+        return route, replace(outcome, left_out=left_out, intervals=route.intervals)
 
     def commands(self, joints: PoseJoints, samples: Samples, left_out: LeftOut) -> FloatArray:
         """Return commands `(n, d)` found for the reached joints of a log: left-out ones where there are any.

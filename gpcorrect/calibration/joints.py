@@ -254,7 +254,7 @@ class JointCorrector(ViewCorrector):
             "direction": settings.direction,
             "uncorrected_joints": list(task.still),
         }
-        return Outcome(corrector, samples, left_out, law.intervals.interval95(left_out.std), report, task.remarks)
+        return Outcome(corrector, samples, left_out, law.intervals, report, task.remarks)
 
 
 @dataclass(frozen=True, eq=False)

@@ -214,7 +214,7 @@ class PositionEstimator(ViewCorrector):
             usual_step=usual,
             shortest_step=shortest,
         )
-        return Outcome(corrector, samples, left_out, law.intervals.interval95(left_out.std), report, remarks)
+        return Outcome(corrector, samples, left_out, law.intervals, report, remarks)
 
 
 def _default_features(log: CalibrationLog, settings: FitSettings) -> tuple[str, ...]:
