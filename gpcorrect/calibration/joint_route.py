@@ -205,7 +205,7 @@ class JointRoute:
         joints, samples, left_out
             As for :meth:`calibrated`.
         """
-        answer = self.joints.correct_path(joints.wanted, joints.log.time, sessions=joints.log.session.tolist())
+        answer = self.joints.correct_path(joints.wanted, joints.log.time, sessions=joints.log.session)
         assert answer.joints is not None
         known, found = np.isfinite(left_out.errors).all(axis=1), answer.joints
         cells = np.ix_(samples.rows[known], self.joints.view.moving)
@@ -227,7 +227,7 @@ class JointRoute:
         rows, view = samples.rows, self.joints.view
         found = np.array(first)
         if self.aim is not None:
-            found, _ = self.aim.moved(joints.wanted, first, joints.log.time, joints.log.session.tolist())
+            found, _ = self.aim.moved(joints.wanted, first, joints.log.time, joints.log.session)
         found[rows[~np.isfinite(left_out.errors).all(axis=1)]] = np.nan
         in_joints = Correction(
             position=None,
@@ -271,11 +271,11 @@ class JointRoute:
         session : (n,) int array, homing or day
         bounds : Bounds, largest believed correction of a pose
         """
-        q, sessions = self.kinematics.inverse(reference), session.tolist()
-        in_joints = self.joints.correct_path(q, time, sessions=sessions)
+        q = self.kinematics.inverse(reference)
+        in_joints = self.joints.correct_path(q, time, sessions=session)
         if self.aim is not None:
             assert in_joints.joints is not None
-            moved, beyond = self.aim.moved(q, in_joints.joints, time, sessions)
+            moved, beyond = self.aim.moved(q, in_joints.joints, time, session)
             in_joints = replace(in_joints, joints=moved).because(Reason.OUTSIDE, beyond)
         return self._as_poses(reference, q, in_joints, bounds)
 

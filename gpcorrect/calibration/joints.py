@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
@@ -90,7 +89,7 @@ class JointCorrector(ViewCorrector):
         return zero
 
     def correct_path(
-        self, q: ArrayLike, times: ArrayLike, efforts: ArrayLike | None = None, sessions: Sequence[int] | None = None
+        self, q: ArrayLike, times: ArrayLike, efforts: ArrayLike | None = None, sessions: ArrayLike | None = None
     ) -> Correction:
         """Return the true joints of a path of reported ones, or what to command, by the model's direction.
 
@@ -99,7 +98,7 @@ class JointCorrector(ViewCorrector):
         q : (n, d) array, rad or m; NaN where missing
         times : (n,) array, seconds, increasing
         efforts : (n, d) array, optional, as logged, for models that look at them
-        sessions : n int, optional, where the number changes, the arm was homed or moved by hand
+        sessions : (n,) int array, optional, where the number changes, the arm was homed or moved by hand
 
         Returns
         -------
