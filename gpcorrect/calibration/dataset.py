@@ -190,7 +190,7 @@ def held_out(
         raise DataError(f"the held-out fraction must be at least 0 and below 1, got {holdout}.")
     if holdout == 0:
         return np.zeros(len(log), dtype=bool)
-    blocks = log.static or len(log.trajectory_ids) < 2 if by is HoldOut.AUTO else by is HoldOut.BLOCK
+    blocks = (log.static or len(log.trajectory_ids) < 2) if by is HoldOut.AUTO else by is HoldOut.BLOCK
     if blocks:
         units: IntArray = np.arange(len(log)) * 5 * LIMITS.folds // max(len(log), 1)
     else:
