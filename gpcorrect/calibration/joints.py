@@ -19,7 +19,7 @@ from gpcorrect.calibration.joint_view import (
     joint_layout,
     path_and_error,
 )
-from gpcorrect.calibration.metrics import joint_errors, joint_units
+from gpcorrect.calibration.metrics import joint_units, spread
 from gpcorrect.calibration.queries import checked_times, numbers
 from gpcorrect.calibration.settings import LIMITS, FitSettings, InputSignal
 from gpcorrect.calibration.stops import Stops
@@ -157,8 +157,9 @@ class JointCorrector(ViewCorrector):
         )
 
     def error_table(self, errors: FloatArray) -> Any:
-        """See :class:`Corrector`."""
-        return joint_errors(errors, self.types)
+        """See :class:`Corrector`: RMSE, and mean, SD, 95th percentile and maximum of the size, of every joint."""
+        names, scale = joint_units(self.types)
+        return [{"joint": j + 1, "unit": unit, **spread(errors[:, j] * scale[j])} for j, unit in enumerate(names)]
 
     def parts(self, m: int) -> tuple[Part, ...]:
         """See :class:`Corrector`."""

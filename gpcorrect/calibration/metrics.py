@@ -80,15 +80,3 @@ def joint_units(types: str) -> tuple[list[str], FloatArray]:
     """
     names = ["mm" if kind == "P" else "deg" for kind in types]
     return names, np.array([1e3 if kind == "P" else np.rad2deg(1.0) for kind in types])
-
-
-def joint_errors(errors: FloatArray, types: str) -> JointErrors:
-    """Return RMSE, and mean, SD, 95th percentile and maximum of the absolute errors `(n, d)`, of every joint.
-
-    Parameters
-    ----------
-    errors : (n, d) array, rad or m
-    types : str, "R" or "P" for each joint
-    """
-    names, scale = joint_units(types)
-    return [{"joint": j + 1, "unit": names[j], **spread(errors[:, j] * scale[j])} for j in range(errors.shape[1])]

@@ -105,11 +105,6 @@ class Learned:
         return type(kernel)(kernel.weights, kernel.length_scales * self.scaling.x_spread)
 
     @property
-    def noise_ratio(self) -> FloatArray:
-        """Noise over signal variance `(m,)`."""
-        return self.hyperparameters.noise / self.hyperparameters.signal
-
-    @property
     def signal(self) -> FloatArray:
         """Prior variance `(m,)` in squared units of the outputs."""
         return self.hyperparameters.signal * self.scaling.y_spread**2
