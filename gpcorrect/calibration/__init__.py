@@ -38,14 +38,13 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.fit import FitResult, fit_corrector, fit_model
     from gpcorrect.calibration.forward import reached
     from gpcorrect.calibration.history import HeldOut, PartErrors, Step, command_line, last_measured, now, versions
-    from gpcorrect.calibration.joint_view import InputSignal
     from gpcorrect.calibration.joints import JointCorrector
     from gpcorrect.calibration.learners import LEARNERS, learner_named
     from gpcorrect.calibration.metrics import ErrorTable, JointErrors, error_table, joint_units, spread
     from gpcorrect.calibration.model_file import load, load_any, load_with_hash, model_hash, require_model_place, save
     from gpcorrect.calibration.model_store import Entry, ModelStore, refuse_other_use
     from gpcorrect.calibration.pose_answers import PoseStream
-    from gpcorrect.calibration.settings import FitSettings
+    from gpcorrect.calibration.settings import FitSettings, InputSignal
     from gpcorrect.calibration.side_by_side import Difference, SideBySide, compare, measure_both, refuse_unlike
     from gpcorrect.calibration.stream import JointStream, RobotState, ToolStream
     from gpcorrect.calibration.task import Corrector, Measured
@@ -67,14 +66,13 @@ __getattr__ = imported_on_demand(
         "fit": "FitResult fit_corrector fit_model",
         "forward": "reached",
         "history": "HeldOut PartErrors Step command_line last_measured now versions",
-        "joint_view": "InputSignal",
         "joints": "JointCorrector",
         "learners": "LEARNERS learner_named",
         "metrics": "ErrorTable JointErrors error_table joint_units spread",
         "model_file": "load load_any load_with_hash model_hash require_model_place save",
         "model_store": "Entry ModelStore refuse_other_use",
         "pose_answers": "PoseStream",
-        "settings": "FitSettings",
+        "settings": "FitSettings InputSignal",
         "side_by_side": "Difference SideBySide compare measure_both refuse_unlike",
         "stream": "JointStream RobotState ToolStream",
         "task": "Corrector Measured",

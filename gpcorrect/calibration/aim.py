@@ -11,7 +11,6 @@ could run away.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -19,7 +18,7 @@ import numpy as np
 
 from gpcorrect.calibration.joints import JointCorrector
 from gpcorrect.errors import DataError
-from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, frozen_array
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, frozen_array
 
 STEPS, SHARE = 2, 0.5
 """How often commands are moved, and by how much of what is missing; chosen by hand on `dvrk_random`, where joints 5 and
@@ -68,15 +67,15 @@ class Aim:
         asked, wanted = joints.setpoint_jp, joints.external_jp
         assert asked is not None
         assert wanted is not None
-        aim, sessions = cls(reached, np.full(asked.shape[1], SHARE)), joints.session.tolist()
-        moved, _ = aim.moved(wanted, first, joints.time, sessions)
-        missed, _ = aim._missed(wanted, first, joints.time, sessions)
+        aim = cls(reached, np.full(asked.shape[1], SHARE))
+        moved, _ = aim.moved(wanted, first, joints.time, joints.session)
+        missed, _ = aim._missed(wanted, first, joints.time, joints.session)
         known = np.isfinite(moved).all(axis=1) & np.isfinite(asked).all(axis=1)
         before, after, beside = ((part[known] ** 2).mean(axis=0) for part in (first - asked, moved - asked, missed))
         return cls(reached, np.where((after <= before) | (beside > np.nanmean(errors**2, axis=0)), SHARE, 0.0))
 
     def moved(
-        self, q: FloatArray, first: FloatArray, time: FloatArray, sessions: Sequence[int]
+        self, q: FloatArray, first: FloatArray, time: FloatArray, sessions: IntArray
     ) -> tuple[FloatArray, BoolArray]:
         """Return commands `(n, d)` along a path, and where the model was asked beyond what it learned `(n,)`.
 
@@ -87,7 +86,7 @@ class Aim:
         q : (n, d) array, desired joints, rad or m
         first : (n, d) array, what to command for them without this model
         time : (n,) array, s
-        sessions : n int, homing or day
+        sessions : (n,) int array, homing or day
         """
         found, beyond = first, np.zeros(len(q), dtype=bool)
         for _ in range(STEPS):
@@ -96,7 +95,7 @@ class Aim:
         return found, beyond
 
     def _missed(
-        self, q: FloatArray, commands: FloatArray, time: FloatArray, sessions: Sequence[int]
+        self, q: FloatArray, commands: FloatArray, time: FloatArray, sessions: IntArray
     ) -> tuple[FloatArray, BoolArray]:
         """Return by how much commands `(n, d)` miss the joints of a path, and where the model cannot know `(n,)`."""
         reached = self.reached.correct_path(commands, time, sessions=sessions)

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from gpcorrect import se3
 from gpcorrect.arms import Chain, identify_chain, workspace
+from gpcorrect.calibration.dataset import evenly_spread
 from gpcorrect.calibration.poses import rotations_of
 from gpcorrect.errors import DataError, DegenerateError, LogError
 from gpcorrect.rigid import register
@@ -86,8 +87,8 @@ class ArmKinematics:
         T, q = _pose_matrices(poses[rows]), joints[rows]
         chain = _chain_of(q, T, log.joint_types(q.shape[1]))
         q, length = q[:, : chain.dof], workspace(T)
-        _require_determined(chain, _spread(q, SAMPLES), length)
-        kinematics = cls(chain, _spread(q, STARTS), length)
+        _require_determined(chain, q[evenly_spread(len(q), SAMPLES)], length)
+        kinematics = cls(chain, q[evenly_spread(len(q), STARTS)], length)
         _, left = kinematics.chain.nearest(T, q, length)
         return replace(kinematics, reach=float(left.max()))
 
@@ -160,14 +161,9 @@ def _chain_of(q: FloatArray, T: FloatArray, types: str) -> Chain:
         except DataError as error:
             failed = failed or error
             continue
-        if (np.abs(chain.jacobian(_spread(q, SAMPLES)[:, :count])).max(axis=(0, 1)) > NO_EFFECT).all():
+        if (np.abs(chain.jacobian(q[evenly_spread(len(q), SAMPLES)][:, :count])).max(axis=(0, 1)) > NO_EFFECT).all():
             return chain
     raise failed or DegenerateError("no joint of the log moves the tip.")
-
-
-def _spread(q: FloatArray, most: int) -> FloatArray:
-    """Return at most so many postures `(k, d)`, spread evenly over the recording."""
-    return q[np.unique(np.linspace(0, len(q) - 1, most).astype(np.int64))]
 
 
 def _require_determined(chain: Chain, q: FloatArray, length: float) -> None:
@@ -249,7 +245,7 @@ def with_outside_joints(log: CalibrationLog, chain: Chain) -> CalibrationLog:
     rigid = register(tracker[rows], nominal, log.trajectory[rows], "auto", held_out=False).model
     base, marker = se3.pose(rigid.R_position, rigid.t), se3.pose(rigid.R_right, rigid.offset)
     seen = _pose_matrices(tracker[rows])
-    few = np.unique(np.linspace(0, len(rows) - 1, SAMPLES).astype(np.int64))
+    few = evenly_spread(len(rows), SAMPLES)
     base, marker = _with_zeros(chain, q[rows][few], seen[few], length, (base, marker))
     external = np.full_like(q, np.nan)
     external[rows] = chain.nearest(base @ seen @ marker, q[rows], length)[0]

@@ -9,7 +9,6 @@ import numpy as np
 
 from gpcorrect.calibration import queries
 from gpcorrect.calibration.arm_kinematics import ArmKinematics
-from gpcorrect.calibration.bridging import MotionLimits
 from gpcorrect.calibration.dataset import Samples, folds_of, path_starts
 from gpcorrect.calibration.joint_route import JointRoute
 from gpcorrect.calibration.memory import Memory, choose_memory
@@ -28,7 +27,7 @@ from gpcorrect.calibration.poses import observed_twists, pose_pair, reference_tw
 from gpcorrect.calibration.queries import POSE, POSITION
 from gpcorrect.calibration.settings import JOINTS, MEMORY, FitSettings
 from gpcorrect.calibration.task import LearnLaw, Measured, Outcome
-from gpcorrect.calibration.training_motion import TrainingMotion
+from gpcorrect.calibration.training_motion import MotionLimits, TrainingMotion
 from gpcorrect.cleaning import POSES, FittedCleaner, Pair
 from gpcorrect.correction import Correction
 from gpcorrect.errors import GpCorrectError, LogError
@@ -67,7 +66,7 @@ class CommandCorrector(PoseAnswers):
     ) -> Outcome:
         """See :class:`Corrector`."""
         kinds, features = features_of(log, settings)
-        step = stencil_step(log) if settings.velocity_step == "auto" else settings.velocity_step
+        step = stencil_step(log)
         pairs = PosePairs.of(log, keep, step)
         shown = log.select(pairs.rows)
         # What is asked for is refused before the work.
@@ -79,12 +78,11 @@ class CommandCorrector(PoseAnswers):
         features = features.fit(reference.position, rotations_of(reference), moved)
         samples = samples_of_poses(pairs, log, rigid, features, None)
         law, left_out = learn_law(samples, pose_layout(features, None))
-        interval95 = law.intervals.interval95(left_out.std)
         used = [kind for kind in kinds if kind not in (MEMORY, JOINTS)]
         remarks = [f"registration: {registration.reason}"]
         if not features.has_orientation:
             remarks.append("the log holds positions only: orientations are turned into the base frame, not corrected")
-        memory = route = None
+        memory, route, intervals = None, None, law.intervals
         if MEMORY in kinds:
             folds, labels = folds_of(log.trajectory[pairs.rows]), np.cumsum(pairs.new, dtype=np.int64)
             states = choose_memory(pairs.command, reference, labels, left_out.errors, folds)
@@ -95,7 +93,7 @@ class CommandCorrector(PoseAnswers):
             remarks.append(f"memory acts on the pose; {changes_text(change)}")
             if change.mean() > -WORTH_IT:
                 remarks[-1] += ": not worth its time here, features pose,velocity do as well"
-            left_out, interval95 = recalled, recalling.intervals.interval95(recalled.std)
+            left_out, intervals = recalled, recalling.intervals
             used.append(MEMORY)
         if JOINTS in kinds or (not settings.features and not log.static and log.setpoint_jp is not None):
             try:
@@ -113,13 +111,13 @@ class CommandCorrector(PoseAnswers):
                 remarks.append(f"corrected in the arm's joints: {changes_text(change)}{'' if helps else '; not used'}")
                 if helps:
                     route, samples = found_route, found.samples
-                    left_out, interval95 = found.left_out, found.interval95
+                    left_out, intervals = found.left_out, found.intervals
                     used.append(JOINTS)
         path = pose_pair(log)[0].position
         corrector = cls(
             law=law,
             cleaner=cleaner,
-            trained=TrainingMotion.of(path, log.time, log.trajectory, keep, joints=False, static=log.static),
+            trained=TrainingMotion.of(path, log, keep, joints=False),
             rigid=rigid,
             features=features,
             motion=MotionLimits.of(cleaner) if settings.clean else None,
@@ -136,7 +134,7 @@ class CommandCorrector(PoseAnswers):
             "orientation": features.has_orientation,
             "training_region": {"position_min": low.tolist(), "position_max": high.tolist()},
         }
-        return Outcome(corrector, samples, left_out, interval95, report, tuple(remarks), registration)
+        return Outcome(corrector, samples, left_out, intervals, report, tuple(remarks), registration)
 
     def query_path(self, log: CalibrationLog) -> FloatArray:
         """See :class:`Corrector`."""

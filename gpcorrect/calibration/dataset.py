@@ -173,18 +173,6 @@ class HoldOut(StrEnum):
     BLOCK = "block"
 
 
-def _hold_out_units(log: CalibrationLog, by: HoldOut = HoldOut.AUTO) -> IntArray:
-    """Return the unit `(n,)`, 0, 1... in recorded order, that each sample is held out with.
-
-    AUTO takes trajectories, and blocks of time where there is one trajectory or the poses are static.
-    """
-    if by is HoldOut.AUTO:
-        by = HoldOut.BLOCK if log.static or len(log.trajectory_ids) < 2 else HoldOut.TRAJECTORY
-    if by is HoldOut.BLOCK:
-        return np.arange(len(log)) * 5 * LIMITS.folds // max(len(log), 1)
-    return in_order(log.session if by is HoldOut.SESSION else log.trajectory)
-
-
 def held_out(
     log: CalibrationLog, holdout: float, by: HoldOut = HoldOut.AUTO, *, rng: np.random.Generator | None = None
 ) -> BoolArray:
@@ -194,14 +182,19 @@ def held_out(
     ----------
     log : CalibrationLog, n samples
     holdout : float, fraction of the units to measure on; 0 for none
-    by : HoldOut, what the units are
+    by : HoldOut
+        What the units are; AUTO takes trajectories, and blocks of time where there is one or the poses are static.
     rng : numpy.random.Generator, optional, draws the units; the last ones are taken without it
     """
     if not 0 <= holdout < 1:
         raise DataError(f"the held-out fraction must be at least 0 and below 1, got {holdout}.")
     if holdout == 0:
         return np.zeros(len(log), dtype=bool)
-    units = _hold_out_units(log, by)
+    blocks = (log.static or len(log.trajectory_ids) < 2) if by is HoldOut.AUTO else by is HoldOut.BLOCK
+    if blocks:
+        units: IntArray = np.arange(len(log)) * 5 * LIMITS.folds // max(len(log), 1)
+    else:
+        units = in_order(log.session if by is HoldOut.SESSION else log.trajectory)
     names = np.unique(units)
     if len(names) < 2:
         raise LogError(
@@ -231,6 +224,16 @@ def folds_of(trajectory: IntArray) -> IntArray:
     if count < 2:
         return np.arange(len(trajectory)) * LIMITS.folds // max(len(trajectory), 1)
     return order * min(LIMITS.folds, count) // count
+
+
+def evenly_spread(n: int, most: int) -> IntArray:
+    """Return at most so many rows of n, spread evenly over the recording.
+
+    Parameters
+    ----------
+    n, most : int
+    """
+    return np.unique(np.linspace(0, n - 1, min(n, most)).astype(np.int64))
 
 
 def in_order(labels: IntArray) -> IntArray:

@@ -54,9 +54,7 @@ class Evaluation:
         return self._errors(self.dirty)
 
     def _errors(self, measured: Measured) -> dict[str, Any]:
-        errors = (measured.raw, measured.registered, measured.corrected)
-        pairs = zip(self.corrector.METHODS, errors, strict=True)
-        return {name: self.corrector.error_table(values) for name, values in pairs}
+        return {name: self.corrector.error_table(measured.of(name)) for name in self.corrector.METHODS}
 
     @property
     def cautions(self) -> tuple[str, ...]:
@@ -77,8 +75,7 @@ class Evaluation:
     def coverage95(self) -> float:
         """Fraction of all measured errors inside their 95 % intervals; NaN where none was."""
         fractions = self.clean.coverage95
-        known = np.isfinite(fractions)
-        return float(fractions[known].mean()) if known.any() else math.nan
+        return float(np.nanmean(fractions)) if np.isfinite(fractions).any() else math.nan
 
     def held_out(self) -> HeldOut:
         """Return what the model file remembers of this measurement."""
@@ -203,7 +200,7 @@ def _measured(result: FitResult, log: CalibrationLog, held: BoolArray, pair: Pai
         "part was not, and its errors hold that time. If the clocks do differ, state it: "
         f"--time-offset {clocks.applied:.4g}; if the robot is that late: --time-offset none"
     )
-    return replace(evaluate_model(result.corrector, log, cleaning, held=held), first=(caution,) if caution else ())
+    return replace(evaluate_model(result.corrector, log, cleaning, held=held), first=(caution,))
 
 
 @on_one_thread

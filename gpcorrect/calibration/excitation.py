@@ -20,7 +20,7 @@ from gpcorrect.types import FloatArray
 Direction = Literal["J1", "J2", "J3", "J1-J2", "J2-J3", "J1-J3", "J1-J2-J3"]
 DIRECTIONS: tuple[Direction, ...] = get_args(Direction)
 RAMP_SECONDS = 0.2  # to speed up and to slow down at each corner; chosen by hand
-HALF_SIDE = 1.0 / (2.0 * np.sqrt(3.0))  # of a cube whose diagonal is 1
+SIDE = 1.0 / np.sqrt(3.0)  # of a cube whose diagonal is 1
 PUBLISHED_REACH = 0.09093521, 0.90824829  # of joint 1's range, before the study's files are stretched along it
 
 
@@ -73,14 +73,13 @@ def zigzag(direction: Direction, sparsity: int, limits: FloatArray, *, as_publis
             hint="Write them as LOW:HIGH,LOW:HIGH,LOW:HIGH",
         )
     centre, reach = limits.mean(axis=1), np.ptp(limits, axis=1)
+    block = SIDE * _stripes(sparsity)
     if as_published and direction == "J1-J2-J3":
-        turned = (
-            (2.0 * HALF_SIDE) * _stripes(sparsity) @ Rotation.from_euler("zx", [45.0, 45.0], degrees=True).as_matrix().T
-        )
+        turned = block @ Rotation.from_euler("zx", [45.0, 45.0], degrees=True).as_matrix().T
         low, high = PUBLISHED_REACH
         turned[:, 0] = (turned[:, 0] + 0.5 - low) / (high - low) - 0.5
     else:
-        turned = (2.0 * HALF_SIDE) * _stripes(sparsity) @ _rotation_to(direction).T
+        turned = block @ _rotation_to(direction).T
     corners: FloatArray = centre + reach * turned
     return corners
 

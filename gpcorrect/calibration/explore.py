@@ -82,7 +82,14 @@ def propose(
         parts = [part.after(best) for part in parts]
         chosen.append(best)
         remaining.append(float(np.mean([part.left for part in parts])))
-    return _proposal(corrector, candidates[chosen], np.array(remaining))
+    position, rotations, twist = corrector.features.inverse(candidates[chosen])
+    quaternion = None if rotations is None else se3.quaternion_from_matrix(rotations)
+    poses = corrector.rigid.inverse(PoseSignal(position, quaternion))
+    if twist is not None:
+        size = twist.shape[1]
+        padded = np.hstack([twist, np.zeros((count, 6 - size))])
+        twist = inverse_reference_twists(corrector.rigid, poses, padded)[:, :size]
+    return Proposal(poses.position, poses.quaternion, twist, np.array(remaining))
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,15 +156,3 @@ def _candidates(corrector: CommandCorrector, known: FloatArray, rng: np.random.G
         drawn[:, columns] = known[rng.integers(len(known), size=CANDIDATES)][:, columns]
     drawn += JITTER * rng.standard_normal(drawn.shape)
     return np.clip(drawn, known.min(axis=0), known.max(axis=0))
-
-
-def _proposal(corrector: CommandCorrector, X: FloatArray, remaining: FloatArray) -> Proposal:
-    """From features back to poses and twists in the observer's frame."""
-    position, rotations, twist = corrector.features.inverse(X)
-    quaternion = None if rotations is None else se3.quaternion_from_matrix(rotations)
-    poses = corrector.rigid.inverse(PoseSignal(position, quaternion))
-    if twist is not None:
-        size = twist.shape[1]
-        padded = np.hstack([twist, np.zeros((len(X), 6 - size))])
-        twist = inverse_reference_twists(corrector.rigid, poses, padded)[:, :size]
-    return Proposal(poses.position, poses.quaternion, twist, remaining)

@@ -11,16 +11,15 @@ import numpy as np
 
 from gpcorrect.calibration.cartesian import CommandCorrector
 from gpcorrect.calibration.dataset import Layout, Samples, folds_of
-from gpcorrect.calibration.domain import Bounds, Domain
+from gpcorrect.calibration.domain import Bounds, Domain, Surroundings
 from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import learner_named
 from gpcorrect.calibration.settings import LIMITS, FitSettings
-from gpcorrect.calibration.surroundings import Surroundings
-from gpcorrect.calibration.task import Corrector, Outcome
+from gpcorrect.calibration.task import Corrector
 from gpcorrect.cleaning import CleaningReport, Reason, fit_cleaner
 from gpcorrect.gpr import IntervalCalibration, LeftOut, novelty_limit
-from gpcorrect.logs.copies import Marks, marks_of, remembered
+from gpcorrect.logs.copies import marks_of, remembered
 from gpcorrect.logs.sync import Clocks, match_clocks
 from gpcorrect.one_thread import on_one_thread
 from gpcorrect.types import CalibrationLog, Progress
@@ -52,16 +51,13 @@ class FitResult:
     remarks: tuple[str, ...]
 
 
-def fit_corrector(
-    log: CalibrationLog, settings: FitSettings | None = None, *, progress: Progress | None = None
-) -> CommandCorrector:
+def fit_corrector(log: CalibrationLog, settings: FitSettings | None = None) -> CommandCorrector:
     """Learn from a log what to command so that the robot reaches a desired pose (Mahler et al. 2014).
 
     Parameters
     ----------
     log : CalibrationLog, must hold `tracker_cp` (what was observed) and `setpoint_cp` (what was commanded)
     settings : FitSettings, optional, what differs from the defaults
-    progress : Progress, optional
 
     Raises
     ------
@@ -70,7 +66,7 @@ def fit_corrector(
     DegenerateError
         The motion does not determine the registration.
     """
-    corrector: CommandCorrector = fit_model(log, settings, progress=progress).corrector
+    corrector: CommandCorrector = fit_model(log, settings).corrector
     return corrector
 
 
@@ -114,14 +110,38 @@ def fit_model(
     learn_law = partial(_learn_law, settings=settings, progress=progress)
     outcome = task.learn(log, keep, cleaner, settings, learn_law)
     remarks = [*log.remarks, *outcome.remarks, *_too_little(outcome.samples), *clocks.notes]
-    summary = _summary(log, outcome, clocks, cleaning, settings, remarks, marks, time.perf_counter() - start)
+    n_train, registration = len(outcome.samples.rows), outcome.registration
+    summary = {
+        "robot": log.meta.robot,
+        "arm": log.meta.arm,
+        "method": settings.method,
+        **outcome.report,
+        "data": {
+            "source": log.name,
+            "sha256": log.digest,
+            "recordings": list(log.recordings),
+            "contents": list(log.contents),
+            "marks": remembered(marks),
+        },
+        "fit": {
+            "n_train": n_train,
+            "n_trajectories": len(np.unique(outcome.samples.trajectory[outcome.samples.rows])),
+            "dropped": dict(cleaning.counts),
+            **({} if registration is None else {"registration": registration.to_dict()}),
+            "tracker_shift": clocks.applied,
+            "seed": settings.seed,
+            "seconds": time.perf_counter() - start,
+        },
+        "remarks": remarks,
+        "baseline": outcome.baseline.tolist(),
+    }
     return FitResult(
         corrector=replace(outcome.corrector, summary=summary, history=(step_now("fit", log),)),
         log=log,
         clocks=clocks,
         cleaning=cleaning,
-        registration=outcome.registration,
-        n_train=len(outcome.samples.rows),
+        registration=registration,
+        n_train=n_train,
         remarks=tuple(remarks),
     )
 
@@ -168,41 +188,3 @@ def _too_little(samples: Samples) -> list[str]:
         f"learned from {what} only, which say little of how errors differ from one to the next: intervals were widened "
         f"{samples.widening:.1f} times; record {LIMITS.enough_motions} or more"
     ]
-
-
-def _summary(
-    log: CalibrationLog,
-    outcome: Outcome,
-    clocks: Clocks,
-    cleaning: CleaningReport,
-    settings: FitSettings,
-    remarks: list[str],
-    marks: Marks,
-    seconds: float,
-) -> dict[str, Any]:
-    """Collect the description that the model file holds."""
-    registration = outcome.registration
-    return {
-        "robot": log.meta.robot,
-        "arm": log.meta.arm,
-        "method": settings.method,
-        **outcome.report,
-        "data": {
-            "source": log.name,
-            "sha256": log.digest,
-            "recordings": list(log.recordings),
-            "contents": list(log.contents),
-            "marks": remembered(marks),
-        },
-        "fit": {
-            "n_train": len(outcome.samples.rows),
-            "n_trajectories": len(np.unique(outcome.samples.trajectory[outcome.samples.rows])),
-            "dropped": dict(cleaning.counts),
-            **({} if registration is None else {"registration": registration.to_dict()}),
-            "tracker_shift": clocks.applied,
-            "seed": settings.seed,
-            "seconds": seconds,
-        },
-        "remarks": remarks,
-        "baseline": outcome.baseline.tolist(),
-    }

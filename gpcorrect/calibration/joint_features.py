@@ -122,11 +122,12 @@ class JointFeatures:
             found = (scaled, errors, path.new, rows, turning)
             play = learn_coupled_play(*found) if searched else uncoupled_play(path.q.shape[1])
             features = replace(features, play=play)
+        varied = _has_many_speeds(path.velocity[rows])
         shown = {
-            "lags": np.tile(_has_many_speeds(path.velocity[rows]), LAGS * features.n_lagged),
+            "lags": np.tile(varied, LAGS * features.n_lagged),
             "memory": np.tile(turning, 1 + len(LADDER)),
-            "velocity": _has_many_speeds(path.velocity[rows]),
-            "acceleration": np.tile(_has_many_speeds(path.velocity[rows]), len(RATES)),
+            "velocity": varied,
+            "acceleration": np.tile(varied, len(RATES)),
         }
         masks = [shown.get(kind, np.ones(size, dtype=bool)) for kind, size in features._sizes]
         used = np.flatnonzero(np.concatenate(masks))

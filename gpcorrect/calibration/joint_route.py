@@ -117,8 +117,7 @@ class JointRoute:
     joints : JointCorrector, from desired joints to commanded ones
     intervals : IntervalCalibration
         Of poses: errors of joints go together, so that intervals of joints say too little of those of poses.
-    aim : Aim or None
-        What moves the commanded joints on by what they would miss; None in files of before there was one.
+    aim : Aim or None, what moves the commanded joints on by what they would miss; None in files of before there was one
     """
 
     kinematics: ArmKinematics
@@ -196,7 +195,7 @@ class JointRoute:
             aimed = replace(route, aim=aim).calibrated(joints, outcome.samples, outcome.left_out, first)
             if changes(aimed[1], left_out).mean() <= AWAY:
                 route, left_out = aimed
-        return route, replace(outcome, left_out=left_out, interval95=route.intervals.interval95(left_out.std))
+        return route, replace(outcome, left_out=left_out, intervals=route.intervals)
 
     def commands(self, joints: PoseJoints, samples: Samples, left_out: LeftOut) -> FloatArray:
         """Return commands `(n, d)` found for the reached joints of a log: left-out ones where there are any.
@@ -206,7 +205,7 @@ class JointRoute:
         joints, samples, left_out
             As for :meth:`calibrated`.
         """
-        answer = self.joints.correct_path(joints.wanted, joints.log.time, sessions=joints.log.session.tolist())
+        answer = self.joints.correct_path(joints.wanted, joints.log.time, sessions=joints.log.session)
         assert answer.joints is not None
         known, found = np.isfinite(left_out.errors).all(axis=1), answer.joints
         cells = np.ix_(samples.rows[known], self.joints.view.moving)
@@ -228,7 +227,7 @@ class JointRoute:
         rows, view = samples.rows, self.joints.view
         found = np.array(first)
         if self.aim is not None:
-            found, _ = self.aim.moved(joints.wanted, first, joints.log.time, joints.log.session.tolist())
+            found, _ = self.aim.moved(joints.wanted, first, joints.log.time, joints.log.session)
         found[rows[~np.isfinite(left_out.errors).all(axis=1)]] = np.nan
         in_joints = Correction(
             position=None,
@@ -272,11 +271,11 @@ class JointRoute:
         session : (n,) int array, homing or day
         bounds : Bounds, largest believed correction of a pose
         """
-        q, sessions = self.kinematics.inverse(reference), session.tolist()
-        in_joints = self.joints.correct_path(q, time, sessions=sessions)
+        q = self.kinematics.inverse(reference)
+        in_joints = self.joints.correct_path(q, time, sessions=session)
         if self.aim is not None:
             assert in_joints.joints is not None
-            moved, beyond = self.aim.moved(q, in_joints.joints, time, sessions)
+            moved, beyond = self.aim.moved(q, in_joints.joints, time, session)
             in_joints = replace(in_joints, joints=moved).because(Reason.OUTSIDE, beyond)
         return self._as_poses(reference, q, in_joints, bounds)
 

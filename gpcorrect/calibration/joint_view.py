@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -12,13 +12,12 @@ from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.joint_features import JointFeatures, law_penalties
 from gpcorrect.calibration.joint_path import JointPath, joint_path, joint_signal, logged_path, state_columns
 from gpcorrect.calibration.law import Prediction
+from gpcorrect.calibration.settings import Direction, InputSignal
 from gpcorrect.calibration.stops import Stops
 from gpcorrect.calibration.task import Corrector
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, frozen_array
-
-InputSignal = Literal["measured_jp", "setpoint_jp"]
 
 STILL = {"R": 0.05, "P": 0.005}
 """rad and m that a joint that was still in training may stand from there before nothing is known; chosen by hand."""
@@ -40,7 +39,7 @@ class JointView:
     stops : Stops or None, where joints end, whatever is wrong with them besides; None where training showed no stop
     """
 
-    direction: Literal["estimate", "command"]
+    direction: Direction
     input_signal: InputSignal
     types: str
     moving: IntArray
@@ -113,6 +112,9 @@ class JointView:
         joints[:, self.moving] += prediction.residual
         missing = ~np.isfinite(joints).all(axis=1)
         joints[missing] = np.nan
+        still = np.setdiff1d(np.arange(len(self.types)), self.moving)
+        limit = np.array([STILL[self.types[j]] for j in still])
+        strayed = (np.abs(q[:, still] - self.rest[still]) > limit).any(axis=1)
         return Correction(
             position=None,
             quaternion=None,
@@ -120,7 +122,7 @@ class JointView:
             std=self.wide(prediction.std),
             interval95=self.wide(prediction.interval95),
             reasons=prediction.reasons
-            | np.where(self._strayed(q), int(Reason.OUTSIDE), 0)
+            | np.where(strayed, int(Reason.OUTSIDE), 0)
             | np.where(missing, int(Reason.MISSING), 0),
         )
 
@@ -136,12 +138,6 @@ class JointView:
         wide = np.full((len(values), len(self.types)), np.nan)
         wide[:, self.moving] = values
         return wide
-
-    def _strayed(self, q: FloatArray) -> BoolArray:
-        """Return in which rows a joint that was still in training stands elsewhere."""
-        still = np.setdiff1d(np.arange(len(self.types)), self.moving)
-        limit = np.array([STILL[self.types[j]] for j in still])
-        return np.asarray((np.abs(q[:, still] - self.rest[still]) > limit).any(axis=1))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
@@ -14,16 +13,15 @@ from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.joint_features import JointFeatures
 from gpcorrect.calibration.joint_path import JointPath, joint_path, usual_steps
 from gpcorrect.calibration.joint_view import (
-    InputSignal,
     JointView,
     ViewCorrector,
     directed,
     joint_layout,
     path_and_error,
 )
-from gpcorrect.calibration.metrics import joint_errors, joint_units
+from gpcorrect.calibration.metrics import joint_units, spread
 from gpcorrect.calibration.queries import checked_times, numbers
-from gpcorrect.calibration.settings import LIMITS, FitSettings
+from gpcorrect.calibration.settings import LIMITS, FitSettings, InputSignal
 from gpcorrect.calibration.stops import Stops
 from gpcorrect.calibration.stream import JointStream
 from gpcorrect.calibration.task import LearnLaw, Measured, Outcome, Part
@@ -91,7 +89,7 @@ class JointCorrector(ViewCorrector):
         return zero
 
     def correct_path(
-        self, q: ArrayLike, times: ArrayLike, efforts: ArrayLike | None = None, sessions: Sequence[int] | None = None
+        self, q: ArrayLike, times: ArrayLike, efforts: ArrayLike | None = None, sessions: ArrayLike | None = None
     ) -> Correction:
         """Return the true joints of a path of reported ones, or what to command, by the model's direction.
 
@@ -100,7 +98,7 @@ class JointCorrector(ViewCorrector):
         q : (n, d) array, rad or m; NaN where missing
         times : (n,) array, seconds, increasing
         efforts : (n, d) array, optional, as logged, for models that look at them
-        sessions : n int, optional, where the number changes, the arm was homed or moved by hand
+        sessions : (n,) int array, optional, where the number changes, the arm was homed or moved by hand
 
         Returns
         -------
@@ -159,8 +157,9 @@ class JointCorrector(ViewCorrector):
         )
 
     def error_table(self, errors: FloatArray) -> Any:
-        """See :class:`Corrector`."""
-        return joint_errors(errors, self.types)
+        """See :class:`Corrector`: RMSE, and mean, SD, 95th percentile and maximum of the size, of every joint."""
+        names, scale = joint_units(self.types)
+        return [{"joint": j + 1, "unit": unit, **spread(errors[:, j] * scale[j])} for j, unit in enumerate(names)]
 
     def parts(self, m: int) -> tuple[Part, ...]:
         """See :class:`Corrector`."""
@@ -242,7 +241,7 @@ class JointCorrector(ViewCorrector):
         corrector = cls(
             law=law,
             cleaner=cleaner,
-            trained=TrainingMotion.of(task.source, log.time, log.trajectory, keep, joints=True, static=log.static),
+            trained=TrainingMotion.of(task.source, log, keep, joints=True),
             view=view,
             offset=task.error[task.rows].mean(axis=0),
             usual_step=usual,
@@ -255,7 +254,7 @@ class JointCorrector(ViewCorrector):
             "direction": settings.direction,
             "uncorrected_joints": list(task.still),
         }
-        return Outcome(corrector, samples, left_out, law.intervals.interval95(left_out.std), report, task.remarks)
+        return Outcome(corrector, samples, left_out, law.intervals, report, task.remarks)
 
 
 @dataclass(frozen=True, eq=False)

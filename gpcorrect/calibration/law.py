@@ -40,8 +40,7 @@ class Law:
     Parameters
     ----------
     learned : a map of gpcorrect.calibration.learners, Mean, standard deviation and novelty of the residual
-    intervals : IntervalCalibration
-        What turns standard deviations into 95 % intervals that hold on unseen trajectories.
+    intervals : IntervalCalibration, what turns standard deviations into 95 % intervals that hold on unseen trajectories
     domain : Domain, region in which answers can be trusted
     bounds : Bounds, largest believed residual
     zero : (m,) array, added to every residual: where the zeros stand now

@@ -71,27 +71,12 @@ def joint_units(types: str) -> tuple[list[str], FloatArray]:
 
     Parameters
     ----------
-    types : str
-        "R" or "P" for each joint.
+    types : str, "R" or "P" for each joint
 
     Returns
     -------
-    names : list of str
-        "deg" or "mm".
-    scale : (d,) array
-        Of one rad or m.
+    names : list of str, "deg" or "mm"
+    scale : (d,) array, of one rad or m
     """
     names = ["mm" if kind == "P" else "deg" for kind in types]
     return names, np.array([1e3 if kind == "P" else np.rad2deg(1.0) for kind in types])
-
-
-def joint_errors(errors: FloatArray, types: str) -> JointErrors:
-    """Return RMSE, and mean, SD, 95th percentile and maximum of the absolute errors `(n, d)`, of every joint.
-
-    Parameters
-    ----------
-    errors : (n, d) array, rad or m
-    types : str, "R" or "P" for each joint
-    """
-    names, scale = joint_units(types)
-    return [{"joint": j + 1, "unit": names[j], **spread(errors[:, j] * scale[j])} for j in range(errors.shape[1])]

@@ -53,8 +53,7 @@ def require_model_place(path: str | Path) -> None:
 
     Parameters
     ----------
-    path : str or Path
-        The file to come.
+    path : str or Path, the file to come
 
     Raises
     ------
@@ -69,10 +68,8 @@ def save(corrector: Corrector, path: str | Path) -> None:
 
     Parameters
     ----------
-    corrector : Corrector
-        Of any task.
-    path : str or Path
-        File to write.
+    corrector : Corrector, of any task
+    path : str or Path, file to write
 
     Raises
     ------
@@ -117,17 +114,11 @@ def load(path: str | Path, kind: type[Any] = CommandCorrector) -> Any:
 
 
 def load_any(path: str | Path) -> Any:
-    """Read a model file of whatever task; parameters and errors as for :func:`load`.
+    """Read a model file of whatever task; raises as :func:`load`.
 
     Parameters
     ----------
-    path : str or Path
-        Model file.
-
-    Raises
-    ------
-    ArtifactError
-        As for :func:`load`.
+    path : str or Path, model file
     """
     return load_with_hash(path)[0]
 
@@ -135,22 +126,12 @@ def load_any(path: str | Path) -> Any:
 def load_with_hash(path: str | Path, kind: type[Corrector] | None = None) -> tuple[Any, str]:
     """Return a model and the hash of the very bytes that it was built from, though the file be replaced meanwhile.
 
+    The hash is as of :func:`model_hash`; raises as :func:`load`.
+
     Parameters
     ----------
-    path : str or Path
-        Model file.
-    kind : type, optional
-        Task that it must be of; any by default.
-
-    Returns
-    -------
-    tuple
-        The model, and the SHA-256 as :func:`model_hash` returns it.
-
-    Raises
-    ------
-    ArtifactError
-        As for :func:`load`.
+    path : str or Path, model file
+    kind : type, optional, task that it must be of; any by default
     """
     content = _read(path)
     header, arrays = _parts(path, content)
@@ -160,14 +141,9 @@ def load_with_hash(path: str | Path, kind: type[Corrector] | None = None) -> tup
             f"model file {path} corrects {found.TASK}, and a model of {kind.TASK} is needed here.",
             hint=f"Use it with `{SERVED[found.TASK]}`, or make a model of {kind.TASK}: {MADE[kind.TASK]}",
         )
-    return _built(path, kind or found, header, arrays), hashlib.sha256(content).hexdigest()
-
-
-def _built(path: str | Path, kind: type[Any], header: Header, arrays: Arrays) -> Any:
-    """Build a model, and check its answers to the queries of the time it was saved."""
     try:
         with np.errstate(all="ignore"):  # forged numbers overflow; what comes of it is compared below
-            corrector = unpack(kind, header["model"], arrays)
+            corrector = unpack(kind or found, header["model"], arrays)
             check_summary(corrector.summary)
             given = corrector.check_answers()
         expected = np.array(header.get("check"), dtype=np.float64)
@@ -177,7 +153,7 @@ def _built(path: str | Path, kind: type[Any], header: Header, arrays: Arrays) ->
         given = given[: len(expected)]
     if expected.shape != given.shape or not np.allclose(expected, given, rtol=0, atol=CHECK_TOLERANCE):
         raise refused(path, "it answers its own check queries otherwise than when it was saved")
-    return corrector
+    return corrector, hashlib.sha256(content).hexdigest()
 
 
 def read_parts(path: str | Path) -> tuple[Header, Arrays]:
@@ -259,7 +235,23 @@ def _header_in(path: str | Path, contents: dict[str, Any]) -> Header:
         header: Header = json.loads(contents.pop("header").tobytes().decode())
     except (ValueError, RecursionError) as error:
         raise refused(path, "its header is not JSON") from error
-    _check_header(path, header)
+    if not isinstance(header, dict) or header.get("kind") not in [task.KIND for task in TASKS.values()]:
+        raise refused(path, "it is not a model file of gpcorrect")
+    schema = header.get("schema")
+    if not isinstance(schema, int) or schema > SCHEMA:
+        raise ArtifactError(
+            f"model file {path} has schema {schema}; this version reads schemas {OLDEST} to {SCHEMA}.",
+            hint=f"It was written by gpcorrect {header.get('version')}: upgrade, or fit the model again.",
+        )
+    if schema < OLDEST:
+        raise ArtifactError(
+            f"model file {path} has schema {schema}, from before every model knew its training's speed.",
+            hint="Fit the model again.",
+        )
+    if header.get("seal") != seal_of(header):
+        raise refused(path, "its header was altered")
+    if not isinstance(header.get("digests"), dict):
+        raise refused(path, "it carries no digests")
     return header
 
 
@@ -292,26 +284,6 @@ def _unpacked(path: str | Path, content: bytes, only: str | None = None) -> dict
         raise
     except Exception as error:  # whatever damaged bytes make the readers of archives and arrays raise
         raise refused(path, "it is truncated or altered") from error
-
-
-def _check_header(path: str | Path, header: Any) -> None:
-    if not isinstance(header, dict) or header.get("kind") not in [task.KIND for task in TASKS.values()]:
-        raise refused(path, "it is not a model file of gpcorrect")
-    schema = header.get("schema")
-    if not isinstance(schema, int) or schema > SCHEMA:
-        raise ArtifactError(
-            f"model file {path} has schema {schema}; this version reads schemas {OLDEST} to {SCHEMA}.",
-            hint=f"It was written by gpcorrect {header.get('version')}: upgrade, or fit the model again.",
-        )
-    if schema < OLDEST:
-        raise ArtifactError(
-            f"model file {path} has schema {schema}, from before every model knew its training's speed.",
-            hint="Fit the model again.",
-        )
-    if header.get("seal") != seal_of(header):
-        raise refused(path, "its header was altered")
-    if not isinstance(header.get("digests"), dict):
-        raise refused(path, "it carries no digests")
 
 
 def _digest(array: FloatArray) -> str:

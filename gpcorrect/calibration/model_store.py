@@ -179,7 +179,13 @@ class ModelStore:
         back : bool, whether the active model is given up for the one before it: the next one back is then an older one
         """
         if not verified:
-            self._compared(entry)
+            new, before = self.verified(entry), self.active(entry.kind)
+            try:
+                old = None if before is None else self.verified(before)
+            except ArtifactError:  # a damaged one must not stay for ever
+                old = None
+            if old is not None:
+                refuse_other_use(entry.id, new.info(), old.info())
         with self._locked() as state:
             history = state.history.get(entry.kind, ())
             if history[-1:] == (entry.hash,):
@@ -187,16 +193,6 @@ class ModelStore:
             given_up = back and history[-2:-1] == (entry.hash,)
             longer = history[:-1] if given_up else (*history, entry.hash)[-LONGEST_HISTORY:]
             self._write(replace(state, history={**state.history, entry.kind: longer}))
-
-    def _compared(self, entry: Entry) -> None:
-        """Verify a model, and compare it with the active one where that can still be read."""
-        new, before = self.verified(entry), self.active(entry.kind)
-        try:
-            old = None if before is None else self.verified(before)
-        except ArtifactError:  # a damaged one must not stay for ever
-            return
-        if old is not None:
-            refuse_other_use(entry.id, new.info(), old.info())
 
     def rollback(self, kind: str = "pose") -> Entry:
         """Make the model active again that was before the present one, and return it; raises DataError without one.
@@ -264,8 +260,7 @@ class ModelStore:
             raise DataError(f"{path} is not the state of a model store ({error}).", hint=hint) from error
 
     def _write(self, state: _State) -> None:
-        models = [asdict(entry) for entry in state.models]
-        stored = {"schema": SCHEMA, "models": models, "history": state.history, "paused": state.paused}
+        stored = {"schema": SCHEMA, **asdict(state)}
         target = self.folder / "store.json"
         with _writing(target):
             write_file(target, json.dumps(stored, indent=2))

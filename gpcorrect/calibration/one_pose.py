@@ -71,8 +71,7 @@ def inputs(
 
     Returns
     -------
-    good : bool
-        Whether every number is below `LARGEST` and the quaternion a unit one; the rest means nothing otherwise.
+    good : bool, whether every number is below `LARGEST` and the quaternion a unit one; the rest means nothing otherwise
     position, rotation : (3,) and (3, 3) arrays, of the reference; no rotation without a quaternion
     x : (d,) array
     near : bool, whether the inputs lie inside their bounds

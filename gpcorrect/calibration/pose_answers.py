@@ -9,14 +9,13 @@ from numpy.typing import ArrayLike
 
 from gpcorrect import se3
 from gpcorrect.calibration import queries
-from gpcorrect.calibration.bridging import MotionLimits
 from gpcorrect.calibration.joint_route import JointRoute
 from gpcorrect.calibration.memory import Memory, advance, steps
 from gpcorrect.calibration.one_pose import Frame, command, frame, inputs
 from gpcorrect.calibration.poses import reference_twists, rotations_of
 from gpcorrect.calibration.queries import POSE, POSITION, TWIST
 from gpcorrect.calibration.task import Corrector
-from gpcorrect.calibration.training_motion import SlowStream
+from gpcorrect.calibration.training_motion import MotionLimits, SlowStream
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import FeatureMap

@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from gpcorrect.calibration.dataset import Layout, Samples, path_starts
+from gpcorrect.calibration.dataset import Layout, Samples, evenly_spread, path_starts
 from gpcorrect.calibration.memory import MemoryMap
 from gpcorrect.calibration.poses import observed_twists, pose_pair, reference_twists, rotations_of
 from gpcorrect.calibration.settings import JOINTS, LIMITS, MEMORY, FitSettings
@@ -58,7 +58,7 @@ class PosePairs:
     @property
     def check_queries(self) -> FloatArray:
         """Training queries `(k, 13)` spread over the recording: pose (unturned in a position-only log) and twist."""
-        rows = np.unique(np.linspace(0, len(self.rows) - 1, CHECK_QUERIES).astype(np.int64))
+        rows = evenly_spread(len(self.rows), CHECK_QUERIES)
         observed = self.observed[rows]
         unturned = np.tile([1.0, 0.0, 0.0, 0.0], (len(rows), 1))
         quaternion = unturned if observed.quaternion is None else observed.quaternion

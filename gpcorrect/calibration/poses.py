@@ -25,12 +25,7 @@ def rotations_of(signal: PoseSignal) -> FloatArray | None:
     ----------
     signal : PoseSignal, n poses
     """
-    if signal.quaternion is None:
-        return None
-    rotations = np.full((len(signal), 3, 3), np.nan)
-    finite = np.isfinite(signal.quaternion).all(axis=1)
-    rotations[finite] = se3.matrix_from_quaternion(signal.quaternion[finite])
-    return rotations
+    return None if signal.quaternion is None else se3.matrix_from_quaternion(signal.quaternion)
 
 
 def observed_twists(log: CalibrationLog, signal: PoseSignal, keep: BoolArray, step: float | None) -> FloatArray:

@@ -9,6 +9,7 @@ from gpcorrect.cleaning import CleaningSettings
 from gpcorrect.rigid import MarkerOption
 
 Direction = Literal["estimate", "command"]
+InputSignal = Literal["measured_jp", "setpoint_jp"]
 
 MEMORY = "memory"
 """Name of the features that say where in its slack the arm is, in every task."""
@@ -41,9 +42,6 @@ class FitSettings:
     seed : int, seed of everything random
     rigid : bool, poses: register frames first; without it the regression learns from the observed pose as it is
     marker : str, poses: "none", "solve" or "auto": whether the marker may be away from the tool tip
-    velocity_step : float, None or "auto"
-        Poses: step of the stencil on recorded paths, s, through all samples within two steps on either side; None takes
-        five neighbouring samples, "auto" a step that keeps the tracker's noise out of the velocities.
     input_signal : str or None, joints: "measured_jp" or "setpoint_jp"; the first that is logged when None
     direction : str, joints: "estimate" (from reported to true) or "command" (from desired true to commanded)
     end_to_end : bool, joints: learn the true positions themselves, not the error
@@ -62,8 +60,7 @@ class FitSettings:
     seed: int = 0
     rigid: bool = True
     marker: MarkerOption = "auto"
-    velocity_step: float | Literal["auto"] | None = "auto"
-    input_signal: Literal["measured_jp", "setpoint_jp"] | None = None
+    input_signal: InputSignal | None = None
     direction: Direction = "estimate"
     end_to_end: bool = False
     extra: tuple[str, ...] = ()

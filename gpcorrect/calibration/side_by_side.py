@@ -15,7 +15,7 @@ from gpcorrect.calibration.joints import JointCorrector
 from gpcorrect.calibration.metrics import spread
 from gpcorrect.calibration.task import Corrector, Measured, Part
 from gpcorrect.errors import DataError, LogError
-from gpcorrect.types import CalibrationLog, FloatArray, IntArray
+from gpcorrect.types import CalibrationLog, IntArray
 
 DRAWS = 2000  # of whole trajectories, for the interval of a difference: its ends are known to a hundredth of it or so
 FEWEST = 4  # trajectories from which an interval is drawn; fewer say nothing of others. Chosen by hand
@@ -37,10 +37,8 @@ class Difference:
         ----------
         names : (str, str), of the models
         """
-        less, apart = (
-            f"{names[int(self.mean < 0)]} errs less",
-            f"{names[1]} - {names[0]} = {self.mean:+.3g} {self.unit}",
-        )
+        less = f"{names[int(self.mean < 0)]} errs less"
+        apart = f"{names[1]} - {names[0]} = {self.mean:+.3g} {self.unit}"
         if self.interval95 is None:
             return f"{self.part}: {less}, {apart} (too few trajectories to say how sure that is)"
         low, high = self.interval95
@@ -82,7 +80,13 @@ class SideBySide:
             one, other = (part.sizes(m.corrected) for m in self.measured)
             sums = np.array([[np.nansum(other[g] - one[g]), np.isfinite(other[g] - one[g]).sum()] for g in groups])
             total = sums.sum(axis=0)
-            found.append(Difference(part.name, part.unit, float(total[0] / total[1]), _interval(sums)))
+            interval = None
+            if len(groups) >= FEWEST:
+                rng = np.random.default_rng(0)
+                drawn = sums[rng.integers(0, len(sums), (DRAWS, len(sums)))].sum(axis=1)
+                low, high = np.percentile(drawn[:, 0] / drawn[:, 1], [2.5, 97.5])
+                interval = (float(low), float(high))
+            found.append(Difference(part.name, part.unit, float(total[0] / total[1]), interval))
         return found
 
     def to_dict(self, names: tuple[str, str]) -> dict[str, Any]:
@@ -129,8 +133,7 @@ def refuse_unlike(one: Corrector, other: Corrector, names: tuple[str, str]) -> N
     Parameters
     ----------
     one, other : Corrector
-    names : (str, str)
-        Of the models, for the message.
+    names : (str, str), of the models, for the message
 
     Raises
     ------
@@ -183,22 +186,12 @@ def _at(measured: Measured, rows: IntArray) -> Measured:
     return Measured(**{f.name: getattr(measured, f.name)[chosen] for f in fields(measured)})
 
 
-def _interval(sums: FloatArray) -> tuple[float, float] | None:
-    """Return the central 95 % of means, of sums and counts `(k, 2)` of trajectories drawn with replacement."""
-    if len(sums) < FEWEST:
-        return None
-    drawn = sums[np.random.default_rng(0).integers(0, len(sums), (DRAWS, len(sums)))].sum(axis=1)
-    low, high = np.percentile(drawn[:, 0] / drawn[:, 1], [2.5, 97.5])
-    return float(low), float(high)
-
-
 def compare(one: Any, other: Any) -> dict[str, Any]:
     """Return in what two models differ: what they say of themselves, their errors, how far apart their commands are.
 
     Parameters
     ----------
-    one, other : Corrector
-        Models of one task.
+    one, other : Corrector, models of one task
 
     Returns
     -------

@@ -21,7 +21,7 @@ from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.calibration.training_motion import TrainingMotion
 from gpcorrect.cleaning import CleaningReport, FittedCleaner, Pair, clean_with, fit_cleaner
 from gpcorrect.errors import LogError
-from gpcorrect.gpr import LeftOut
+from gpcorrect.gpr import IntervalCalibration, LeftOut
 from gpcorrect.logs.copies import LEAST, marks_of, recalled
 from gpcorrect.logs.sync import Clocks, match_clocks
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
@@ -57,7 +57,7 @@ class Outcome:
     corrector : Corrector, without a summary yet
     samples : Samples, what was learned from
     left_out : LeftOut, errors at the usable samples, each predicted without its own fold
-    interval95 : (k, m) array, half widths of their 95 % intervals
+    intervals : IntervalCalibration, of the answers
     report : mapping, the task's report on its fit, JSON-able
     remarks : tuple of str, what a person should know
     registration : Any, which rigid model was chosen and why, of tasks that register frames
@@ -66,7 +66,7 @@ class Outcome:
     corrector: Corrector
     samples: Samples
     left_out: LeftOut
-    interval95: FloatArray
+    intervals: IntervalCalibration
     report: Mapping[str, Any]
     remarks: tuple[str, ...] = ()
     registration: Any = None
@@ -74,9 +74,9 @@ class Outcome:
     @property
     def baseline(self) -> FloatArray:
         """Scores of left-out pieces of the training, with which later scores are compared."""
-        rows = self.samples.rows
+        rows, left_out = self.samples.rows, self.left_out
         labels = pieces(self.samples.time[rows], self.samples.trajectory[rows])
-        return scores_by_piece(self.left_out.errors * Z95 / self.interval95, labels)
+        return scores_by_piece(left_out.errors * Z95 / self.intervals.interval95(left_out.std), labels)
 
 
 @dataclass(frozen=True, eq=False)

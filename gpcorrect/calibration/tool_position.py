@@ -208,13 +208,13 @@ class PositionEstimator(ViewCorrector):
         corrector = cls(
             law=law,
             cleaner=cleaner,
-            trained=TrainingMotion.of(path.q, log.time, log.trajectory, keep, joints=True, static=log.static),
+            trained=TrainingMotion.of(path.q, log, keep, joints=True),
             view=view,
             rigid=rigid,
             usual_step=usual,
             shortest_step=shortest,
         )
-        return Outcome(corrector, samples, left_out, law.intervals.interval95(left_out.std), report, remarks)
+        return Outcome(corrector, samples, left_out, law.intervals, report, remarks)
 
 
 def _default_features(log: CalibrationLog, settings: FitSettings) -> tuple[str, ...]:
@@ -250,11 +250,8 @@ def _positions(log: CalibrationLog, *, needs_truth: bool = True) -> tuple[FloatA
                 path=log.name,
             )
         return log.measured_cp.position, None
-    status = log.extra.get("tracking_status")
-    seen = (
-        log.tracker_cp.position if status is None else np.where(status[:, None] == 0, log.tracker_cp.position, np.nan)
-    )
-    return log.measured_cp.position, seen
+    seen, status = log.tracker_cp.position, log.extra.get("tracking_status")
+    return log.measured_cp.position, seen if status is None else np.where(status[:, None] == 0, seen, np.nan)
 
 
 def _stated_frame(log: CalibrationLog) -> RigidModel | None:

@@ -1,15 +1,19 @@
-"""Where and how fast the training moved: queries and recordings that cannot be in its units are refused."""
+"""What motion the training showed: what cannot be in its units is refused, and what no arm can follow is bridged."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Self
 
 import numpy as np
 
+from gpcorrect import se3
 from gpcorrect.calibration.settings import LIMITS
+from gpcorrect.cleaning import FittedCleaner
+from gpcorrect.cleaning.steps import best_chain
 from gpcorrect.errors import DataError
-from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, frozen_array
 
 UNITS = "radians and metres"
 """Of joints."""
@@ -18,6 +22,7 @@ STRIDE = 5  # samples between which a speed is taken: noise of a tracker then ad
 FASTER = 90.0
 """Per cent of the speeds below the one that motions are compared by: rests and faults of the tracker say nothing."""
 LONGEST_LOOK = 64  # samples of a stream that are looked at together: at 1 kHz they cover some millimetres
+POSSIBLE_FRACTION = 0.7  # least part of a run that must be possible motion, or it is left as it is; chosen by hand
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,23 +51,20 @@ class TrainingMotion:
             )
 
     @classmethod
-    def of(
-        cls, path: FloatArray, time: FloatArray, trajectory: IntArray, keep: BoolArray, *, joints: bool, static: bool
-    ) -> Self:
+    def of(cls, path: FloatArray, log: CalibrationLog, keep: BoolArray, *, joints: bool) -> Self:
         """Return what a training's motion was like.
 
         Parameters
         ----------
         path : (n, k) array, positions or joints, m or rad
-        time, trajectory : (n,) arrays, as in the log
+        log : CalibrationLog, n samples
         keep : (n,) mask, samples that were not rejected
         joints : bool, whether each coordinate is measured by its own range
-        static : bool, whether the log has no clock
         """
         keep = keep & np.isfinite(path).all(axis=1)
         low, high = np.percentile(path[keep], LIMITS.range_quantiles, axis=0)
         size = np.maximum(high - low if joints else np.full(path.shape[1], (high - low).max()), np.finfo(float).tiny)
-        speed = np.nan if static else _speed(path[keep] / size, time[keep], trajectory[keep])
+        speed = np.nan if log.static else _speed(path[keep] / size, log.time[keep], log.trajectory[keep])
         return cls(low, high, size, speed)
 
     def widened(self, other: Self) -> Self:
@@ -172,3 +174,89 @@ def _speed(path: FloatArray, time: FloatArray, labels: IntArray) -> float:
     lengths = np.linalg.norm(path[stride:] - path[:-stride], axis=1)[same]
     forward = seconds > 0
     return float(np.percentile(lengths[forward] / seconds[forward], FASTER)) if forward.any() else np.nan
+
+
+@dataclass(frozen=True)
+class MotionLimits:
+    """Limits of motion that no working arm exceeds from one sample to another: lone jumps beyond them are bridged.
+
+    A tracker's occlusion, or a planner's slip, shows in a path as impossible speeds into and out of a short stretch.
+    Asked to correct such a pose as it stands, a model would move the robot to where nothing ever was. The same limits
+    that cleaning learned for recordings hold here.
+
+    Parameters
+    ----------
+    speeds : tuple of float, largest speed, m/s, and where orientations are observed rad/s
+    noise : tuple of float, step that noise alone can make, m and rad
+    longest : float, longest stretch that is bridged, s; what lasts longer may be meant
+    """
+
+    speeds: tuple[float, ...]
+    noise: tuple[float, ...]
+    longest: float
+
+    @classmethod
+    def of(cls, cleaner: FittedCleaner) -> Self:
+        """Limits that cleaning learned from the training recording.
+
+        Parameters
+        ----------
+        cleaner : FittedCleaner, cleaning of the training recording
+        """
+        steps = cleaner.thresholds.steps
+        return cls(tuple(steps.speeds.tolist()), tuple(steps.noise.tolist()), cleaner.settings.occlusion_time)
+
+    def bridge(
+        self, signal: PoseSignal, reference: PoseSignal, time: FloatArray, labels: IntArray
+    ) -> tuple[PoseSignal, BoolArray]:
+        """Return the path with its lone jumps replaced by straight motion, and the mask (n,) of replaced samples.
+
+        Parameters
+        ----------
+        signal : PoseSignal, n desired poses
+        reference : PoseSignal, the same in the robot's frame, where the limits were learned
+        time : (n,) array, s
+        labels : (n,) int array, unbroken run of each sample, -1 for none
+        """
+        bridged = np.zeros(len(signal), dtype=bool)
+        for label in np.unique(labels[labels >= 0]):
+            rows = np.flatnonzero(labels == label)
+            bridged[rows] = self._jumps(reference[rows], time[rows])
+        if not bridged.any():
+            return signal, bridged
+        position = signal.position.copy()
+        quaternion = None if signal.quaternion is None else signal.quaternion.copy()
+        for label in np.unique(labels[bridged]):
+            good, bad = (np.flatnonzero((labels == label) & mask) for mask in (~bridged, bridged))
+            for axis in range(3):
+                position[bad, axis] = np.interp(time[bad], time[good], position[good, axis])
+            if quaternion is not None:
+                turned = se3.interpolate_rotations(time[good], se3.matrix_from_quaternion(quaternion[good]), time[bad])
+                quaternion[bad] = se3.quaternion_from_matrix(turned)
+        return PoseSignal(position, quaternion), bridged
+
+    def _jumps(self, path: PoseSignal, time: FloatArray) -> BoolArray:
+        """Find the samples (n,) of one run that lie off its longest possible motion, between samples that lie on it."""
+        cuts = np.flatnonzero(self._too_far(path, time, np.arange(len(time) - 1), np.arange(1, len(time))))
+        off, on = np.zeros((2, len(time)), dtype=bool)
+        if not len(cuts):
+            return off
+        first, last = np.concatenate([[0], cuts + 1]), np.concatenate([cuts, [len(time) - 1]])
+        chain = best_chain(last - first + 1, first, last, lambda i, j: ~self._too_far(path, time, i, j))
+        for k in chain:
+            on[first[k] : last[k] + 1] = True
+        if on.mean() < POSSIBLE_FRACTION:
+            return off
+        for a, b in pairwise(chain):
+            off[last[a] + 1 : first[b]] = time[first[b]] - time[last[a]] <= self.longest
+        return off
+
+    def _too_far(self, path: PoseSignal, time: FloatArray, i: IntArray, j: IntArray) -> BoolArray:
+        """Mask (m,) of the steps from samples i to later samples j that are faster than any arm."""
+        dt = time[j] - time[i]
+        steps = [np.linalg.norm(path.position[j] - path.position[i], axis=1)]
+        if path.quaternion is not None and len(self.speeds) > 1:
+            steps.append(se3.quaternion_angle(path.quaternion[i], path.quaternion[j]))
+        limits = zip(steps, self.speeds, self.noise, strict=False)
+        far: BoolArray = np.any([step - noise > speed * dt for step, speed, noise in limits], axis=0)
+        return far

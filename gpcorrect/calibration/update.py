@@ -121,8 +121,7 @@ def update_model(
     known = {"sha256": log.digest, "recordings": list(log.recordings), "contents": list(log.contents)}
     entry = {"source": log.name, **known, "marks": remembered(marks_of(train)), "n_added": n, "keep": weight}
     summary = {**corrector.summary, "updates": [*corrector.summary.get("updates", []), entry]}
-    path = corrector.query_path(train)
-    moved = TrainingMotion.of(path, train.time, train.trajectory, keep, joints=False, static=True)
+    moved = TrainingMotion.of(corrector.query_path(train), train, keep, joints=False)
     step, trained = step_now("update", log), corrector.trained.widened(moved)
     changed = replace(changed, summary=summary, trained=trained, history=(*corrector.history, step))
     if not held.any():

@@ -29,19 +29,6 @@ class Use:
     hint: str = ""
 
 
-def _uses_of(log: CalibrationLog) -> tuple[Use, ...]:
-    """Ask each command that learns from recordings whether it would begin."""
-    uses = []
-    for purpose in (one for one in PURPOSES.values() if one.command):
-        try:
-            purpose.require(log)
-        except GpCorrectError as error:
-            uses.append(Use(purpose.command, error.message.removeprefix(f"{log.name}: "), error.hint))
-        else:
-            uses.append(Use(purpose.command))
-    return tuple(uses)
-
-
 def with_uses(report: ValidationReport, log: CalibrationLog) -> tuple[ValidationReport, tuple[Use, ...]]:
     """Put an error into a report without any, where no command would take the recording; and return who would.
 
@@ -52,15 +39,22 @@ def with_uses(report: ValidationReport, log: CalibrationLog) -> tuple[Validation
     """
     if not report.ok:
         return report, ()
-    uses = _uses_of(log)
+    uses = []
+    for purpose in (one for one in PURPOSES.values() if one.command):
+        try:
+            purpose.require(log)
+        except GpCorrectError as error:
+            uses.append(Use(purpose.command, error.message.removeprefix(f"{log.name}: "), error.hint))
+        else:
+            uses.append(Use(purpose.command))
     if not all(use.refusal for use in uses):
-        return report, uses
+        return report, tuple(uses)
     hint = uses[0].hint
     if log.signals == ("tracker_cp",):
         hint = "A tracker's own file goes beside the robot's (--tracker-log); look at it with validate --for tracker."
     what = f"no command can learn from it. {'; '.join(f'{use.command}: {use.refusal}' for use in uses)}"
     unusable = Finding("error", "unusable", "", what, hint)
-    return replace(report, findings=(unusable, *report.findings)), uses
+    return replace(report, findings=(unusable, *report.findings)), tuple(uses)
 
 
 def for_purpose(report: ValidationReport, log: CalibrationLog, purpose: str) -> ValidationReport:

@@ -211,9 +211,9 @@ class ExactGPR(GaussianProcess):
         self, learned: Learned, X: FloatArray, Y: FloatArray, rng: np.random.Generator, progress: Progress
     ) -> SharedPredictor:
         """With `R = Q diag(lambda) Q^T`, `(R + nu I)^-1 = Q diag(1 / (lambda + nu)) Q^T` for every noise ratio nu."""
-        kernel, scaling = learned.kernel, learned.scaling
+        kernel, scaling, found = learned.kernel, learned.scaling, learned.hyperparameters
         eigenvalues, Q = np.linalg.eigh(kernel(X, X))
-        spread = np.maximum(eigenvalues, 0.0)[:, None] + learned.noise_ratio
+        spread = np.maximum(eigenvalues, 0.0)[:, None] + found.noise / found.signal
         alpha = Q @ ((Q.T @ scaling.outputs(Y)) / spread)
         progress.step("posterior", 1.0)
         return SharedPredictor(

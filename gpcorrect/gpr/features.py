@@ -22,12 +22,12 @@ RotationKind = Literal["none", "rotvec", "columns", "euler"]
 KINDS = ("pose", "euler", "velocity")
 WIDEST_ROTVEC = float(np.deg2rad(120.0))  # leaves 60 degrees between the training and the jump at 180
 SPREAD_QUANTILES = (16, 84)  # two standard deviations apart in normal data, and blind to a few outliers
-# Least spread a feature is divided by: less is jitter of a motion that held it still, not to be blown up to unit size.
 # What a feature may always lie outside its training range, m, rad, m/s and rad/s.
 SLACK, TURN_SLACK, SPEED_SLACK, TURNING_SLACK = 0.005, 0.1, 0.02, 0.2
+# Least spread a feature is divided by: less is jitter of a motion that held it still, not to be blown up to unit size.
 LEAST_LINEAR = 1e-4  # m and m/s
-ORTHONORMAL = 1e-6  # of R R^T - I: far above rounding
 LEAST_ANGULAR = 1e-3  # rad, rad/s, and entries of a rotation matrix
+ORTHONORMAL = 1e-6  # of R R^T - I: far above rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,9 @@ class FeatureMap:
         if rotations is not None:
             finite = rotations[np.isfinite(rotations).all(axis=(1, 2))]
             R_mean = se3.rotation_mean(finite)
-            kind: RotationKind = "euler" if "euler" in self.kinds else _rotation_kind(finite, R_mean)
+            kind: RotationKind = "euler"
+            if "euler" not in self.kinds:
+                kind = "rotvec" if se3.angle(finite @ R_mean.T).max() <= WIDEST_ROTVEC else "columns"
             known = replace(self, rotation=kind, R_mean=R_mean, spread=np.empty(0))
         raw = known._raw(positions, rotations, twists)
         raw = raw[known.usable(raw)]
@@ -193,11 +195,6 @@ class FeatureMap:
         return np.concatenate(parts)
 
 
-def _rotation_kind(rotations: FloatArray, R_mean: FloatArray) -> RotationKind:
-    """Return "rotvec" when all rotations `(n, 3, 3)` lie within 120 degrees of `R_mean`, else "columns"."""
-    return "rotvec" if se3.angle(rotations @ R_mean.T).max() <= WIDEST_ROTVEC else "columns"
-
-
 def _rotation_features(rotations: FloatArray, kind: RotationKind, R_mean: FloatArray) -> FloatArray:
     """Features `(n, 3)` or `(n, 6)` of rotations `(n, 3, 3)`; NaN for a rotation that is not finite."""
     if kind == "columns":
@@ -205,10 +202,7 @@ def _rotation_features(rotations: FloatArray, kind: RotationKind, R_mean: FloatA
     if kind == "euler":
         centre = _fixed_axes_angles(R_mean)  # half a turn from it, far from the training, is where angles jump
         return centre + np.mod(_fixed_axes_angles(rotations) - centre + np.pi, 2 * np.pi) - np.pi
-    features = np.full((len(rotations), 3), np.nan)
-    finite = np.isfinite(rotations).all(axis=(1, 2))
-    features[finite] = se3.rotvec_from_matrix(rotations[finite] @ R_mean.T)
-    return features
+    return se3.rotvec_from_matrix(rotations @ R_mean.T)
 
 
 def _rotations_from_features(features: FloatArray, kind: RotationKind, R_mean: FloatArray) -> FloatArray | None:

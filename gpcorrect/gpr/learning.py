@@ -105,11 +105,6 @@ class Learned:
         return type(kernel)(kernel.weights, kernel.length_scales * self.scaling.x_spread)
 
     @property
-    def noise_ratio(self) -> FloatArray:
-        """Noise over signal variance `(m,)`."""
-        return self.hyperparameters.noise / self.hyperparameters.signal
-
-    @property
     def signal(self) -> FloatArray:
         """Prior variance `(m,)` in squared units of the outputs."""
         return self.hyperparameters.signal * self.scaling.y_spread**2
@@ -160,7 +155,10 @@ def learn(
             " data of the same kind have as many.",
             hint="Give groups and times where the first fit had them, and only there.",
         )
-    starts = [_start(layout, start, attempt, rng) for attempt in range(1 + restarts)]
+    low, high = np.array(layout.bounds).T
+    starts = [layout.start if start is None else np.clip(start, low, high)]
+    for _ in range(restarts):
+        starts.append(np.clip(layout.start + RESTART_SPREAD * rng.standard_normal(len(low)), low, high))
     best = _search(data, layout, starts, TOLERANCE if start is None else TOLERANCE_FROM_KNOWN, progress)
     for kind in kinds[1:]:
         other = _search(data, replace(layout, kind=kind), [best.theta], TOLERANCE, progress)
@@ -198,13 +196,6 @@ def _search(
         objective=float(best.fun),
         theta=best.x,
     )
-
-
-def _start(layout: Layout, known: FloatArray | None, attempt: int, rng: np.random.Generator) -> FloatArray:
-    low, high = np.array(layout.bounds).T
-    if attempt == 0:
-        return layout.start if known is None else np.clip(known, low, high)
-    return np.clip(layout.start + RESTART_SPREAD * rng.standard_normal(len(layout.start)), low, high)
 
 
 def _time_range(lags: FloatArray) -> tuple[float, float]:

@@ -11,10 +11,9 @@ from joint_logs import joint_log
 from support import real_data, small_log
 
 from gpcorrect.calibration import CommandCorrector, FitSettings, JointCorrector, evaluate_model
-from gpcorrect.calibration.domain import Domain
+from gpcorrect.calibration.domain import Domain, Surroundings
 from gpcorrect.calibration.fit import fit_model
 from gpcorrect.calibration.model_file import load, save
-from gpcorrect.calibration.surroundings import Surroundings
 from gpcorrect.correction import Correction
 from gpcorrect.errors import DataError
 from gpcorrect.logs import read_log

@@ -7,7 +7,7 @@ import pytest
 
 from gpcorrect import se3
 from gpcorrect.calibration import CommandCorrector
-from gpcorrect.calibration.bridging import MotionLimits
+from gpcorrect.calibration.training_motion import MotionLimits
 from gpcorrect.types import BoolArray, PoseSignal
 
 LIMITS = MotionLimits(speeds=(0.3, 3.0), noise=(5e-4, 5e-3), longest=0.4)

@@ -80,9 +80,7 @@ class CableModel:
         q : (n, d) array, joints, rad or m
         effort : (n, d) array or None, N m or N
         """
-        motor = np.full(q.shape, np.nan)
-        known = np.isfinite(q).all(axis=1)
-        motor[known] = q[known] + self.motor.mean(q[known])
+        motor = q + self.motor.mean(q)
         if effort is None:
             return motor, np.full(q.shape, np.nan)
         stretch = self.stretch_per_effort * effort + self.stretch_at_rest
@@ -107,7 +105,7 @@ def learn_cable(samples: Samples, layout: Layout, settings: FitSettings, progres
     samples.learnable()
     rows = samples.rows
     motor = PolynomialMap.fit(samples.path[rows], samples.target[rows], 1)
-    path = CableModel(motor, *np.zeros((5, samples.path.shape[1]))).inputs(samples.path, None)[0]
+    path = samples.path + motor.mean(samples.path)
     left = samples.path + samples.target - path
     parts = [_tuned(samples, path[:, j], left[:, j], j) for j in range(path.shape[1])]
     spread, *cables = (np.array(column) for column in zip(*parts, strict=True))
@@ -192,7 +190,14 @@ class CableFilter:
         self._drag, self._start = gap / self._scale, max(gap, process, TINY) / self._scale
         self._motor = np.zeros(1)
         points = MerweScaledSigmaPoints(1, alpha=0.5, beta=2.0, kappa=2.0, sqrt_method=np.sqrt)  # of a 1 x 1 matrix
-        self._ukf = UnscentedKalmanFilter(1, 1, 1.0, hx=self._stretch, fx=self._dragged, points=points)
+        self._ukf = UnscentedKalmanFilter(
+            dim_x=1,
+            dim_z=1,
+            dt=1.0,
+            hx=lambda x: self._motor - x,  # the stretch
+            fx=lambda x, dt: np.clip(x, self._motor - self._drag, self._motor + self._drag),
+            points=points,
+        )
         self._ukf.Q[:] = (process / self._scale) ** 2
         if np.isfinite(measurement):
             self._ukf.R[:] = max(measurement / self._scale, TINY) ** 2
@@ -217,9 +222,3 @@ class CableFilter:
             ukf.update(np.array([stretch / self._scale]))
         ukf.P = np.clip(ukf.P, TINY**2, max(self._drag, 1.0) ** 2 * 100.0)
         return float(ukf.x[0]) * self._scale, float(np.sqrt(ukf.P[0, 0])) * self._scale
-
-    def _dragged(self, x: FloatArray, dt: float) -> FloatArray:
-        return np.clip(x, self._motor - self._drag, self._motor + self._drag)
-
-    def _stretch(self, x: FloatArray) -> FloatArray:
-        return self._motor - x
