@@ -238,6 +238,8 @@ def with_outside_joints(log: CalibrationLog, chain: Chain) -> CalibrationLog:
         raise LogError("joints are computed from poses, and tracker_cp has no orientations.", path=log.name)
     q = _of_chain(log, reported, chain)
     rows = np.flatnonzero(tracker.finite & np.isfinite(q).all(axis=1))
+    if not len(rows):
+        raise LogError("no row has all joints and a pose of the tracker.", path=log.name)
     T = chain.forward(q[rows])
     length = workspace(T)
     _require_determined(chain, q[rows], length)

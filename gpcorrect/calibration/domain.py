@@ -78,14 +78,20 @@ class Surroundings:
         return near
 
     def joined(self, X: FloatArray) -> Self:
-        """Return the surroundings with more training inputs among the points.
+        """Return the surroundings of these training inputs too, with no more points than a training has.
+
+        Of the old and the new points, one after the other that farthest from those taken so far is kept.
 
         Parameters
         ----------
         X : (n, d) array, inputs
         """
-        added = self.scaler.apply(X[evenly_spread(len(X), POINTS)])
-        return type(self)(self.scaler, np.vstack([self.points, added]), self.farthest)
+        points = np.vstack([self.points, self.scaler.apply(X[evenly_spread(len(X), POINTS)])])
+        kept, nearest = [0], np.full(len(points), np.inf)
+        while len(kept) < min(POINTS, len(points)):
+            nearest = np.minimum(nearest, ((points - points[kept[-1]]) ** 2).sum(axis=1))
+            kept.append(int(nearest.argmax()))
+        return type(self)(self.scaler, points[np.sort(kept)], self.farthest)
 
 
 @dataclass(frozen=True, eq=False)

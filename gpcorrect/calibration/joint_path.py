@@ -9,7 +9,7 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.calibration.dataset import path_starts
-from gpcorrect.errors import LogError
+from gpcorrect.errors import DataError, LogError
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
 
 MOST_PRISMATIC, MOST_REVOLUTE = 2.0, 20.0
@@ -139,6 +139,28 @@ def state_columns(log: CalibrationLog, extra: Sequence[str] | None = None) -> tu
     columns = [(name, values.reshape(len(log), -1)) for name, values in parts if values is not None]
     names = tuple(f"{name}_{i + 1}" for name, values in columns for i in range(values.shape[1]))
     return names, np.hstack([values for _, values in columns]) if columns else np.zeros((len(log), 0))
+
+
+def refuse_other_columns(names: Sequence[str], expected: Sequence[str]) -> None:
+    """Refuse a whole state of other columns than a model learned from: by their number alone one would be another.
+
+    Parameters
+    ----------
+    names : sequence of str, of the state that came
+    expected : sequence of str, of the training's
+
+    Raises
+    ------
+    DataError
+        They differ; which are missing and which are new is said.
+    """
+    if tuple(names) != tuple(expected):
+        missing, new = [n for n in expected if n not in names], [n for n in names if n not in expected]
+        raise DataError(
+            f"the state has other columns than the model was trained with; missing: {', '.join(missing) or 'none'}; "
+            f"new: {', '.join(new) or 'none'}.",
+            hint="Hand over the signals of the training log, and no others.",
+        )
 
 
 def _pose_numbers(signal: PoseSignal | None) -> FloatArray | None:

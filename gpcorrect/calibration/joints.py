@@ -96,7 +96,7 @@ class JointCorrector(ViewCorrector):
         Parameters
         ----------
         q : (n, d) array, rad or m; NaN where missing
-        times : (n,) array, seconds, increasing
+        times : (n,) array, seconds, increasing within a session
         efforts : (n, d) array, optional, as logged, for models that look at them
         sessions : (n,) int array, optional, where the number changes, the arm was homed or moved by hand
 
@@ -114,11 +114,11 @@ class JointCorrector(ViewCorrector):
         if joints.ndim != 2 or joints.shape[1] != len(self.types):
             raise DataError(f"the model knows {len(self.types)} joints, got an array of shape {joints.shape}.")
         n, moving = len(joints), self.view.moving
-        seconds = checked_times(times, n)
         homed = np.zeros(n, dtype=np.int64) if sessions is None else np.asarray(sessions, dtype=np.int64)
         effort = None if efforts is None else numbers(efforts, "efforts")
         if homed.shape != (n,) or (effort is not None and effort.shape != joints.shape):
             raise DataError(f"a path of {n} samples needs {n} sessions and as many rows of efforts as of joints.")
+        seconds = checked_times(times, n, homed)
         effort = None if effort is None else effort[:, moving]
         self.trained.refuse_far(joints, UNITS)
         self.trained.refuse_slow(joints, seconds, homed)

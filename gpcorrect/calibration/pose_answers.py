@@ -15,7 +15,7 @@ from gpcorrect.calibration.one_pose import Frame, command, frame, inputs
 from gpcorrect.calibration.poses import reference_twists, rotations_of
 from gpcorrect.calibration.queries import POSE, POSITION, TWIST
 from gpcorrect.calibration.task import Corrector
-from gpcorrect.calibration.training_motion import MotionLimits, SlowStream
+from gpcorrect.calibration.training_motion import MotionLimits, StreamGuard
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import FeatureMap
@@ -258,13 +258,13 @@ class PoseStream:
     def __init__(self, corrector: PoseAnswers) -> None:
         self._corrector = corrector
         self._twist = CausalTwist()
-        self._slow = SlowStream(corrector.trained)
+        self._guard = StreamGuard(corrector.trained)
         self.reset()
 
     def reset(self) -> None:
         """Forget the past, as after the arm was moved by hand."""
         self._twist.reset()
-        self._slow.reset()
+        self._guard.reset()
         self._last: tuple[PoseSignal, PoseSignal] | None = None  # reference and command of the pose before, a row each
         route, memory = self._corrector.route, self._corrector.memory
         self._joints = None if route is None else route.stream()
@@ -291,18 +291,19 @@ class PoseStream:
         good, position, rotation, *_ = inputs(query, given, NO_MEMORY, corrector.frame, corrector.region)
         if not good:
             raise queries.bad_query(query, given)
-        self._slow.look(time, query[:3])
+        self._guard.admit(time, query[:3])
+        route, in_joints = corrector.route, None
+        if self._joints is not None and route is not None:
+            q = route.kinematics.inverse_one(position, rotation, self._q)
+            in_joints, self._q = self._joints.correct(time, q), q if np.isfinite(q).all() else None
         turned = se3.matrix_from_quaternion(query[None, 3:])[0] if len(query) > 3 else None
         estimated = self._twist.update(time, query[:3], turned)
         velocity = np.nan_to_num(estimated) if twist is None else given
         reasons = int(Reason.JUST_BEGUN) if twist is None and not np.isfinite(estimated[:3]).all() else 0
-        if self._joints is not None and corrector.route is not None:
-            route = corrector.route
-            q = route.kinematics.inverse_one(position, rotation, self._q)
-            in_joints, self._q = self._joints.correct(time, q), q if np.isfinite(q).all() else None
+        if route is not None and in_joints is not None:
             if self._q is None:
                 return corrector.without_joints(corrector.one(query, velocity, reasons))
-            answer = route.as_pose(position, rotation, q, in_joints, corrector.law.bounds.largest)
+            answer = route.as_pose(position, rotation, self._q, in_joints, corrector.law.bounds.largest)
             return answer.because(Reason(reasons))
         if corrector.memory is None:
             return corrector.one(query, velocity, reasons)

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from gpcorrect.calibration.one_pose import LARGEST
 from gpcorrect.errors import DataError
-from gpcorrect.types import QUATERNION_TOLERANCE, FloatArray, PoseSignal
+from gpcorrect.types import QUATERNION_TOLERANCE, FloatArray, IntArray, PoseSignal
 
 POSE, POSITION, TWIST = 7, 3, 6
 
@@ -128,19 +128,21 @@ def checked_poses(poses: ArrayLike, *, orientation: bool) -> FloatArray:
     return values
 
 
-def checked_times(times: ArrayLike, count: int) -> FloatArray:
+def checked_times(times: ArrayLike, count: int, sessions: IntArray | None = None) -> FloatArray:
     """Return the times of a path as `(count,)`, s.
 
     Parameters
     ----------
     times : (count,) array, s
     count : int, number of poses, or of joints' samples
+    sessions : (count,) int array, optional, each of which has a clock of its own
     """
     values = numbers(times, "times")
     if not count:
         raise DataError("a path holds at least one sample, got none.")
     if values.shape != (count,):
         raise DataError(f"a path of {count} samples needs {count} times, got an array of shape {values.shape}.")
-    if not np.isfinite(values).all() or (np.diff(values) <= 0).any():
+    same = slice(None) if sessions is None else np.diff(sessions) == 0
+    if not np.isfinite(values).all() or (np.diff(values)[same] <= 0).any():
         raise DataError("the times of a path must be finite and strictly increasing.", hint="Times are seconds.")
     return values

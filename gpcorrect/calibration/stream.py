@@ -11,12 +11,13 @@ from numpy.typing import ArrayLike
 
 from gpcorrect import se3
 from gpcorrect.calibration.joint_features import JointFeatures
+from gpcorrect.calibration.joint_path import JOINT_SIGNALS, refuse_other_columns
 from gpcorrect.calibration.joint_view import ViewCorrector
 from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.learners import CableModel
 from gpcorrect.calibration.memory import advance, lag_step
 from gpcorrect.calibration.settings import LIMITS
-from gpcorrect.calibration.training_motion import UNITS, SlowStream
+from gpcorrect.calibration.training_motion import UNITS, StreamGuard
 from gpcorrect.correction import Correction
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
@@ -56,16 +57,12 @@ class _PathFollower:
         return not self._past
 
     def arrive(self, time: float) -> None:
-        """Refuse a sample whose time does not advance; forget the path after a pause.
+        """Forget the path after a pause.
 
         Parameters
         ----------
-        time : float, time of the sample, s
+        time : float, time of the next sample, s
         """
-        if not np.isfinite(time) or (self._past and time <= self._past[-1][0]):
-            raise DataError(
-                f"time must advance from sample to sample, got {time!r}.", hint="reset() begins a new path."
-            )
         if self._past and time - self._past[-1][0] > self._pause:
             self.reset()
 
@@ -155,18 +152,21 @@ class _ViewStream:
     def __init__(self, corrector: ViewCorrector) -> None:
         self._corrector = corrector
         self._follower = _PathFollower(corrector.view.features, corrector.usual_step, corrector.shortest_step)
-        self._slow = SlowStream(corrector.trained)
+        self._guard = StreamGuard(corrector.trained, UNITS)
         self.reset()
 
     def reset(self) -> None:
         """Forget the past, as after a homing or after the arm was moved by hand."""
+        self._guard.reset()
+        self._begin()
+
+    def _begin(self) -> None:
+        """Forget the path, but not the clock."""
         self._follower.reset()
-        self._slow.reset()
 
     def _arrive(self, time: float, joints: FloatArray) -> None:
         """Refuse a sample that cannot be of this arm and follow the one before."""
-        self._corrector.trained.refuse_far(joints, UNITS)
-        self._slow.look(time, joints)
+        self._guard.admit(time, joints)
         self._follower.arrive(time)
 
 
@@ -178,9 +178,8 @@ class JointStream(_ViewStream):
     corrector : JointCorrector, what answers
     """
 
-    def reset(self) -> None:
-        """Forget the past, as after a homing or after the arm was moved by hand."""
-        super().reset()
+    def _begin(self) -> None:
+        super()._begin()
         learned = self._corrector.law.learned
         self._filters = learned.filters() if isinstance(learned, CableModel) else []
 
@@ -212,7 +211,7 @@ class JointStream(_ViewStream):
         if np.isfinite(moving).all():
             prediction = self._predicted(time, moving, efforts, rest)
         else:
-            self.reset()
+            self._begin()
             prediction = law.unknown()
         answer: Correction = view.answer(joints[None], prediction)[0]
         return answer
@@ -222,7 +221,7 @@ class JointStream(_ViewStream):
     ) -> Prediction:
         law, new = self._corrector.law, self._follower.new
         if new and self._filters:
-            self.reset()
+            self._begin()
         x = self._follower.columns(time, moving, effort, state)
         self._follower.passed(time, moving)
         if not isinstance(law.learned, CableModel):
@@ -279,39 +278,48 @@ class ToolStream(_ViewStream):
         Raises
         ------
         DataError
-            The sample lacks what the model was trained with, or time does not advance.
+            The sample lacks what the model was trained with, or is in other units, or time does not advance; the past
+            stays.
         """
         view, law = self._corrector.view, self._corrector.law
         q = _numbers(state.measured_jp, len(view.features.centre), "joints")
         effort = None if state.measured_jf is None else _numbers(state.measured_jf, len(q), "efforts")
-        whole = _whole_state(state, view.features.n_state) if "state" in view.features.kinds else None
-        self._arrive(state.time, q)
-        x = self._follower.columns(state.time, q, effort, whole)
-        if not np.isfinite(x).all():
+        whole = _whole_state(state, view.state_names) if "state" in view.features.kinds else None
+        position = _numbers(state.measured_position, 3, "positions")
+        if not (np.abs(position) <= LIMITS.far_away).all():
+            raise DataError(
+                f"the tool is reported at {position}, and no arm reaches so far.", hint="Hand over positions in metres."
+            )
+        kinds, unknown = view.features.kinds, np.full(len(q), np.nan)
+        needed = [q, *([unknown if effort is None else effort] if "effort" in kinds else [])]
+        if not np.isfinite(np.concatenate(needed if whole is None else [*needed, whole])).all():
             raise DataError(
                 "the sample lacks a number that the model needs, or holds one that is not finite.",
                 hint="Hand over the same signals as in the training log.",
             )
+        self._arrive(state.time, q)
+        x = self._follower.columns(state.time, q, effort, whole)
         self._follower.passed(state.time, q)
         prediction = law.predict_one(x, np.zeros(3))
-        answer: Correction = view.answer(np.asarray(state.measured_position, dtype=np.float64)[None], prediction)[0]
+        answer: Correction = view.answer(position[None], prediction)[0]
         return answer
 
 
-def _whole_state(state: RobotState, expected: int) -> FloatArray:
-    """Return the whole state of one sample, in the order of `state_columns`."""
-    signals = (state.setpoint_jp, state.measured_jp, state.measured_jv, state.measured_jf)
-    parts: list[FloatArray] = [part for part in signals if part is not None]
+def _whole_state(state: RobotState, expected: Sequence[str]) -> FloatArray:
+    """Return the whole state of one sample as `state_columns` has it, refused where its columns are not as expected."""
+    parts: list[tuple[str, ArrayLike | None]] = [(name, getattr(state, name)) for name in JOINT_SIGNALS]
     if state.setpoint_jp is not None:
-        parts.append(np.asarray(state.setpoint_jp) - state.measured_jp)
-    for position, quaternion in (
-        (state.setpoint_position, state.setpoint_quaternion),
-        (state.measured_position, state.measured_quaternion),
+        parts.append(("joint_lag", np.asarray(state.setpoint_jp) - state.measured_jp))
+    for name, position, quaternion in (
+        ("setpoint_cp", state.setpoint_position, state.setpoint_quaternion),
+        ("measured_cp", state.measured_position, state.measured_quaternion),
     ):
-        if position is not None:
-            parts.append(position)
-            parts += [] if quaternion is None else [se3.matrix_from_quaternion(quaternion).ravel()]
-    return _numbers(np.concatenate([*parts, np.asarray(state.extra, dtype=np.float64)]), expected, "numbers of state")
+        turn = np.empty(0) if quaternion is None else se3.matrix_from_quaternion(quaternion).ravel()
+        parts.append((name, None if position is None else np.concatenate([position, turn])))
+    columns = [(name, np.ravel(values)) for name, values in parts if values is not None]
+    names = [f"{name}_{i + 1}" for name, values in columns for i in range(len(values))]
+    refuse_other_columns([*names, *expected[len(expected) - len(state.extra) :]], expected)
+    return np.concatenate([*(values for _, values in columns), np.asarray(state.extra)]).astype(np.float64)
 
 
 def _numbers(values: ArrayLike, size: int, what: str) -> FloatArray:

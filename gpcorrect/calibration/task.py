@@ -18,7 +18,7 @@ from gpcorrect.calibration.history import Step
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.metrics import Z95, coverage
 from gpcorrect.calibration.settings import FitSettings
-from gpcorrect.calibration.training_motion import TrainingMotion
+from gpcorrect.calibration.training_motion import UNITS, TrainingMotion
 from gpcorrect.cleaning import CleaningReport, FittedCleaner, Pair, clean_with, fit_cleaner
 from gpcorrect.errors import LogError
 from gpcorrect.gpr import IntervalCalibration, LeftOut
@@ -235,14 +235,18 @@ class Corrector(ABC):
         return (position,) if m == 3 else (position, Part("rotation", "deg", (3, 4, 5), float(np.rad2deg(1.0))))
 
     def refuse_misread(self, log: CalibrationLog) -> None:
-        """Refuse a log whose stamps cannot be seconds, see :meth:`TrainingMotion.refuse_slow`.
+        """Refuse a log whose stamps cannot be seconds, or that in its middle is where no arm of the training can be.
 
         Parameters
         ----------
         log : CalibrationLog
         """
+        path = self.query_path(log)
+        known = path[np.isfinite(path).all(axis=1)]
+        if len(known):
+            self.trained.refuse_far(np.median(known, axis=0), UNITS)
         if not log.static:
-            self.trained.refuse_slow(self.query_path(log), log.time, log.trajectory)
+            self.trained.refuse_slow(path, log.time, log.trajectory)
 
     def on_one_clock(self, log: CalibrationLog, mode: str) -> tuple[CalibrationLog, Clocks]:
         """Return the log with the outside sensor on the robot's clock, where the seconds between them are stated.

@@ -10,7 +10,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.calibration.dataset import Samples
 from gpcorrect.calibration.joint_features import JointFeatures
-from gpcorrect.calibration.joint_path import JointPath, logged_path, state_columns, usual_steps
+from gpcorrect.calibration.joint_path import JointPath, logged_path, refuse_other_columns, state_columns, usual_steps
 from gpcorrect.calibration.joint_view import ViewCorrector, joint_layout
 from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.settings import LIMITS, FitSettings
@@ -55,6 +55,8 @@ class ToolView:
         needs_truth : bool, whether there must be a tracker
         """
         path = _path_of(log, self.features.kinds, self.extra)
+        if "state" in self.features.kinds:
+            refuse_other_columns(state_columns(log, self.extra)[0], self.state_names)
         reported, seen = _positions(log, needs_truth=needs_truth)
         error = np.full(reported.shape, np.nan)
         if seen is not None:

@@ -133,37 +133,47 @@ class TrainingMotion:
             )
 
 
-class SlowStream:
-    """Refuses a stream whose stamps cannot be seconds, from its last few samples.
+class StreamGuard:
+    """Lets through what can be the next sample of a stream of this training's arm; what is refused leaves no trace.
 
     Parameters
     ----------
     training : TrainingMotion, what it is compared with
+    unit : str, what the samples are taken for
     """
 
-    def __init__(self, training: TrainingMotion) -> None:
-        self._training = training
+    def __init__(self, training: TrainingMotion, unit: str = "metres") -> None:
+        self._training, self._unit = training, unit
         self.reset()
 
     def reset(self) -> None:
         """Forget the past."""
         self._past: list[tuple[float, FloatArray]] = []
 
-    def look(self, time: float, point: FloatArray) -> None:
-        """Look at one more sample.
+    def admit(self, time: float, point: FloatArray) -> None:
+        """Take one more sample, or refuse it.
 
         Parameters
         ----------
         time : float, s
-        point : (k,) array, position or joints, m or rad
+        point : (k,) array, position or joints, m or rad; NaN where missing
+
+        Raises
+        ------
+        DataError
+            Time does not advance, the point is where no arm of the training can be, or the times cannot be seconds.
         """
-        if self._past and not time - self._past[-1][0] >= LIMITS.slow_step:
-            self._past.clear()
-        self._past.append((time, point))
-        if len(self._past) > STRIDE:
-            del self._past[:-LONGEST_LOOK]
-            times, points = zip(*self._past, strict=True)
+        if not np.isfinite(time) or (self._past and time <= self._past[-1][0]):
+            raise DataError(
+                f"time must advance from sample to sample, got {time!r}.", hint="reset() begins a new path."
+            )
+        self._training.refuse_far(point, self._unit)
+        slow = bool(self._past) and time - self._past[-1][0] >= LIMITS.slow_step
+        past = [*(self._past[-LONGEST_LOOK + 1 :] if slow else ()), (time, point)]
+        if len(past) > STRIDE:
+            times, points = zip(*past, strict=True)
             self._training.refuse_slow(np.array(points), np.array(times))
+        self._past = past
 
 
 def _speed(path: FloatArray, time: FloatArray, labels: IntArray) -> float:

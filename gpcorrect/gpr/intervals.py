@@ -230,8 +230,7 @@ def learn_inflation(
     for model in _afresh(regressor, X, Y, folds, groups, times) if few else _less(regressor, X, Y, folds):
         without.append(model)
         progress.step("left-out trajectories", len(without) / len(names))
-    stride = -(-len(X) // JUDGES)
-    judges = [np.flatnonzero(folds == name)[::stride] for name in names]
+    judges = [np.flatnonzero(folds == name)[:: -(-len(X) // JUDGES)] for name in names]
     inflation = tuple(_best_inflation(without, group, X, Y, judges) for group in range(len(regressor.learned_)))
     judged = [np.flatnonzero(folds == name)[::stride] for name in names]
     return regressor.inflated(inflation), _left_out(without, inflation, X, Y, judged)

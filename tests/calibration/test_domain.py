@@ -195,3 +195,16 @@ def test_far_from_everything_the_learned_part_is_its_mean(small_corrector: Comma
     answers = small_corrector.correct_observed(PoseSignal(places, upright), np.zeros((len(places), 6)))
     assert not answers.in_domain.any()
     np.testing.assert_allclose(answers.interval95, answers.interval95[:1].repeat(len(places), 0), rtol=1e-2)
+
+
+def test_surroundings_that_are_joined_stay_as_many_and_hold_both() -> None:
+    """However often a model is updated, no more training inputs are kept: those farthest from each other."""
+    rng = np.random.default_rng(3)
+    here, there = (rng.standard_normal((2000, 2)) + [shift, 0.0] for shift in (0.0, 12.0))
+    near = Surroundings.of(here, np.arange(2000) // 100)
+    assert not near.hold(there).any()
+    for _ in range(3):
+        near = near.joined(there)
+        assert len(near.points) == 500
+    assert near.hold(here).mean() > 0.99
+    assert near.hold(there).mean() > 0.99

@@ -70,3 +70,24 @@ def test_bad_samples_are_refused_and_the_past_is_kept(gp: JointCorrector) -> Non
     missing = one.correct(float(LOG.time[40]), Q[40])
     assert np.isnan(missing.joints).all()
     assert missing.status == "MISSING"
+
+
+def test_the_clock_of_a_stream_goes_on_behind_a_missing_number(gp: JointCorrector) -> None:
+    """The path begins anew, but time does not: only reset() takes an earlier one."""
+    stream = JointStream(gp)
+    stream.correct(5.0, Q[0], EFFORT[0])
+    stream.correct(5.1, np.full(3, np.nan), EFFORT[1])
+    with pytest.raises(DataError, match="advance"):
+        stream.correct(5.05, Q[1], EFFORT[1])
+    stream.reset()
+    stream.correct(0.0, Q[1], EFFORT[1])
+
+
+def test_every_session_has_a_clock_of_its_own(gp: JointCorrector) -> None:
+    """A clock that begins anew with a homing is a path of its own, and is answered as such; within one it is refused."""
+    time, efforts = np.tile(LOG.time[:50], 2), np.tile(EFFORT[:50], (2, 1))
+    twice, sessions = np.tile(Q[:50], (2, 1)), np.repeat([0, 1], 50)
+    answer = gp.correct_path(twice, time, efforts=efforts, sessions=sessions)
+    np.testing.assert_allclose(answer.joints[:50], answer.joints[50:], atol=1e-12)
+    with pytest.raises(DataError, match="increasing"):
+        gp.correct_path(twice, time, efforts=efforts)

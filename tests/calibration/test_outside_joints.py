@@ -66,6 +66,9 @@ def test_what_poses_do_not_tell_is_refused() -> None:
     log = replace(recorded(np.zeros(6)), external_jp=None)
     with pytest.raises(LogError, match="no orientations"):
         with_outside_joints(replace(log, tracker_cp=PoseSignal(log.tracker_cp.position)), CHAIN)
+    unseen = PoseSignal(np.full((400, 3), np.nan), log.tracker_cp.quaternion)
+    with pytest.raises(LogError, match="no row has all joints"):
+        with_outside_joints(replace(log, tracker_cp=unseen), CHAIN)
     with pytest.raises(LogError, match="the log has 6 joints, the machine 3"):
         with_poses(log, replace(CHAIN, joints=CHAIN.joints[:3]))
     seven = Chain((*CHAIN.joints, Joint("R", 0.3, 0.01, 0.0, 0.0, -1.0, 1.0)), CHAIN.convention)

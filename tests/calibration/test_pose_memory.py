@@ -19,6 +19,7 @@ from gpcorrect.calibration import (
     load,
     save,
 )
+from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.operators import play
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 from gpcorrect.velocity import twists
@@ -152,3 +153,18 @@ def a_path() -> tuple[FloatArray, FloatArray, FloatArray]:
     poses, times = np.hstack([log.tracker_cp.position, log.tracker_cp.quaternion])[rows], log.time[rows]
     velocity = twists(times, poses[:, :3], se3.matrix_from_quaternion(poses[:, 3:]), np.zeros(60, dtype=int))
     return poses, times, velocity
+
+
+def test_a_refused_pose_leaves_no_trace_in_a_stream(sticky: FitResult, small_corrector: CommandCorrector) -> None:
+    """Fifty metres off, or at a time that stands still: what comes next is answered as if it had not been asked."""
+    for corrector in (sticky.corrector, small_corrector):
+        one, other = corrector.stream(), corrector.stream()
+        for i in range(12):
+            pose = [0.1 + 0.002 * i, 0.0, -0.1, 1.0, 0.0, 0.0, 0.0]
+            with pytest.raises(DataError, match="so far off"):
+                one.correct(0.02 * i, [50.0, *pose[1:]])
+            answers = [stream.correct(0.02 * i + 0.01, pose) for stream in (one, other)]
+            np.testing.assert_array_equal(answers[0].position, answers[1].position)
+            assert answers[0].reasons == answers[1].reasons
+            with pytest.raises(DataError, match="advance"):
+                one.correct(0.02 * i + 0.01, [0.0, *pose[1:]])

@@ -164,3 +164,33 @@ def test_an_estimator_has_the_page_of_every_task(fitted: Experiment, tmp_path: P
     page = (tmp_path / "page.html").read_text()
     assert page.count("data-key=") == len(fitted.test.trajectory_ids)
     assert "In space: true, reported, estimated." in page
+
+
+def test_a_refused_sample_leaves_no_trace_in_a_stream(fitted: Experiment, log: CalibrationLog) -> None:
+    """A missing joint, millimetres and degrees are refused, and the next sample is answered as if they had not come."""
+    one, other = fitted.corrector.stream(), fitted.corrector.stream()
+    assert log.measured_jp is not None
+    for i in range(20):
+        sample = _sample(log, i)
+        gone = np.where(np.arange(6) == 1, np.nan, sample.measured_jp)
+        millimetres = 1e3 * np.asarray(sample.measured_position)
+        for bad, message in (
+            (replace(sample, measured_jp=gone), "lacks a number"),
+            (replace(sample, measured_position=millimetres), "reaches so far"),
+            (replace(sample, measured_jp=np.rad2deg(np.asarray(sample.measured_jp))), "so far off"),
+        ):
+            with pytest.raises(DataError, match=message):
+                one.correct(bad)
+        np.testing.assert_array_equal(one.correct(sample).position, other.correct(sample).position)
+    with pytest.raises(DataError, match="so far off"):
+        fitted.corrector.correct_log(replace(log, measured_jp=np.rad2deg(log.measured_jp)))
+
+
+def test_a_whole_state_of_other_signals_is_refused(log: CalibrationLog) -> None:
+    """As many numbers, but efforts where velocities were: by their names they are told apart, in a log and a stream."""
+    few = log.select(np.isin(log.trajectory, log.trajectory_ids[:12]))
+    model = fit(replace(few, measured_jf=None), method="network", layers=(4,), epochs=2).corrector
+    with pytest.raises(DataError, match="missing: measured_jv_1"):
+        model.correct_log(replace(few, measured_jv=None))
+    with pytest.raises(DataError, match="new: measured_jf_1"):
+        model.stream().correct(replace(_sample(few, 0), measured_jv=None))

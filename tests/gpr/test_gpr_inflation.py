@@ -103,3 +103,14 @@ def test_inflation_stays_when_data_come_and_go_and_with_the_file() -> None:
     other = Statistics(np.eye(3), np.ones((3, 2)), 3.0)
     for kept in (sums.plus(other), sums.minus(other), unpack(Statistics, *pack(sums, "sums"))):
         assert kept.inflation == 10.0
+
+
+def test_as_many_left_out_are_predicted_as_are_asked_for() -> None:
+    """Those that choose the inflation may be fewer, but the intervals rest on every sample, or on every third."""
+    rng = np.random.default_rng(5)
+    X, trajectory = rng.uniform(-1.0, 1.0, (4500, 2)), np.arange(4500) // 450
+    Y = X[:, :1] + 0.1 * rng.standard_normal((4500, 1))
+    model = SparseGPR(n_inducing=20, n_learn=100).fit(X, Y, groups=trajectory)
+    for stride in (1, 3):
+        left_out = learn_inflation(model, X, Y, trajectory % 2, stride=stride)[1]
+        assert np.isfinite(left_out.errors).mean() == pytest.approx(1.0 / stride)
