@@ -200,7 +200,7 @@ def test_far_from_everything_the_learned_part_is_its_mean(small_corrector: Comma
 def test_surroundings_that_are_joined_stay_as_many_and_hold_both() -> None:
     """However often a model is updated, no more training inputs are kept: those farthest from each other."""
     rng = np.random.default_rng(3)
-    here, there = (rng.standard_normal((2000, 2)) + [shift, 0.0] for shift in (0.0, 12.0))
+    here, there = (rng.standard_normal((2000, 2)) + np.array([shift, 0.0]) for shift in (0.0, 12.0))
     near = Surroundings.of(here, np.arange(2000) // 100)
     assert not near.hold(there).any()
     for _ in range(3):

@@ -84,7 +84,7 @@ def test_the_clock_of_a_stream_goes_on_behind_a_missing_number(gp: JointCorrecto
 
 
 def test_every_session_has_a_clock_of_its_own(gp: JointCorrector) -> None:
-    """A clock that begins anew with a homing is a path of its own, and is answered as such; within one it is refused."""
+    """A clock that begins anew with a homing begins a path of its own; within a session it is refused."""
     time, efforts = np.tile(LOG.time[:50], 2), np.tile(EFFORT[:50], (2, 1))
     twice, sessions = np.tile(Q[:50], (2, 1)), np.repeat([0, 1], 50)
     answer = gp.correct_path(twice, time, efforts=efforts, sessions=sessions)
