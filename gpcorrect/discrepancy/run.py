@@ -285,7 +285,9 @@ def _with_numbers(
     if not fitted:
         return {}, set()
     dataset = state.dataset
-    whitener, nominal = whitener_on(dataset, state.residual(fitted), rows), dataset.predict()
+    whitener = whitener_on(dataset, state.residual(fitted), rows)
+    whole = dataset.strict()  # what the tolerance takes up of an effect is a part of its size
+    nominal = whole.predict()
     found, unsure = {}, set()
     for i, (name, fit) in enumerate(zip(named, fitted, strict=True)):
         ends, candidate = interval_ends(state, whitener, fitted, fit), fit.candidate
@@ -294,7 +296,7 @@ def _with_numbers(
         if none and (len(candidate.sizes) == 1 or not away_from_nothing(state, whitener, fitted, fit)):
             unsure.add(i)
             continue
-        sizes = np.sqrt(np.mean((dataset.predict([fit.effect]) - nominal) ** 2, axis=0)) / whitener.std
+        sizes = np.sqrt(np.mean((whole.predict([fit.effect]) - nominal) ** 2, axis=0)) / whitener.std
         shown = dataset.scene.channels[int(sizes.argmax())]
         found[i] = NamedEffect.of(
             replace(name, fit=fit), describe(fit, ends), float(sizes.max()), of_motor=shown.signal == "measured_jp"

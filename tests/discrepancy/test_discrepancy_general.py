@@ -88,3 +88,8 @@ def test_the_evidence_of_a_linear_model_is_what_is_left_of_the_data_once_its_num
         alone = -0.5 * 40 * np.log(2.0 * np.pi * noisier)
         found = _Linear(slopes, numbers, misfit).evidence(slopes @ numbers, noisier)
         assert found + alone == pytest.approx(marginal, rel=1e-5)
+
+
+def test_what_others_take_up_altogether_has_no_evidence() -> None:
+    """A tracker whose axes are exchanged: a registration that takes up all that an effect changes ended the run."""
+    assert _Linear(np.zeros((5, 2)), np.zeros(2), 3.0).evidence(np.zeros(5), 1.0) == -np.inf

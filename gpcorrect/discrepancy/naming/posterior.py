@@ -144,7 +144,7 @@ def posterior(candidate: Candidate, weighed: Weighed, cost: float) -> list[Alter
     """
     own, rivals = weighed.own, [r for r in weighed.rivals if not r.candidate.called_like(candidate)]
     nats = np.array([own.nats, cost, _unknown_nats(weighed, cost), *(r.nats for r in rivals)]) - cost
-    counts = np.full(len(nats), between_effects(own, weighed.unknown, cost, weighed.shape_error))
+    counts = np.full(len(nats), between_effects(own, weighed.unknown, cost))
     counts[1:3] = own.overdispersion
     more = [0 if r.is_general else r.candidate.extra - candidate.extra for r in rivals]
     price = SEARCH.complexity * np.array([0.0, -candidate.extra, -candidate.extra, *more])

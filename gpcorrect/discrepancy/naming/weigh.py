@@ -101,15 +101,12 @@ class Weighed:
         Trajectories of discovery, then confirmation, in which it acts: a slip does not before it happens.
     rivals : tuple of Rival
         Those like it and those that it is a special case of, best first.
-    shape_error : float
-        How far its signature may be off, as a part of it.
     """
 
     own: Own
     active: BoolArray
     rivals: tuple[Rival, ...]
     unknown: Unknown
-    shape_error: float = NAMING.shape_error
 
 
 def own_gain(view: View, fit: FittedEffect) -> Own:
@@ -144,18 +141,16 @@ def weigh(view: View, fit: FittedEffect, own: Own) -> Weighed:
     columns = smooth_columns(view, own.rest, channels)
     unknown = Unknown(*(smooth_nats(view, fitted, channels, columns) for fitted in (own.rest, search.fitted)))
     general = _more_general(search, own, fit)
-    shape_error = max(NAMING.shape_error, fit.effect.part_of_steps(search.dataset.scene.machine.drive))
-    counts = between_effects(own, unknown, penalty(search.n_kinds), shape_error)
+    counts = between_effects(own, unknown, penalty(search.n_kinds))
     rivals = [
         r
         for r in _rivals(view, own, fit, NAMING.hopeless * counts)
         if not any(r.candidate.called_like(g.candidate) for g in general)
     ]
-    best_first = tuple(sorted([*rivals, *general], key=lambda r: -r.nats))
-    return Weighed(own, _active(view, fit), best_first, unknown, shape_error)
+    return Weighed(own, _active(view, fit), tuple(sorted([*rivals, *general], key=lambda r: -r.nats)), unknown)
 
 
-def between_effects(own: Own, unknown: Unknown, cost: float, shape_error: float) -> float:
+def between_effects(own: Own, unknown: Unknown, cost: float) -> float:
     """Return by how much nats between two effects count less while something else is still missing.
 
     What neither explains, and the smooth model sees beside them, may favour either by as much as it is: a lead of that
@@ -170,10 +165,8 @@ def between_effects(own: Own, unknown: Unknown, cost: float, shape_error: float)
         The smooth model's nats.
     cost : float
         Prior nats that any effect costs.
-    shape_error : float
-        How far the effect's signature may be off, as a part of it.
     """
-    tolerated = max(unknown.beside - cost, shape_error**2 * own.nats)
+    tolerated = max(unknown.beside - cost, NAMING.shape_error**2 * own.nats)
     return max(own.overdispersion, tolerated / float(-np.log(NAMING.stable)))
 
 
@@ -326,9 +319,10 @@ def _more_general(search: Search, own: Own, fit: FittedEffect) -> list[Rival]:
         if left @ left > NAMING.general * (change @ change):
             continue
         fitted = search.refit((*rest, FittedEffect(other, other.scaled(factors))), other)
-        if not fitted[-1].at_edge:
+        alone = narrow.evidence(change, noisier)
+        if np.isfinite(alone) and not fitted[-1].at_edge:
             wide = _Linear.of(search, fitted, fitted[-1])
-            nats = noisier * (wide.evidence(change, noisier) - narrow.evidence(change, noisier))
+            nats = noisier * (wide.evidence(change, noisier) - alone)
             found[other.key] = Rival(fitted[-1], own.nats + nats, is_general=True)
     return list(found.values())
 
@@ -352,6 +346,8 @@ class _Linear:
     def evidence(self, change: FloatArray, noisier: float) -> float:
         """Log evidence with a normal prior of its numbers, of the mean square that their part in a change has."""
         size = float(np.mean(_factors(self.slopes, change) ** 2))
+        if not size > 0.0:  # others take up all that it changes
+            return -np.inf
         precision = self.slopes.T @ self.slopes / noisier + np.eye(self.slopes.shape[1]) / size
         prior = 0.5 * float(self.numbers @ self.numbers) / size
         return -self.misfit / noisier - prior - 0.5 * float(np.linalg.slogdet(size * precision)[1])

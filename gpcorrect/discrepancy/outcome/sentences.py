@@ -187,7 +187,8 @@ def _named(effect: NamedEffect, *, interval: bool, sized: bool = True) -> str:
 
 def _sizes(effect: NamedEffect) -> list[Estimate]:
     """Numbers that were estimated, those whose interval keeps clear of nothing first."""
-    return sorted((e for e in effect.parameters.values() if e.ci95 is not None), key=lambda e: not e.is_clear)
+    sizes = sorted((e for e in effect.parameters.values() if e.ci95 is not None), key=lambda e: not e.is_clear)
+    return sizes if len(sizes) == 1 or any(e.is_clear for e in sizes) else []  # bounds of each say nothing of them all
 
 
 def short_words(effect: NamedEffect) -> str:

@@ -20,6 +20,7 @@ STEP = 0.002  # of a coordinate, for finite differences: far below a wave's turn
 SMALLEST_STEP = 5e-4  # of a coordinate near zero
 UNSEEN = 1e-6  # nats, twice, that a number's whole range is worth
 MAX_EVALUATIONS = 16  # of a set in a refinement: for time
+HALVINGS = 8  # of sizes at which no machine could be
 HOPE = 3.0  # times the last step's gain, which steps that gain three quarters of the one before come to in all
 
 
@@ -104,7 +105,10 @@ def refine(
     prior = np.array([c.prior_weight for c in coordinates])
 
     def errors(u: FloatArray) -> FloatArray:
-        at = dataset.predict([f.effect for f in (*fixed, *_at(free, u))])
+        try:
+            at = dataset.predict([f.effect for f in (*fixed, *_at(free, u))])
+        except DataError:  # no machine, such as one whose loop is unstable: a step that leads there is made shorter
+            return np.full(len(whitener.weight) + len(u), np.inf)
         return np.concatenate([whitener.whiten(dataset.observed - at), prior * u])
 
     def jacobian(u: FloatArray) -> FloatArray:
@@ -121,9 +125,12 @@ def refine(
         if len(costs) > 1 and costs[-1] - HOPE * (costs[-2] - costs[-1]) > worth:
             raise StopIteration
 
+    start = np.clip(np.concatenate([f.u for f in free]), np.nextafter(low, high), np.nextafter(high, low))
+    nothing = np.array([c.identity if c.amplitude else u for c, u in zip(coordinates, start, strict=True)])
+    sizes = (nothing + 0.5**k * (start - nothing) for k in range(HALVINGS))
     found = least_squares(
         errors,
-        np.clip(np.concatenate([f.u for f in free]), np.nextafter(low, high), np.nextafter(high, low)),
+        next((u for u in sizes if np.isfinite(errors(u)).all()), start),
         jac=jacobian,
         bounds=(low, high),
         max_nfev=evaluations,

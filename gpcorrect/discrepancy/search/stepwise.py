@@ -13,6 +13,7 @@ from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.linearisation import Linearisation, held_out, linearise
 from gpcorrect.discrepancy.search.state import Search, Step, penalty
 from gpcorrect.discrepancy.settings import SEARCH
+from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray, Progress
 
 
@@ -228,8 +229,11 @@ def _backward(state: Search, threshold: float) -> Search:
     while len(state.fitted) > 1:
         worth = []
         for fit in state.fitted:
-            rest = [m for m in state.fitted if m is not fit]
-            worth.append(_gain_over(state, state.linearise_near(rest, fit.candidate), state.fitted, fit))
+            try:
+                rest = state.linearise_near([m for m in state.fitted if m is not fit], fit.candidate)
+                worth.append(_gain_over(state, rest, state.fitted, fit))
+            except DataError:  # without it the others are no machine, such as a gain that it makes up for
+                worth.append(np.inf)
         least = int(np.argmin(worth))
         if worth[least] >= threshold:
             break

@@ -108,15 +108,6 @@ class Effect(ABC):
         """
         return False
 
-    def part_of_steps(self, drive: Drive) -> float:
-        """Return how far two such programs may make the effect look otherwise, as a part of it, 1 at most.
-
-        Parameters
-        ----------
-        drive : Drive, the nominal one
-        """
-        return 0.0
-
     def column(self, joints: tuple[int, ...], number: int | str | None = None) -> int:
         """Return the column of a joint in arrays whose columns are the joints of these numbers.
 

@@ -173,14 +173,16 @@ class InertiaError(DriveEffect):
     )
 
     def is_a_matter_of_steps(self, drive: Drive, joints: tuple[int, ...]) -> bool:
-        """Up to a step times what the drive resists speed with.
+        """Up to a step times half of what the drive resists speed with.
 
         A loop of step h with implicit damping kd comes to (I + h kd / 2) m'', with explicit damping to (I - h kd / 2)
-        m'', and one without steps to I m''.
+        m'', and one without steps, or that holds its torque for them, to I m''. Ours holds it, or does as MuJoCo does:
+        that may be either of the other two, and is off from them by twice as much.
         """
         before, behind = drive.speed_gains
         resisted = before + behind + (0.0 if drive.damping is None else drive.damping)
-        return bool(abs(self.inertia) <= resisted[self.column(joints)] / drive.rate_hz)
+        most = resisted / drive.rate_hz * (0.5 if drive.kv is None else 1.0)
+        return bool(abs(self.inertia) <= most[self.column(joints)])
 
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
         """Add to the motor's inertia."""

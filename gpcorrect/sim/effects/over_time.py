@@ -164,10 +164,6 @@ class CommandDelay(DriveEffect):
         """Of all joints, up to a step by the order of command and state, and half for which a command is held."""
         return self.joint == "all" and abs(self.delay) <= 1.5 / drive.rate_hz
 
-    def part_of_steps(self, drive: Drive) -> float:
-        """Of one joint's, such as friction makes as well: what is late by the same in all joints is nothing else."""
-        return 0.0 if self.joint == "all" else min(1.0, 1.5 / drive.rate_hz / max(abs(self.delay), 1e-12))
-
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
         """Add to the latency."""
         late = np.zeros(len(joints)) if drive.latency is None else np.array(drive.latency)
