@@ -150,3 +150,13 @@ def test_what_no_sensor_sees_beside_its_noise_has_no_gap_to_close() -> None:
     """An effect that evidence alone shows is named with its size, and no share of a gap, which would be noise."""
     assert "closes 99 % of the gap" in verdict_sentence(result("EXACT", named("backlash", 2)))
     assert "gap" not in verdict_sentence(result("EXACT", named("backlash", 1)))
+
+
+def test_of_many_numbers_it_is_said_which_one_is_given() -> None:
+    """A registration has seven: the first that is clear of zero stands with its name; where none is, none is given."""
+    some = {"x": Estimate(0.0, (-1e-3, 1e-3), "m", (0.0,)), "y": Estimate(2e-3, (1e-3, 3e-3), "m", (None,))}
+    rest = {name: Estimate(0.0, (-1e-3, 1e-3), "rad", (0.0,)) for name in ("rx", "ry", "rz")}
+    moved = replace(named("registration_error", "base"), parameters=some | rest)
+    assert "registration error, y 2.00 mm" in verdict_sentence(result("EXACT", moved))
+    unclear = replace(moved, parameters={"x": some["x"]} | rest)
+    assert verdict_sentence(result("EXACT", unclear)).startswith("Base: registration error, closes")
