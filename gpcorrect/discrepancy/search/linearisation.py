@@ -128,15 +128,16 @@ def refine(
     start = np.clip(np.concatenate([f.u for f in free]), np.nextafter(low, high), np.nextafter(high, low))
     nothing = np.array([c.identity if c.amplitude else u for c, u in zip(coordinates, start, strict=True)])
     sizes = (nothing + 0.5**k * (start - nothing) for k in range(HALVINGS))
-    found = least_squares(
-        errors,
-        next((u for u in sizes if np.isfinite(errors(u)).all()), start),
-        jac=jacobian,
-        bounds=(low, high),
-        max_nfev=evaluations,
-        ftol=1e-5,
-        callback=stop_if_hopeless,
-    )
+    with np.errstate(over="ignore"):  # of a step to a loop that is all but unstable, which is not taken
+        found = least_squares(
+            errors,
+            next((u for u in sizes if np.isfinite(errors(u)).all()), start),
+            jac=jacobian,
+            bounds=(low, high),
+            max_nfev=evaluations,
+            ftol=1e-5,
+            callback=stop_if_hopeless,
+        )
     return _at(free, found.x)
 
 
