@@ -12,7 +12,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.arms.robot_file import mujoco_library, parse, read_robot, strip
 from gpcorrect.arms.robot_friction import friction_onsets
-from gpcorrect.arms.robot_path import joint_frame
+from gpcorrect.arms.robot_path import about_z, joint_frame
 from gpcorrect.atomic import atomic_path
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
@@ -200,7 +200,7 @@ class RobotEdit:
         ----------
         joint : int, number on the arm, from 1
         motion : (4, 4) array
-            In the joint's own frame, whose z axis is the joint's.
+            In the frame of the joint's row, whose z axis is the joint's, and x the common normal's.
         """
         found = self._joint(joint)
         body = found.parent
@@ -209,7 +209,7 @@ class RobotEdit:
         quaternion, how, compiler = body.quat, mujoco_library().mjtOrientation.mjORIENTATION_QUAT, self._spec.compiler
         if body.alt.type != how:
             quaternion = self._spec.resolve_orientation(compiler.degree, compiler.eulerseq, body.alt)
-        frame = joint_frame(found.pos, found.axis)
+        frame = joint_frame(found.pos, found.axis) @ about_z(self.robot.turned[joint - 1])
         moved = se3.from_parts(np.array(body.pos), np.array(quaternion)) @ frame @ motion @ se3.invert(frame)
         body.alt.type = how
         body.pos, body.quat = se3.to_parts(moved)

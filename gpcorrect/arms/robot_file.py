@@ -19,7 +19,7 @@ from gpcorrect import se3
 from gpcorrect.arms.arm import Arm, Link
 from gpcorrect.arms.chain import Chain, Joint
 from gpcorrect.arms.robot_friction import friction_onsets
-from gpcorrect.arms.robot_path import ArmPath, arm_path, joint_frame, pose_of
+from gpcorrect.arms.robot_path import ArmPath, about_z, arm_path, joint_frame, pose_of
 from gpcorrect.errors import DataError, MissingExtraError
 from gpcorrect.types import BoolArray, FloatArray
 
@@ -80,6 +80,8 @@ class Robot:
         Whether servos brake by the speed before a step, as MuJoCo's Euler integrator has it, not by that behind it.
     remarks : tuple of str
         What the file says that is not simulated here.
+    turned : tuple of float
+        Angle of each row's x axis about the joint's axis from the x of the frame that the file has there, rad.
     """
 
     arm: Arm
@@ -89,6 +91,7 @@ class Robot:
     step: float
     brakes_late: bool = False
     remarks: tuple[str, ...] = ()
+    turned: tuple[float, ...] = ()
 
     @property
     def digest(self) -> str:
@@ -107,6 +110,7 @@ HOME = "home"  # key frame of the rest position, as MuJoCo's own models call it
 TURN = np.pi  # rad to either side of its zero that a joint without limits may turn
 COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 FIRST_ELEMENT = re.compile(r"<\s*([A-Za-z_][\w:.-]*)")
+PARALLEL, ON_ONE_LINE = 1e-3, 1e-6  # rad, or m, below which axes count as parallel, and as one
 NO_MASS = "mass and inertia of moving bodies"  # how MuJoCo's message begins
 
 
@@ -171,15 +175,16 @@ def _read(
         raise _refused(path, error) from error
     found = arm_path(model, Path(path).name, joints, tool, base)
     drives, remarks = _drives(model, found)
+    chain, turned = _chain(model, found)
     arm = Arm(
         name=Path(path).stem,
-        chain=_chain(model, found),
+        chain=chain,
         home=_home(model, found),
         gravity=pose_of(model, found.base)[:3, :3].T @ model.opt.gravity,
         links=_links(model, found),
     )
     step, late = float(model.opt.timestep), model.opt.integrator == mujoco_library().mjtIntegrator.mjINT_EULER
-    return Robot(arm, found.names, found.tool, drives, step, bool(late), (*found.remarks, *remarks))
+    return Robot(arm, found.names, found.tool, drives, step, bool(late), (*found.remarks, *remarks), turned)
 
 
 def mujoco_library() -> Any:
@@ -274,9 +279,13 @@ def _refused(path: str | Path, error: ValueError) -> DataError:
     return DataError(f"MuJoCo cannot read {path}: {message}.", hint="Correct the file; MuJoCo must load it.")
 
 
-def _chain(model: Any, found: ArmPath) -> Chain:
-    """Return the chain whose joint frames have the axis as z and sit on the joint's anchor."""
-    joints, before = [], pose_of(model, found.base)
+def _chain(model: Any, found: ArmPath) -> tuple[Chain, tuple[float, ...]]:
+    """Return the chain whose joint frames have the axis as z and sit on the joint's anchor, and its rows' turns.
+
+    Rows have their x along the common normal of the axis before and their own, as a table's would: an error of a row's
+    length then is one of the link's, and that of its twist turns the one axis beside the other.
+    """
+    joints, turned, before = [], [], pose_of(model, found.base)
     for j in found.joint_ids:
         T_world_joint = pose_of(model, model.jnt_bodyid[j]) @ joint_frame(model.jnt_pos[j], model.jnt_axis[j])
         placement = se3.invert(before) @ T_world_joint
@@ -284,7 +293,10 @@ def _chain(model: Any, found: ArmPath) -> Chain:
         zero = -float(model.qpos0[model.jnt_qposadr[j]])
         lower, upper = _limits(model, j)
         theta, d = (zero, 0.0) if turning else (0.0, zero)
-        joints.append(Joint("R" if turning else "P", 0.0, 0.0, d, theta, lower, upper, placement))
+        turn = _to_common_normal(placement)
+        placement = placement @ about_z(turn)
+        joints.append(Joint("R" if turning else "P", 0.0, 0.0, d, theta - turn, lower, upper, placement))
+        turned.append(turn)
         before = T_world_joint
     tool = se3.invert(before) @ found.T_world_tool
     lengths = [np.linalg.norm(T[:3, 3]) for T in (*(j.placement for j in joints[1:]), tool) if T is not None]
@@ -293,7 +305,20 @@ def _chain(model: Any, found: ArmPath) -> Chain:
             f"the arm's links are {length:.3g} m long together: the file is not in metres.",
             hint="MJCF and URDF are in metres. Scale positions, sizes and meshes by 0.001 if it is in millimetres.",
         )
-    return Chain(tuple(joints), "modified", tool=tool)
+    return Chain(tuple(joints), "modified", tool=tool), tuple(turned)
+
+
+def _to_common_normal(placement: FloatArray) -> float:
+    """Return the angle about a joint's axis from its frame's x to the common normal of the axis before and its own.
+
+    Axes that are parallel but for what a file's rounding leaves have it along what lies between them.
+    """
+    axis, apart = placement[:3, 2], placement[:3, 3]
+    normal = np.cross([0.0, 0.0, 1.0], axis)
+    if np.linalg.norm(normal) < PARALLEL:
+        normal = apart - axis * (axis @ apart)
+    x, y = normal @ placement[:3, 0], normal @ placement[:3, 1]
+    return float(np.arctan2(y, x)) if np.hypot(x, y) > ON_ONE_LINE else 0.0
 
 
 def _turns(model: Any, j: int) -> bool:

@@ -105,6 +105,16 @@ def joint_frame(anchor: FloatArray, axis: FloatArray) -> FloatArray:
     return se3.pose(se3.matrix_from_rotvec(turn), np.array(anchor))
 
 
+def about_z(angle: float) -> FloatArray:
+    """Return a turn `(4, 4)` about z.
+
+    Parameters
+    ----------
+    angle : float, rad
+    """
+    return se3.exp(np.array([0.0, 0.0, 0.0, 0.0, 0.0, angle]))
+
+
 def _end(model: Any, file: str, start: int, names: list[str], tool: str | None) -> tuple[int, FloatArray, str]:
     """Body at which the arm ends, pose of the tip, and its name."""
     sites = [model.site(s).name for s in range(model.nsite)]

@@ -1,5 +1,7 @@
+import itertools
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +13,11 @@ from gpcorrect.errors import DataError, MissingExtraError
 mujoco = pytest.importorskip("mujoco", reason="robot files need mujoco: pip install 'gpcorrect[mujoco]'")
 
 TIP = {"tool": "tip"}
+MASS = '<inertial pos="0 0 0.1" mass="1" diaginertia="0.1 0.1 0.1"/>'
+PLANAR = f"""<mujoco><compiler angle="radian"/><worldbody>
+<body name="one"><joint name="a" axis="0 1 0" range="-2 2"/>{MASS}
+<body name="two" pos="{{}}"><joint name="b" axis="0 1 0" range="-2 2"/>{MASS}
+<body name="tip" pos="0.05 0 0.2"/></body></body></worldbody></mujoco>"""
 
 
 def compiled(path):
@@ -291,9 +298,27 @@ def test_an_edited_file_reads_back_as_edited(tmp_path):
     np.testing.assert_allclose(after.drives.limit, [np.inf, 60, 20, np.inf])
     np.testing.assert_allclose(after.arm.limits[0], [-2.5, 1.25])
     assert after.arm.links[-1].mass == pytest.approx(before.arm.links[-1].mass + 0.3)
-    placements = before.arm.chain.placements
-    expected = [placements[0], placements[1] @ motion, *placements[2:]]
-    np.testing.assert_allclose(after.arm.chain.placements, expected, atol=2e-6)  # MuJoCo writes six digits
+    rows, q = list(before.arm.chain.joints), np.array([0.3, -0.4, 0.1, 0.7])
+    rows[1] = replace(rows[1], placement=rows[1].placement @ motion)
+    expected = replace(before.arm.chain, joints=tuple(rows)).forward(q)
+    np.testing.assert_allclose(after.arm.chain.forward(q), expected, atol=5e-6)  # MuJoCo writes six digits
+
+
+@pytest.mark.parametrize("direction", ["0 0 0.3", "0.3 0 0", "-0.1 0.2 0.3"])
+def test_the_length_of_a_row_is_that_of_the_link(direction, tmp_path):
+    """Between parallel axes x points from one to the other, however the file turns its frames: links grow along it."""
+    path, longer = tmp_path / "planar.xml", tmp_path / "longer.xml"
+    for file, scale in ((path, 1.0), (longer, 1.01)):
+        moved = " ".join(str(scale * float(v)) for v in direction.split())
+        file.write_text(PLANAR.format(moved))
+    here, there = (read_robot(file).arm.chain for file in (path, longer))
+    x, y, z = (0.01 * float(v) for v in direction.split())  # across the axes, which are along y, and along them
+    for q in ([0.2, 0.5], [-1.0, 1.2]):
+        away = []
+        for a, d in itertools.product((-np.hypot(x, z), np.hypot(x, z)), (-y, y)):
+            changed = replace(here, joints=(here.joints[0], replace(here.joints[1], a=a, d=d)))
+            away.append(np.abs(changed.forward(q) - there.forward(q)).max())
+        assert min(away) < 1e-9
 
 
 def test_a_damping_ratio_stays_the_damping_it_was(tmp_path):
