@@ -9,6 +9,7 @@ import pytest
 from discrepancy_core import raven_swings
 from scipy.stats import multivariate_normal
 
+from gpcorrect.discrepancy import run as workflow
 from gpcorrect.discrepancy.naming.intervals import half_widths
 from gpcorrect.discrepancy.naming.posterior import Named, name_effect
 from gpcorrect.discrepancy.naming.view import view_of
@@ -19,7 +20,7 @@ from gpcorrect.discrepancy.search.prepared import PreparedData, prepare_data
 from gpcorrect.discrepancy.search.state import start_search
 from gpcorrect.discrepancy.search.stepwise import search
 from gpcorrect.sim import machine_of, model_from_dict, simulate
-from gpcorrect.sim.effects import DhError
+from gpcorrect.sim.effects import DhError, Effect, RegistrationError
 
 MODEL = model_from_dict(
     {
@@ -32,8 +33,8 @@ MODEL = model_from_dict(
 )
 
 
-def recorded(row: DhError, seed: int = 1) -> PreparedData:
-    """Return ten motions of an arm whose table is off in a row, as a tracker sees them."""
+def recorded(row: Effect, seed: int = 1) -> PreparedData:
+    """Return ten motions of an arm with an effect of the arm or the base, as a tracker sees them."""
     recording = simulate(machine_of(MODEL).with_effects(row), raven_swings(seed, 10, 5.0), seed=seed)
     return prepare_data(replace(recording, external_jp=None), MODEL, np.random.default_rng(0))
 
@@ -93,3 +94,20 @@ def test_the_evidence_of_a_linear_model_is_what_is_left_of_the_data_once_its_num
 def test_what_others_take_up_altogether_has_no_evidence() -> None:
     """A tracker whose axes are exchanged: a registration that takes up all that an effect changes ended the run."""
     assert _Linear(np.zeros((5, 2)), np.zeros(2), 3.0).evidence(np.zeros(5), 1.0) == -np.inf
+
+
+def test_the_size_of_an_effect_is_whole_where_a_tolerance_takes_up_most_of_it() -> None:
+    """Half a millimetre and mrad of the base, in a model that states it, were "below a quarter of the noise"."""
+    hidden = RegistrationError("base", 5e-4, -3e-4, 3e-4, 4e-4, 0.0, -4e-4, 3e-4)
+    prepared = recorded(hidden)
+    dataset = prepared.dataset
+    (base,) = (c for c in all_candidates(dataset.scene) if c.name == "registration_error")
+    state = search(start_search(dataset, [base]), rounds=4)
+    (fit,) = state.fitted
+    view = view_of(state, prepared)
+    called = name_effect(view, fit, own_gain(view, fit))[0]
+    (found,) = workflow._with_numbers(state, [called], state.fitted, dataset.training)[0].values()
+    changes = [d.predict([fit.effect]) - d.predict() for d in (dataset, dataset.strict())]
+    within, whole = (np.sqrt(np.mean(c**2, axis=0)).max() for c in changes)
+    assert whole > 2.0 * within
+    assert found.size == pytest.approx(whole / state.whitener.std.min(), rel=0.3)
