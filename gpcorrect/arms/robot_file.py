@@ -19,7 +19,7 @@ from gpcorrect import se3
 from gpcorrect.arms.arm import Arm, Link
 from gpcorrect.arms.chain import Chain, Joint
 from gpcorrect.arms.robot_friction import friction_onsets
-from gpcorrect.arms.robot_path import ArmPath, about_z, arm_path, joint_frame, pose_of
+from gpcorrect.arms.robot_path import ArmPath, about_z, arm_path, joint_frame, pose_of, to_common_normal
 from gpcorrect.errors import DataError, MissingExtraError
 from gpcorrect.types import BoolArray, FloatArray
 
@@ -110,7 +110,6 @@ HOME = "home"  # key frame of the rest position, as MuJoCo's own models call it
 TURN = np.pi  # rad to either side of its zero that a joint without limits may turn
 COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 FIRST_ELEMENT = re.compile(r"<\s*([A-Za-z_][\w:.-]*)")
-PARALLEL, ON_ONE_LINE = 1e-3, 1e-6  # rad, or m, below which axes count as parallel, and as one
 NO_MASS = "mass and inertia of moving bodies"  # how MuJoCo's message begins
 
 
@@ -293,7 +292,7 @@ def _chain(model: Any, found: ArmPath) -> tuple[Chain, tuple[float, ...]]:
         zero = -float(model.qpos0[model.jnt_qposadr[j]])
         lower, upper = _limits(model, j)
         theta, d = (zero, 0.0) if turning else (0.0, zero)
-        turn = _to_common_normal(placement)
+        turn = to_common_normal(placement)
         placement = placement @ about_z(turn)
         joints.append(Joint("R" if turning else "P", 0.0, 0.0, d, theta - turn, lower, upper, placement))
         turned.append(turn)
@@ -306,19 +305,6 @@ def _chain(model: Any, found: ArmPath) -> tuple[Chain, tuple[float, ...]]:
             hint="MJCF and URDF are in metres. Scale positions, sizes and meshes by 0.001 if it is in millimetres.",
         )
     return Chain(tuple(joints), "modified", tool=tool), tuple(turned)
-
-
-def _to_common_normal(placement: FloatArray) -> float:
-    """Return the angle about a joint's axis from its frame's x to the common normal of the axis before and its own.
-
-    Axes that are parallel but for what a file's rounding leaves have it along what lies between them.
-    """
-    axis, apart = placement[:3, 2], placement[:3, 3]
-    normal = np.cross([0.0, 0.0, 1.0], axis)
-    if np.linalg.norm(normal) < PARALLEL:
-        normal = apart - axis * (axis @ apart)
-    x, y = normal @ placement[:3, 0], normal @ placement[:3, 1]
-    return float(np.arctan2(y, x)) if np.hypot(x, y) > ON_ONE_LINE else 0.0
 
 
 def _turns(model: Any, j: int) -> bool:

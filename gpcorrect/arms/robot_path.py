@@ -16,6 +16,7 @@ WORLD = 0  # MuJoCo's number of the world's body
 FREE, BALL = 0, 1  # MuJoCo's numbers of joint types that are no axis
 CONNECT, WELD, COUPLED = 0, 1, 2  # MuJoCo's numbers of equality constraints: two bodies, two bodies, two joints
 SITE = 6  # MuJoCo's number of the object type
+PARALLEL, ON_ONE_LINE = 1e-3, 1e-6  # rad, or m, below which axes count as parallel, and as one
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +114,23 @@ def about_z(angle: float) -> FloatArray:
     angle : float, rad
     """
     return se3.exp(np.array([0.0, 0.0, 0.0, 0.0, 0.0, angle]))
+
+
+def to_common_normal(placement: FloatArray) -> float:
+    """Return the angle about a joint's axis from its frame's x to the common normal of the axis before and its own.
+
+    Axes that are parallel but for what a file's rounding leaves have it along what lies between them.
+
+    Parameters
+    ----------
+    placement : (4, 4) array, the joint's frame in that of the joint before; z of both are the axes
+    """
+    axis, apart = placement[:3, 2], placement[:3, 3]
+    normal = np.cross([0.0, 0.0, 1.0], axis)
+    if np.linalg.norm(normal) < PARALLEL:
+        normal = apart - axis * (axis @ apart)
+    x, y = normal @ placement[:3, 0], normal @ placement[:3, 1]
+    return float(np.arctan2(y, x)) if np.hypot(x, y) > ON_ONE_LINE else 0.0
 
 
 def _end(model: Any, file: str, start: int, names: list[str], tool: str | None) -> tuple[int, FloatArray, str]:

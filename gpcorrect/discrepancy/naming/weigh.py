@@ -307,6 +307,9 @@ def _more_general(search: Search, own: Own, fit: FittedEffect) -> list[Rival]:
     alike, rest, noisier = fit.candidate.kind.about.neighbours, own.rest, own.overdispersion
     narrow = _Linear.of(search, search.fitted, fit)
     change = narrow.slopes @ fit.u
+    alone = narrow.evidence(change, noisier)
+    if not np.isfinite(alone):
+        return []
     found: dict[Hashable, Rival] = {}
     for trace in search.traces:
         other = trace.candidate
@@ -319,8 +322,7 @@ def _more_general(search: Search, own: Own, fit: FittedEffect) -> list[Rival]:
         if left @ left > NAMING.general * (change @ change):
             continue
         fitted = search.refit((*rest, FittedEffect(other, other.scaled(factors))), other)
-        alone = narrow.evidence(change, noisier)
-        if np.isfinite(alone) and not fitted[-1].at_edge:
+        if not fitted[-1].at_edge:
             wide = _Linear.of(search, fitted, fitted[-1])
             nats = noisier * (wide.evidence(change, noisier) - alone)
             found[other.key] = Rival(fitted[-1], own.nats + nats, is_general=True)

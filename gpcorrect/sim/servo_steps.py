@@ -1,0 +1,192 @@
+"""The steps of the servo loop, compiled: from what a joint is given to where it is a step later.
+
+A step first moves freely, then friction takes away what speed it can; :mod:`gpcorrect.sim.servo` has the reasons.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from numba import njit
+
+from gpcorrect.sim.effects.laws import contact, resisting
+from gpcorrect.types import FloatArray, IntArray
+
+Sides = tuple[float, float]  # before the transmission and behind it
+Frictions = tuple[Sides, Sides, Sides, Sides, float, float]  # of one joint in one step, as `_frictions` returns them
+MOTOR, JOINT = 0, 1  # the order of `SIDES`
+
+
+class Given(NamedTuple):
+    """What the compiled steps are given: constants `(dof,)`, and references runs first, read along the memory.
+
+    `position` and `velocity` are given at the m steps `(N, m, dof)`, `feedforward`, `load` and `carried` at every
+    `stride`-th of them `(N, n, dof)` and are linear between. `gain` is the speed won in a step for each unit of torque,
+    `held` the share that the speed before a step has in where it leads; `load` goes against the motion, `carried` is
+    what the frictions see.
+    """
+
+    kp: FloatArray
+    kd: FloatArray
+    kv: FloatArray
+    gain: FloatArray
+    held: FloatArray
+    step: float
+    stride: int
+    position: FloatArray
+    velocity: FloatArray
+    feedforward: FloatArray
+    load: FloatArray
+    carried: FloatArray
+
+
+class Laws(NamedTuple):
+    """Laws of the effects: rows of numbers in the order of their columns, and a friction's side.
+
+    Those of column j are the rows `of[j]` to `of[j + 1]`. Nothing in the steps cuts rows out of an array: the counting
+    of references to the cuts would take longer than the laws.
+    """
+
+    friction: FloatArray
+    friction_of: IntArray
+    friction_side: IntArray
+    torque: FloatArray
+    torque_of: IntArray
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def advance(
+    first: int, last: int, given: Given, laws: Laws, position: FloatArray, velocity: FloatArray, samples: FloatArray
+) -> None:
+    """Move `position` and `velocity` `(N, dof)` of the runs `first` to `last` through the steps, in place.
+
+    Every `stride`-th step leaves its position, velocity, commanded torque and torque behind the transmission in
+    `samples` `(4, N, n, dof)`.
+
+    Parameters
+    ----------
+    first, last : int, of the N runs
+    given : Given
+    laws : Laws
+    position, velocity : (N, dof) arrays
+    samples : (4, N, n, dof) array, result
+    """
+    end = given.load.shape[1] - 1
+    for r in range(first, last):
+        k, beyond = 0, 0
+        wanted, pace, fed = given.position[r], given.velocity[r], given.feedforward[r]
+        loads, loads_felt = given.load[r], given.carried[r]
+        for i in range(wanted.shape[0]):
+            part, after = beyond / given.stride, min(k + 1, end)
+            for j in range(position.shape[1]):
+                q, v = position[r, j], velocity[r, j]
+                torque = given.kp[j] * (wanted[i, j] - q) + given.kd[j] * (pace[i, j] - v)
+                torque += _between(fed, k, after, part, j)
+                load, felt = _between(loads, k, after, part, j), _between(loads_felt, k, after, part, j)
+                frictions = _frictions(laws, j, q, v, felt, given.gain[j], given.step, given.kv[j])
+                if given.kv[j] > 0.0:
+                    torque = _with_brake(torque, given.kv[j], v, given.gain[j], load, frictions, laws, j, q)
+                delivered, pressed = _delivered(laws, j, torque, q)
+                speed, behind = _braked(v, given.gain[j], delivered - pressed - load, frictions)
+                position[r, j], velocity[r, j] = q + given.step * (speed + given.held[j] * (v - speed)), speed
+                if beyond == 0:
+                    samples[0, r, k, j], samples[1, r, k, j], samples[2, r, k, j] = q, v, torque
+                    samples[3, r, k, j] = behind + pressed
+            beyond += 1
+            if beyond == given.stride:
+                k, beyond = k + 1, 0
+
+
+@njit(cache=True, error_model="numpy")
+def _between(samples: FloatArray, k: int, after: int, part: float, j: int) -> float:
+    """Value between a sample and the one after it."""
+    value: float = samples[k, j] + part * (samples[after, j] - samples[k, j])
+    return value
+
+
+@njit(cache=True, error_model="numpy")
+def _delivered(laws: Laws, j: int, torque: float, q: float) -> tuple[float, float]:
+    """Torque that the drive delivers, and the one with which stops are pressed."""
+    pressed = 0.0
+    for a in range(laws.torque_of[j], laws.torque_of[j + 1]):
+        torque = min(max(torque, -laws.torque[a, 0]), laws.torque[a, 0])
+        pressed += contact(laws.torque, a, q)
+    return torque, pressed
+
+
+@njit(cache=True, error_model="numpy")
+def _with_brake(
+    torque: float, kv: float, v: float, gain: float, load: float, frictions: Frictions, laws: Laws, j: int, q: float
+) -> float:
+    """Torque less `kv` times the speed at the end of the step.
+
+    Implicit, since a gain on the motor's own speed is often so high that the loop is unstable if it acts a step late.
+    """
+    pressed = _delivered(laws, j, torque, q)[1]
+    forward, backward, damping, soft, slope, ahead = frictions
+    braking = (forward, backward, (damping[MOTOR] + kv, damping[JOINT]), soft, slope, ahead)
+    return torque - kv * _braked(v, gain, torque - pressed - load, braking)[0]
+
+
+@njit(cache=True, error_model="numpy")
+def _frictions(laws: Laws, j: int, q: float, v: float, load: float, gain: float, step: float, kv: float) -> Frictions:
+    """Dry limits against forward and backward motion, damping, and of soft friction the limits, slope and `ahead`.
+
+    Soft frictions add up to one: below its limit it is `slope (v + ahead (u - v))`, u the speed after the step. `ahead`
+    is inertia over slope in steps, and more by what damping and `kv` take of the acceleration within a step: the
+    law counts by what it is at the beginning. It is at least 1, or the speed would overshoot zero.
+
+    Apart from `_braked`, so that the compiler inlines both: as one function the loop takes twice as long.
+    """
+    forward, backward, damping, soft = (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)
+    slope, inertia = 0.0, 0.0
+    for a in range(laws.friction_of[j], laws.friction_of[j + 1]):
+        behind = laws.friction_side[a] == JOINT
+        damping = _added(damping, laws.friction[a, 7], behind)
+        if laws.friction[a, 8] > 0.0:
+            soft = _added(soft, laws.friction[a, 0], behind)
+            slope += laws.friction[a, 8]
+            inertia += laws.friction[a, 9]
+        else:
+            up, down = resisting(laws.friction, a, q, v, load)
+            forward, backward = _added(forward, up, behind), _added(backward, down, behind)
+    ahead = 1.0
+    if slope > 0.0:
+        ahead = max(inertia * (1.0 + gain * (damping[MOTOR] + damping[JOINT] + kv)) / (slope * step), 1.0)
+    return forward, backward, damping, soft, slope, ahead
+
+
+@njit(cache=True, error_model="numpy")
+def _braked(v: float, gain: float, driving: float, frictions: Frictions) -> tuple[float, float]:
+    """Speed after a step, and the friction behind the transmission in it.
+
+    Dry friction stops what it can beside the soft friction of a joint that stops; soft friction acts on what is left.
+    """
+    forward, backward, damping, soft, slope, ahead = frictions
+    factor = 1.0 / (1.0 + gain * (damping[MOTOR] + damping[JOINT]))
+    gain = gain * factor
+    free = factor * v + gain * driving
+    ceiling = gain * (forward[MOTOR] + forward[JOINT])
+    floor = -gain * (backward[MOTOR] + backward[JOINT])
+    behind = 0.0
+    if slope > 0.0:
+        limit = soft[MOTOR] + soft[JOINT]
+        stopped = min(max(slope * (1.0 - ahead) * v, -limit), limit)
+        taken = min(max(free - gain * stopped, floor), ceiling)
+        implicit = slope / (1.0 + slope * ahead * gain)
+        creeping = min(max(implicit * (v + ahead * (free - taken - v)), -limit), limit)
+        behind = soft[JOINT] / limit * creeping
+        speed = free - taken - gain * creeping
+    else:
+        taken = min(max(free, floor), ceiling)
+        speed = free - taken
+    limits = forward if taken > 0.0 else backward
+    if limits[JOINT] > 0.0:
+        behind += limits[JOINT] / (limits[MOTOR] + limits[JOINT]) * taken / gain
+    return speed, behind + damping[JOINT] * speed
+
+
+@njit(cache=True, error_model="numpy")
+def _added(sides: Sides, value: float, behind: bool) -> Sides:
+    """Return the same with a value more before the transmission, or behind it."""
+    return (sides[MOTOR], sides[JOINT] + value) if behind else (sides[MOTOR] + value, sides[JOINT])
