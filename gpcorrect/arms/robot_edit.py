@@ -40,7 +40,7 @@ class RobotEdit:
     """
 
     def __init__(self, path: str | Path, tool: str | None = None, base: str | None = None) -> None:
-        self._path = Path(path).absolute()
+        self._path, self._based = Path(path).absolute(), base is not None
         self.robot = read_robot(path, tool=tool, base=base)
         self._spec = parse(path)
         if not self._has_meshes():  # MuJoCo compiles what was changed, and for that reads the meshes
@@ -184,6 +184,18 @@ class RobotEdit:
         found, com = self._joint(joint), self.robot.arm.links[joint - 1].com
         T_body_joint = joint_frame(found.pos, found.axis)
         self._hang(found.parent, mass, T_body_joint[:3, :3] @ com + T_body_joint[:3, 3])
+
+    def add_gravity(self, change: tuple[float, float, float]) -> bool:
+        """Change gravity; return whether the arm's base is the file's world, in whose frame the file has it.
+
+        Parameters
+        ----------
+        change : tuple of three floats, base frame, m/s^2
+        """
+        if self._based:
+            return False
+        self._spec.option.gravity = np.array(self._spec.option.gravity) + change
+        return True
 
     def _hang(self, carrier: Any, mass: float, place: FloatArray) -> None:
         name = PAYLOAD

@@ -77,18 +77,19 @@ class Machine:
         return replace(self.body, links=replace(self.body.links, payload=payload)).compact()
 
     def actual_body(self, payload: FloatArray) -> Body:
-        """Body as it really is: with the effects on masses and geometry.
+        """Body as it really is: with the effects on masses, gravity and geometry.
 
         Parameters
         ----------
         payload : (N,) array, kg at the tip in each run
         """
-        links, chain = replace(self.body.links, payload=payload), self.body.chain
+        body = replace(self.body, links=replace(self.body.links, payload=payload))
         for load in of_kind(self.effects, LoadEffect):
-            links = load.act(links)
+            body = load.act(body)
+        chain = body.chain
         for change in of_kind(self.effects, ChainEffect):
             chain = chain if chain is None else change.act(chain)
-        return replace(self.body, links=links, chain=chain).compact()
+        return replace(body, chain=chain).compact()
 
     @property
     def actual_drive(self) -> Drive:
@@ -100,5 +101,5 @@ class Machine:
 
     @property
     def has_nominal_body(self) -> bool:
-        """Whether no effect touches masses or geometry."""
+        """Whether no effect touches masses, gravity or geometry."""
         return not any(isinstance(effect, LoadEffect | ChainEffect) for effect in self.effects)

@@ -21,7 +21,7 @@ from gpcorrect.errors import DataError
 from gpcorrect.plain import toml_text
 from gpcorrect.sim.body import Feedforward
 from gpcorrect.sim.effects import Effect, Stage, effect_from_dict, in_order
-from gpcorrect.sim.effects.compliance import JointSpring, LinkMassError, Payload
+from gpcorrect.sim.effects.compliance import GravityError, JointSpring, LinkMassError, Payload
 from gpcorrect.sim.effects.dynamics import InertiaError, MissingFriction
 from gpcorrect.sim.effects.geometry import DhError
 from gpcorrect.sim.effects.limit import JointStop, TorqueSaturation
@@ -315,6 +315,8 @@ def _in_own_words(edit: RobotEdit, effect: Effect, model: Model) -> bool:
         case LinkMassError(joint=int(joint), mass=mass) if mass > 0.0 and weighs and model.links is None:
             edit.add_link_mass(joint, mass)
             return True
+        case GravityError(x=x, y=y, z=z) if weighs and model.gravity is None:
+            return edit.add_gravity((x, y, z))
         case DhError(joint=int(joint), alpha=alpha, a=a, d=d, theta=theta) if weighs:
             row = Joint("R", alpha, a, d, theta, -1.0, 1.0)
             return edit.move_joint(joint, Chain((row,), "modified").forward([0.0]))

@@ -113,7 +113,7 @@ def test_a_size_that_may_be_none_is_given_as_a_bound() -> None:
     mixed = named("gain_error", 2, parameters={
         "proportional": Estimate(0.01, (-0.1, 0.1), "1", (0.0,)), "derivative": Estimate(0.3, (0.2, 0.4), "1", (None,)),
     })  # fmt: skip
-    assert verdict_sentence(result("EXACT", mixed)).startswith("Joint 2: gain error, 0.300 (0.200 to 0.400)")
+    assert verdict_sentence(result("EXACT", mixed)).startswith("Joint 2: gain error, derivative 0.300 (0.200 to 0.400)")
 
 
 def test_a_place_is_not_given_one_name_of_a_class(tmp_path: Path) -> None:

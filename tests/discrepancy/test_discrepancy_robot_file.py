@@ -45,6 +45,8 @@ def test_friction_that_a_robot_file_lacks_is_named(nominal):
     "hidden",
     [
         {"name": "link_mass_error", "joint": 2, "mass": 0.5},
+        {"name": "centre_of_mass_error", "joint": 2, "x": 0.03, "y": 0.02},
+        {"name": "gravity_error", "joint": "base", "x": 0.5, "y": -0.3},
         {"name": "joint_spring", "joint": 2, "stiffness": 12.0, "push": 3.0},
         {"name": "joint_spring", "joint": 1, "stiffness": 0.0, "push": 2.0},
         {"name": "payload", "joint": "all", "mass": -0.3},
@@ -52,7 +54,17 @@ def test_friction_that_a_robot_file_lacks_is_named(nominal):
         {"name": "coulomb_friction", "joint": 1, "torque": 3.0, "onset": 0.03, "rest": "soft", "side": "motor"},
         {"name": "missing_friction", "joint": 2, "part": 0.6, "term": "dry"},
     ],
-    ids=["heavy link", "spring", "constant pull", "light tool", "one late command", "soft friction", "less friction"],
+    ids=[
+        "heavy link",
+        "centre of mass",
+        "tilted gravity",
+        "spring",
+        "constant pull",
+        "light tool",
+        "one late command",
+        "soft friction",
+        "less friction",
+    ],
 )
 def test_what_a_robot_file_says_wrongly_has_its_own_name(nominal, hidden):
     """And not that of what acts like it on the motors: a fed-forward term, viscous friction, another link's mass."""

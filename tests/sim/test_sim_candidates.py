@@ -42,8 +42,8 @@ def test_no_two_candidates_are_the_same():
 def test_an_arm_without_kinematics_has_no_tool():
     """Bare joints offer nothing that only a pose or a mass could show, nor an insertion that they lack."""
     names = {c.kind.about.name for c in candidates(BARE)}
-    absent = {"registration_error", "dh_error", "payload", "link_mass_error", "shaft_bending", "rcm_shift"}
-    absent.add("length_dependent_stiffness")
+    absent = {"registration_error", "dh_error", "payload", "link_mass_error", "centre_of_mass_error", "gravity_error"}
+    absent |= {"shaft_bending", "rcm_shift", "length_dependent_stiffness"}
     assert names == set(EFFECTS) - absent
 
 
@@ -118,7 +118,7 @@ def test_every_effect_can_be_simulated(candidate):
     for name in log.signals:
         signal = getattr(log, name)
         assert np.isfinite(signal.position if name.endswith("_cp") else signal).all()
-    if candidate.kind.about.name == "link_mass_error":
+    if candidate.kind.about.name in ("link_mass_error", "centre_of_mass_error"):
         return  # the dVRK's links weigh nothing in the model
     six = model_from_dict({"arm": "dvrk_psm", "joints": [1, 2, 3, 4, 5, 6], "effects": [candidate.typical()]})
     assert np.isfinite(random_reaches_log(n_trajectories=1, model=six, faults=False).tracker_cp.position).all()

@@ -14,6 +14,7 @@ from gpcorrect.sim.effects import (
     CableSlip,
     CableStretch,
     CapstanFriction,
+    CentreOfMassError,
     CommandDelay,
     CoulombFriction,
     Creep,
@@ -23,6 +24,7 @@ from gpcorrect.sim.effects import (
     EncoderQuantisation,
     FeedforwardError,
     GainError,
+    GravityError,
     GravitySag,
     HomingOffset,
     Hysteresis,
@@ -89,6 +91,8 @@ NEUTRAL = (
     CommandDelay("all", 0.0),
     InertiaError(2, 0.0),
     LinkMassError(2, 0.0),
+    CentreOfMassError(2),
+    GravityError("base"),
     JointSpring(1, 0.0, 0.0),
     MissingFriction(1, 0.0),
     MissingFriction(1, 0.0, "viscous"),
@@ -128,9 +132,11 @@ ACTIVE = (
     SpeedNoise(1, 1e-3),
     CommandDelay("all", 0.02),
     InertiaError(2, 0.1),
-    LinkMassError(2, 0.3),
+    CentreOfMassError(2, 0.02, -0.01, 0.03),
     JointSpring(1, 4.0, 0.3),
     MissingFriction(1, 0.4),
+    LinkMassError(2, 0.3),
+    GravityError("base", 0.5, -0.3, 0.1),
 )
 ids = [e.about.name for e in ACTIVE]
 PATH_EFFECTS = [e for e in ACTIVE if isinstance(e, PathEffect) and e.joint != "all"]

@@ -30,6 +30,8 @@ from gpcorrect.sim.servo import Clock, Loop, Reference
 OF_THE_MACHINE = {
     "payload": "masses of the body",
     "link_mass_error": "masses of the body",
+    "centre_of_mass_error": "masses of the body",
+    "gravity_error": "what the body weighs",
     "dh_error": "geometry of the body",
     "feedforward_error": "what the controller adds",
     "gain_error": "gains of the controller",

@@ -160,6 +160,7 @@ FOUND = [
     {"name": "joint_spring", "joint": 2, "stiffness": 20.0, "push": 8.0},
     {"name": "joint_spring", "joint": 2, "stiffness": 5.0, "push": -1.0},
     {"name": "joint_spring", "joint": 4, "stiffness": 1.5, "push": -0.45},
+    {"name": "gravity_error", "joint": "base", "x": 0.4, "y": -0.6, "z": 0.1},
     {"name": "backlash", "joint": 1, "radius": 0.003},
     {"name": "coulomb_friction", "joint": 2, "torque": 1.0, "rest": "soft", "onset": 0.01},
 ]

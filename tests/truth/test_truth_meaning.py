@@ -152,6 +152,8 @@ def test_the_catalogues_are_the_same() -> None:
         "command_delay",
         "inertia_error",
         "link_mass_error",
+        "centre_of_mass_error",
+        "gravity_error",
         "joint_spring",
         "missing_friction",
     }

@@ -25,7 +25,6 @@ from gpcorrect.sim.effects import Family
 TOLERANCES = (
     f"tolerances of table and registration ({1e3 * NOISE.table_angle:.1g} mrad, {1e3 * NOISE.table_length:.1g} mm)"
 )
-MANY = 3  # numbers of an effect, above which it is said which of them is given
 VISIBLE = 1.15  # of the noise: a residual below shows nothing
 ALTERNATIVES = 3  # names for one thing, its own among them
 LONG_UNIT = 8  # letters, beyond which a number is left to the table
@@ -183,7 +182,7 @@ def _named(effect: NamedEffect, *, interval: bool, sized: bool = True) -> str:
     name = f"{effect.name.replace('_', ' ')}{''.join(source)}"
     if not sizes:
         return name
-    which = next(n for n, e in effect.parameters.items() if e is sizes[0]) + " " if len(sizes) > MANY else ""
+    which = next(n for n, e in effect.parameters.items() if e is sizes[0]) + " " if len(sizes) > 1 else ""
     return f"{name}{',' if interval else ''} {which}{estimate_words(sizes[0], interval=interval)}"
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from gpcorrect.sim.effects import Parameter
 
 WIDEST = np.log(1e6)  # of a shape parameter's logarithm around its typical value
+PRIOR_SIZE = 10.0  # standard deviation of a size, in typical ones
 PRIOR_LOG = np.log(3.0)  # standard deviation of a shape parameter's logarithm: a factor of three either way
 
 
@@ -82,9 +83,16 @@ class Coordinate:
 
     @property
     def prior_weight(self) -> float:
-        """One over the prior standard deviation of a shape's coordinate; 0 for amplitudes, which are left free."""
-        free = self.amplitude or self.kind != "log" or self.parameter.change_point
-        return 0.0 if free else 1.0 / PRIOR_LOG
+        """One over the prior standard deviation of a coordinate in a fit; 0 where it is left free.
+
+        Shapes have the catalogue's. Sizes of either sign have one so wide that it moves no number which the data say
+        anything of, and leaves none that they do not see anywhere but at nothing.
+        """
+        if self.parameter.change_point:
+            return 0.0
+        if self.amplitude:
+            return 1.0 / PRIOR_SIZE if self.kind == "scaled" and not self.parameter.positive else 0.0
+        return 1.0 / PRIOR_LOG if self.kind == "log" else 0.0
 
 
 def coordinate_of(parameter: Parameter, joint_type: str, *, amplitude: bool) -> Coordinate:

@@ -18,7 +18,6 @@ from gpcorrect.types import FloatArray
 
 STEP = 0.002  # of a coordinate, for finite differences: far below a wave's turn over the range of a joint
 SMALLEST_STEP = 5e-4  # of a coordinate near zero
-UNSEEN = 1e-6  # nats, twice, that a number's whole range is worth
 MAX_EVALUATIONS = 16  # of a set in a refinement: for time
 HALVINGS = 8  # of sizes at which no machine could be
 HOPE = 3.0  # times the last step's gain, which steps that gain three quarters of the one before come to in all
@@ -113,9 +112,6 @@ def refine(
 
     def jacobian(u: FloatArray) -> FloatArray:
         slopes = whitener.whiten_columns(_tangents(dataset, fixed, _at(free, u))[1])
-        # What these sensors do not see at all, such as a turn that the marker's own takes up, stays where it is: its
-        # slope is rounding, by which a step would take it to an end of its range.
-        slopes[:, np.square(slopes).sum(axis=0) < UNSEEN / np.square(high - low)] = 0.0
         return np.concatenate([-slopes, np.diag(prior)])
 
     costs: list[float] = []

@@ -20,7 +20,7 @@ import numpy as np
 
 from gpcorrect.arms import Chain
 from gpcorrect.errors import DataError
-from gpcorrect.sim.body import Drive, Links
+from gpcorrect.sim.body import Body, Drive
 from gpcorrect.sim.effects.description import Description, Parameter
 from gpcorrect.sim.effects.laws import FrictionLaw, TorqueLaw
 from gpcorrect.sim.effects.operators import Memory
@@ -40,7 +40,7 @@ ReadingOperator = Callable[[Readings, Motion], Readings]
 class Stage(IntEnum):
     """Where in the chain from command to reading an effect acts; effects act in this order."""
 
-    LOAD = 0  # masses that hang on the arm
+    LOAD = 0  # masses that hang on the arm, and gravity
     CHAIN = 1  # its geometry
     TORQUE = 2  # what the drive delivers, inside the servo loop
     FRICTION = 3  # what the motion costs, inside the servo loop
@@ -160,17 +160,17 @@ def _check(effect: str, parameter: Parameter, value: Any) -> None:
 
 
 class LoadEffect(Effect):
-    """Changes the masses that the arm carries."""
+    """Changes what the arm carries: masses, or gravity."""
 
     stage = Stage.LOAD
 
     @abstractmethod
-    def act(self, links: Links) -> Links:
-        """Return the masses with the effect.
+    def act(self, body: Body) -> Body:
+        """Return the body with the effect.
 
         Parameters
         ----------
-        links : Links
+        body : Body
         """
 
 

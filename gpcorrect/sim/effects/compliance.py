@@ -9,7 +9,7 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError
-from gpcorrect.sim.body import Links
+from gpcorrect.sim.body import Body
 from gpcorrect.sim.effects.base import JointEffect, LoadEffect, Stage, TipEffect, TorqueEffect
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.laws import TorqueLaw
@@ -181,10 +181,11 @@ class Payload(LoadEffect):
         sites=(Site.ALL,),
     )
 
-    def act(self, links: Links) -> Links:
-        """Return the masses with more at the tip."""
+    def act(self, body: Body) -> Body:
+        """Put more at the tip."""
+        links = body.links
         most = float(links.mass[-1]) if len(links.mass) else 0.0
-        return replace(links, payload=np.maximum(links.payload + self.mass, -most))
+        return replace(body, links=replace(links, payload=np.maximum(links.payload + self.mass, -most)))
 
 
 @dataclass(frozen=True)
@@ -195,7 +196,7 @@ class LinkMassError(LoadEffect):
 
     about = Description(
         name="link_mass_error",
-        number=35,
+        number=38,  # behind the centre of mass: a link that then weighs nothing has none
         family=Family.COMPLIANCE,
         equation="tau = tau_0 + J_c^T mass (a_c - g), c the link's nominal centre of mass",
         source="Featherstone 2008, Rigid Body Dynamics Algorithms, Ch. 5",
@@ -208,16 +209,70 @@ class LinkMassError(LoadEffect):
         sites=(Site.JOINT,),
     )
 
-    def act(self, links: Links) -> Links:
-        """Return the masses with more in one link."""
-        number, mass = int(self.joint), np.array(links.mass)
-        if not (number <= len(mass) and mass[number - 1] > 0.0):
-            raise DataError(
-                f"effect {self.about.name}: link {number} weighs nothing in the model.",
-                hint="Give the masses in `links`, or leave the effect out.",
-            )
-        mass[number - 1] = max(0.0, mass[number - 1] + self.mass)
-        return replace(links, mass=mass)
+    def act(self, body: Body) -> Body:
+        """Put more in one link."""
+        i, mass = link_of(self, body), np.array(body.links.mass)
+        mass[i] = max(0.0, mass[i] + self.mass)
+        return replace(body, links=replace(body.links, mass=mass))
+
+
+@dataclass(frozen=True)
+class CentreOfMassError(LoadEffect):
+    """A link has its centre of mass elsewhere than the model says; the controller does not know."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+
+    about = Description(
+        name="centre_of_mass_error",
+        number=35,
+        family=Family.COMPLIANCE,
+        equation="c = c_nominal + (x, y, z), in the link's frame",
+        source="Atkeson, An, Hollerbach 1986, Int. J. Robotics Research 5(3): mass moments of links from motion",
+        parameters=tuple(
+            Parameter(axis, f"along the link frame's {axis} axis", Range("m", -0.5, 0.5, 0.02), positive=False)
+            for axis in "xyz"
+        ),
+        needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
+        neighbours=("link_mass_error", "joint_spring", "gravity_error"),
+        separating_runs=(Run.POSE_SPREAD, Run.SPEED_LADDER),
+    )
+
+    def act(self, body: Body) -> Body:
+        """Move one link's centre of mass."""
+        i, com = link_of(self, body), np.array(body.links.com)
+        com[i] += self.x, self.y, self.z
+        return replace(body, links=replace(body.links, com=com))
+
+
+@dataclass(frozen=True)
+class GravityError(LoadEffect):
+    """Gravity in the base's frame is not what the model says, as where the arm does not stand upright."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+
+    about = Description(
+        name="gravity_error",
+        number=39,
+        family=Family.COMPLIANCE,
+        equation="g = g_nominal + (x, y, z), in the base frame",
+        source="Siciliano et al. 2009, Robotics, Sec. 7.2: gravity in the base frame",
+        parameters=tuple(
+            Parameter(axis, f"along the base's {axis} axis", Range("m/s^2", -20.0, 20.0, 0.3), positive=False)
+            for axis in "xyz"  # from an arm that hangs to one that stands
+        ),
+        needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
+        neighbours=("centre_of_mass_error", "joint_spring", "payload"),
+        separating_runs=(Run.POSE_SPREAD, Run.LOAD_SWAP),
+        sites=(Site.BASE,),
+    )
+
+    def act(self, body: Body) -> Body:
+        """Change gravity."""
+        return replace(body, gravity=body.gravity + np.array([self.x, self.y, self.z]))
 
 
 @dataclass(frozen=True)
@@ -315,6 +370,28 @@ class RcmShift(TipEffect):
             return T_base_tip
         force, _ = lateral_force(T_base_tip[..., :3, 3], motion.tip_force)
         return se3.pose(T_base_tip[..., :3, :3], T_base_tip[..., :3, 3] + force / self.stiffness)
+
+
+def link_of(effect: LoadEffect, body: Body) -> int:
+    """Return the place of an effect's link among those that weigh something.
+
+    Parameters
+    ----------
+    effect : LoadEffect, on one joint
+    body : Body
+
+    Raises
+    ------
+    DataError
+        The model gives the link no mass.
+    """
+    number, mass = int(effect.joint), body.links.mass
+    if not (number <= len(mass) and mass[number - 1] > 0.0):
+        raise DataError(
+            f"effect {effect.about.name}: link {number} weighs nothing in the model.",
+            hint="Give the masses in `links`, or leave the effect out.",
+        )
+    return number - 1
 
 
 def lateral_force(tip: FloatArray, tip_force: FloatArray | None) -> tuple[FloatArray, FloatArray]:
