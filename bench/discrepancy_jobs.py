@@ -27,7 +27,7 @@ NUMBERS = {
         "outside": 300,
         "advised": 400,  # of which those that are ambiguous at first count
     },
-    "mujoco": {"null": 60, "one": 120, "ahead": 20, "pairs": 40, "outside": 40},
+    "mujoco": {"null": 60, "one": 120, "ahead": 48, "pairs": 40, "outside": 40},
 }
 SHORT = {
     "numpy": {

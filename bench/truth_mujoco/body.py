@@ -44,6 +44,11 @@ def _row(row: Array, modified: bool) -> tuple[Array, Array]:
     return (across @ along, np.eye(4)) if modified else (along, across)
 
 
+def link_frame(arm: Arm, rows: Array, j: int) -> Array:
+    """Return the frame `(4, 4)` of a link in its body's frame."""
+    return _row(rows[j], arm.modified)[1]
+
+
 def _place(body: mujoco.MjsBody, T: Array) -> None:
     body.pos = T[:3, 3]
     body.quat = Rotation.from_matrix(T[:3, :3]).as_quat()[[3, 0, 1, 2]]

@@ -26,6 +26,10 @@ PHYSICAL = {
     "feedforward_error": {"fraction": (-1.0, 1.0)},
     "gain_error": {"proportional": (-0.6, 1.5), "derivative": (-0.6, 1.5)},
     "swaying_base": {"angle": (1e-4, 0.3)},
+    "link_mass_error": {"mass": (-0.1, 3.0)},
+    "centre_of_mass_error": dict.fromkeys("xyz", (-0.4, 0.4)),
+    "gravity_error": dict.fromkeys("xyz", (-8.0, 8.0)),
+    "inertia_error": {"inertia": (0.0, 130.0)},  # twice the largest motor here
 }
 GROWTH = Growth(close=0.1, tries=8, stride=2.0, physical=PHYSICAL)
 

@@ -9,6 +9,7 @@ import numpy as np
 from truth.suites import RATIOS, chance, drawn, joint_causes, sessions_of, short
 
 from truth_mujoco.causes import AHEAD, CATALOGUE, OUTSIDE, cause_named
+from truth_mujoco.causes.masses import CAUSES as MASSES
 from truth_mujoco.spec import Signals, Spec
 
 __all__ = ["RATIOS", "SUITES", "short", "specs"]
@@ -31,7 +32,7 @@ def _scene(names: tuple[str, ...], rng: np.random.Generator) -> tuple[str, Signa
     if all(c.bare for c in causes) and rng.random() < 0.25:
         return "ur5", "bare"
     arm = "raven2_left" if rng.random() < 0.6 else "dvrk_psm"
-    if "length_dependent_stiffness" in names or "capstan_friction" in names:
+    if {"length_dependent_stiffness", "capstan_friction", *MASSES} & set(names):
         arm = "raven2_left"  # whose links weigh on their joints
     choice = SENSORS[kind]
     return arm, choice[int(rng.integers(len(choice)))]

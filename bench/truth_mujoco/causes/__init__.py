@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from truth_mujoco.causes import compliance, controller, geometry, outside, reversal, temporal
+from truth_mujoco.causes import compliance, controller, geometry, masses, outside, reversal, temporal
 from truth_mujoco.causes.cause import Cause
 
 __all__ = ["AHEAD", "CATALOGUE", "OUTSIDE", "STAGES", "cause_named"]
 
 CATALOGUE: dict[str, Cause] = geometry.CAUSES | compliance.CAUSES | reversal.CAUSES | temporal.CAUSES
-# Motor-side errors and a law of the noise that the catalogue is to learn. The scorer asks the product whether it does
-AHEAD: dict[str, Cause] = controller.CAUSES
+# What the first protocol did not have: motor-side errors, masses, a law of the noise
+AHEAD: dict[str, Cause] = controller.CAUSES | masses.CAUSES
 OUTSIDE: dict[str, Cause] = outside.CAUSES
 # Causes behind what MuJoCo moves act from the motor to the link: the order matters where they meet
 STAGES = (

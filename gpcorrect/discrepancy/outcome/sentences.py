@@ -123,7 +123,7 @@ def _alike_words(result: DiscrepancyResult) -> list[str]:
     if spreads := [e.spread for e in alike if not e.is_constant]:
         but.append(f"by another size in every motion (up to {_percent(max(spreads))})")
     if parts := [e.closes for e in alike if not e.is_whole]:
-        but.append(f"closes only {_percent(min(parts))} of the gap")
+        but.append(f"closes only {_percent(max(0.0, min(parts)))} of the gap")
     return [f"It acts like {_listed(alike, sized=False)}, but {' and '.join(but)}."]
 
 

@@ -9,7 +9,6 @@ import numpy as np
 from gpcorrect.sim.effects import Parameter
 
 WIDEST = np.log(1e6)  # of a shape parameter's logarithm around its typical value
-PRIOR_SIZE = 10.0  # standard deviation of a size, in typical ones
 PRIOR_LOG = np.log(3.0)  # standard deviation of a shape parameter's logarithm: a factor of three either way
 
 
@@ -85,13 +84,13 @@ class Coordinate:
     def prior_weight(self) -> float:
         """One over the prior standard deviation of a coordinate in a fit; 0 where it is left free.
 
-        Shapes have the catalogue's. Sizes of either sign have one so wide that it moves no number which the data say
-        anything of, and leaves none that they do not see anywhere but at nothing.
+        Sizes of either sign have one as wide as their physical range: it moves none that the data say anything of, and
+        those that they do not see, such as a turn that the marker's own takes up, stay at nothing.
         """
         if self.parameter.change_point:
             return 0.0
         if self.amplitude:
-            return 1.0 / PRIOR_SIZE if self.kind == "scaled" and not self.parameter.positive else 0.0
+            return self.typical / (self.high - self.low) if self.kind == "scaled" and self.low < 0.0 else 0.0
         return 1.0 / PRIOR_LOG if self.kind == "log" else 0.0
 
 

@@ -163,7 +163,7 @@ class InertiaError(DriveEffect):
                 "inertia",
                 "inertia beyond the model's",
                 Range("kg m^2", -1.0, 10.0, 0.05),
-                Range("kg", -10.0, 100.0, 0.5),
+                Range("kg", -100.0, 1000.0, 5.0),  # RAVEN-II's insertion has 66
                 positive=False,
             ),
         ),
