@@ -18,7 +18,7 @@ from gpcorrect.discrepancy.advice.next_experiment import advise
 from gpcorrect.discrepancy.evidence.bursts import bursts_of
 from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.evidence.whitener import estimate_noises, whitener_on
-from gpcorrect.discrepancy.naming.intervals import away_from_nothing, interval_ends
+from gpcorrect.discrepancy.naming.intervals import away_from_nothing, interval_ends, without_idle_numbers
 from gpcorrect.discrepancy.naming.posterior import Level, Named
 from gpcorrect.discrepancy.naming.selection import name_effects, name_rare
 from gpcorrect.discrepancy.naming.sensor_noise import NoiseEffect, noise_effects
@@ -197,7 +197,7 @@ def _judge(
     dataset, train = prepared.dataset, prepared.dataset.training
     progress.step("numbers", 0.0)
     fitted = _refit(state, [n.fit for n in named], train)
-    found, unsure = _with_numbers(state, named, fitted, train)
+    fitted, found, unsure = _with_numbers(state, named, fitted, train)
     minor: list[NamedEffect] = []
     while gone := {*unsure, *_minor(found, only_large)}:  # the rest is estimated again without them
         doubtful = [named[i] for i in unsure]
@@ -207,7 +207,7 @@ def _judge(
         minor += [e for i, e in found.items() if i in gone]
         stay = [i for i in range(len(named)) if i not in gone]
         named, fitted = tuple(named[i] for i in stay), _refit(state, [fitted[i] for i in stay], train)
-        found, unsure = _with_numbers(state, named, fitted, train)
+        fitted, found, unsure = _with_numbers(state, named, fitted, train)
     progress.step("numbers", 1.0)
     shown = [f.effect for f in fitted]
     noises = estimate_noises(dataset, state.residual(fitted), train)
@@ -280,12 +280,13 @@ def _groups(state: Search, fitted: Sequence[FittedEffect]) -> list[list[int]]:
 
 def _with_numbers(
     state: Search, named: Sequence[Named], fitted: Sequence[FittedEffect], rows: BoolArray
-) -> tuple[dict[int, NamedEffect], set[int]]:
-    """Return named effects with their estimates, by their place in the set, and those whose size may be zero."""
+) -> tuple[tuple[FittedEffect, ...], dict[int, NamedEffect], set[int]]:
+    """Return the set without idle numbers, its effects with their estimates, and those whose size may be zero."""
     if not fitted:
-        return {}, set()
+        return (), {}, set()
     dataset = state.dataset
     whitener = whitener_on(dataset, state.residual(fitted), rows)
+    settled = without_idle_numbers(state, whitener, fitted)
     whole = dataset.strict()  # what the tolerance takes up of an effect is a part of its size
     nominal = whole.predict()
     found, unsure = {}, set()
@@ -296,12 +297,13 @@ def _with_numbers(
         if none and (len(candidate.sizes) == 1 or not away_from_nothing(state, whitener, fitted, fit)):
             unsure.add(i)
             continue
+        fit = settled[i]
         sizes = np.sqrt(np.mean((whole.predict([fit.effect]) - nominal) ** 2, axis=0)) / whitener.std
         shown = dataset.scene.channels[int(sizes.argmax())]
         found[i] = NamedEffect.of(
             replace(name, fit=fit), describe(fit, ends), float(sizes.max()), of_motor=shown.signal == "measured_jp"
         )
-    return found, unsure
+    return settled, found, unsure
 
 
 def _minor(found: Mapping[int, NamedEffect], only_large: bool) -> list[int]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import MISSING, fields
 
 import numpy as np
+from scipy.stats import chi2
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
@@ -125,6 +126,56 @@ def interval_ends(
         inside, outside = (middle, outside) if possible(middle) else (inside, middle)
     ends[k] = (outside, high) if fit.u[k] > nothing else (low, outside)
     return ends
+
+
+def without_idle_numbers(
+    search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEffect]
+) -> tuple[FittedEffect, ...]:
+    """Return a set in which, of an effect's several sizes, those that the data do not ask for are nothing.
+
+    Numbers that trade places, such as a tool's turn and its length where the marker's own place is open, may have gone
+    far for nothing: their intervals say so, and a simulation with them would be wrong wherever nobody has been.
+
+    Parameters
+    ----------
+    search : Search
+    whitener : DatasetWhitener
+        Data, and the rows and noise to use.
+    fitted : sequence of FittedEffect
+        The set, at its best numbers.
+
+    Notes
+    -----
+    Backward elimination, as long as the set stays within the 95 % region of the numbers that are nothing.
+    """
+    columns = {(i, k): columns_of(fitted, f)[k] for i, f in enumerate(fitted) for k in f.candidate.sizes}
+    several = [p for p in columns if len(fitted[p[0]].candidate.sizes) > 1]
+    prior = np.array([c.prior_weight for f in fitted for c in f.candidate.coordinates])
+
+    def lost(set_: Sequence[FittedEffect]) -> float:
+        return float((whitener.whiten(search.residual(set_)) ** 2).sum())
+
+    def nothing(place: tuple[int, int]) -> float:
+        return fitted[place[0]].candidate.coordinates[place[1]].identity
+
+    best, least, idle = list(fitted), lost(fitted), set[tuple[int, int]]()
+    while left := [p for p in several if p not in idle]:
+        slopes = linearise(whitener, best).slopes
+        slopes[:, [columns[p] for p in idle]] = 0.0
+        known = np.diag(np.linalg.pinv(slopes.T @ slopes + np.diag(prior**2), hermitian=True))
+        i, k = min(left, key=lambda p: (best[p[0]].u[p[1]] - nothing(p)) ** 2 / max(known[columns[p]], 1e-300))
+        held = list(best)
+        for n, m in (*idle, (i, k)):
+            held[n] = held[n].pinned(m, nothing((n, m)))
+        found = refine(whitener, (), held, PROFILED)
+        moved = [FittedEffect(f.candidate, m.u) for f, m in zip(fitted, found, strict=True)]
+        for n, m in (*idle, (i, k)):
+            moved[n] = moved[n].moved(m, nothing((n, m)))
+        if lost(moved) - least > chi2.ppf(0.95, len(idle) + 1):
+            break
+        best = moved
+        idle.add((i, k))
+    return tuple(best)
 
 
 def undetermined(

@@ -195,7 +195,8 @@ class FittedEffect:
         """
         coordinates = list(self.candidate.coordinates)
         value = coordinates[index].value(u)
-        low, high = sorted((value * (1.0 - HELD), value * (1.0 + HELD)))
+        room = HELD * (abs(value) or coordinates[index].typical)
+        low, high = value - room, value + room
         coordinates[index] = replace(coordinates[index], low=low, high=high)
         return FittedEffect(replace(self.candidate, coordinates=tuple(coordinates)), self.moved(index, u).u)
 
