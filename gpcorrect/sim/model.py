@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, SerializeAsAny, ValidationError, field_serializer, field_validator
 
-from gpcorrect.arms import Chain, Joint, RobotEdit, is_robot_file, read_robot
+from gpcorrect.arms import RobotEdit, is_robot_file, read_robot
 from gpcorrect.atomic import write_file
 from gpcorrect.errors import DataError
 from gpcorrect.plain import toml_text
@@ -317,9 +317,8 @@ def _in_own_words(edit: RobotEdit, effect: Effect, model: Model) -> bool:
             return True
         case GravityError(x=x, y=y, z=z) if weighs and model.gravity is None:
             return edit.add_gravity((x, y, z))
-        case DhError(joint=int(joint), alpha=alpha, a=a, d=d, theta=theta) if weighs:
-            row = Joint("R", alpha, a, d, theta, -1.0, 1.0)
-            return edit.move_joint(joint, Chain((row,), "modified").forward([0.0]))
+        case DhError(joint=int(joint)) if weighs:
+            return edit.move_joint(joint, effect.motion("modified"))
     return False
 
 

@@ -7,7 +7,8 @@ import pytest
 from sim_machines import hold, motion, moves, raven
 
 from gpcorrect import se3
-from gpcorrect.arms import Chain, arm_named
+from gpcorrect.arms import Chain, Joint, arm_named
+from gpcorrect.errors import DataError
 from gpcorrect.sim import run, simulate
 from gpcorrect.sim.effects import (
     CableCoupling,
@@ -71,6 +72,20 @@ def test_dh_error_agrees_with_finite_steps_along_the_chain(name, joint):
             rows = [*chain.joints]
             rows[joint - 1] = replace(row, **{entry: getattr(row, entry) + 0.01})
             np.testing.assert_allclose(changed, Chain(tuple(rows), chain.convention, chain.base, chain.tool).forward(q))
+
+
+def test_parallel_axes_may_be_askew_about_what_is_across_them():
+    """The axis turns about the y axis of the link before, and all behind it; of axes that cross, a table says all."""
+    rows = [Joint("R", 0.0, a, 0.0, 0.0, -2.0, 2.0) for a in (0.0, 0.4, 0.3)]
+    chain, q = Chain(tuple(rows), "modified"), np.array([0.3, -0.5, 0.8])
+    askew = se3.pose(se3.matrix_from_rotvec(np.array([0.0, 0.02, 0.0])), np.zeros(3))
+    parts = (chain.joints[:1], q[:1]), (chain.joints[1:], q[1:])
+    front, rear = (Chain(some, "modified").forward(values) for some, values in parts)
+    effect = DhError(2, 0.0, 0.0, 0.0, 0.0, beta=0.02, form="parallel")
+    np.testing.assert_allclose(effect.act(chain).forward(q), front @ askew @ rear, atol=1e-12)
+    for joint, arm in ((1, chain), ("tool", chain), (2, arm_named("raven2_left").chain)):
+        with pytest.raises(DataError, match="parallel"):
+            replace(effect, joint=joint).act(arm)
 
 
 @pytest.mark.parametrize("joint", [1, 2, 5])

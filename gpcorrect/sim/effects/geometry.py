@@ -9,6 +9,7 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.arms import Chain, Joint
+from gpcorrect.arms.chain import Convention
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import ChainEffect, JointEffect, Stage, TipEffect
 from gpcorrect.sim.effects.description import PHASE, Description, Family, Ladder, Parameter, Per, Range, Run, Site
@@ -274,44 +275,83 @@ _length = partial(Parameter, revolute=_LENGTH, positive=False)
 _angle = partial(Parameter, revolute=_ANGLE, positive=False)
 
 
+FORMS = ("table", "parallel")
+PARALLEL = 1e-3  # rad between two axes that a table calls parallel
+
+
 @dataclass(frozen=True)
 class DhError(ChainEffect):
-    """Small errors of one row of the Denavit-Hartenberg table, or of the tool: a further row behind the last link."""
+    """Small errors of one row of the Denavit-Hartenberg table, or of the tool: a further row behind the last link.
+
+    A table has no small number for the turn by which two axes that ought to be parallel are not, about what is across
+    them and their common normal: the form "parallel" has it.
+    """
 
     a: float
     alpha: float
     d: float
     theta: float
+    beta: float = 0.0
+    form: str = "table"
 
     about = Description(
         name="dh_error",
         number=6,
         family=Family.GEOMETRY,
-        equation="true row = nominal row + (a, alpha, d, theta)",
-        source="Mooring, Roth, Driels 1991, Fundamentals of Manipulator Calibration, Ch. 2",
+        equation="true row = Ry(beta) (nominal row + (a, alpha, d, theta))",
+        source="Mooring, Roth, Driels 1991, Fundamentals of Manipulator Calibration, Ch. 2; beta: Hayati 1983",
         parameters=(
             _length("a", "true minus nominal link length"),
             _angle("alpha", "true minus nominal twist"),
             _length("d", "true minus nominal offset along the joint's axis"),
             _angle("theta", "true minus nominal angle about the joint's axis"),
+            _angle("beta", "turn about the y axis of the link before", only=("form", "parallel")),
         ),
         needs=("tracker_cp",),
         neighbours=("registration_error", "homing_offset", "gravity_sag"),
         separating_runs=(Run.POSE_SPREAD, Run.LOAD_SWAP),
         sites=(Site.JOINT, Site.TOOL),
+        choices=(("form", FORMS),),
     )
 
     def act(self, chain: Chain) -> Chain:
         """Return the chain with the altered row or tool."""
-        if self.joint == "tool":
-            row = Joint("R", self.alpha, self.a, self.d, self.theta, -1.0, 1.0)
-            return replace(chain, tool=Chain((row,), chain.convention).forward([0.0]) @ chain.tool)
-        assert isinstance(self.joint, int)
-        if self.joint > chain.dof:
+        if isinstance(self.joint, int) and self.joint > chain.dof:
             raise DataError(f"effect dh_error acts on joint {self.joint}, the arm has {chain.dof}.")
+        if self.form == "parallel" and not self._is_parallel(chain):
+            raise DataError(
+                f'effect dh_error: the form "parallel" is of a joint whose axis is parallel to that before, in a table '
+                f"of the modified convention, as robot files are; not of {self.joint!r} here.",
+                hint='Leave `form` and `beta` out: in the form "table" four numbers say all.',
+            )
+        if not isinstance(self.joint, int):
+            return replace(chain, tool=self.motion(chain.convention) @ chain.tool)
         rows = list(chain.joints)
         row = rows[self.joint - 1]
-        rows[self.joint - 1] = replace(
+        changed = replace(
             row, a=row.a + self.a, alpha=row.alpha + self.alpha, d=row.d + self.d, theta=row.theta + self.theta
         )
+        if self.beta:
+            before = np.eye(4) if row.placement is None else row.placement
+            changed = replace(changed, placement=before @ self._askew())
+        rows[self.joint - 1] = changed
         return replace(chain, joints=tuple(rows))
+
+    def motion(self, convention: Convention) -> FloatArray:
+        """Return the errors as a motion `(4, 4)`, of a row that is else nothing.
+
+        Parameters
+        ----------
+        convention : "standard" or "modified"
+        """
+        row = Joint("R", self.alpha, self.a, self.d, self.theta, -1.0, 1.0)
+        return self._askew() @ Chain((row,), convention).forward([0.0])
+
+    def _askew(self) -> FloatArray:
+        return se3.pose(se3.matrix_from_rotvec(np.array([0.0, self.beta, 0.0])), np.zeros(3))
+
+    def _is_parallel(self, chain: Chain) -> bool:
+        if chain.convention != "modified" or not isinstance(self.joint, int) or self.joint < 2:
+            return False
+        one, other = chain.axes(np.zeros(chain.dof))[0][self.joint - 2 : self.joint]
+        return bool(np.linalg.norm(np.cross(one, other)) < PARALLEL)
