@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Self
 
@@ -105,6 +105,7 @@ class Layout:
     slack : (d,) array, how far outside its training range an input may always be
     inducing : int, points of the Gaussian process where the settings say nothing
     fading : (f,) int array, columns, velocities, whose linear effect fades outside the training range
+    place, present : int arrays, columns of joints' positions; of those and of efforts: all that is not of the past
     """
 
     targets: tuple[int, ...]
@@ -114,6 +115,8 @@ class Layout:
     slack: FloatArray
     inducing: int
     fading: IntArray
+    place: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    present: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 def path_starts(time: FloatArray, session: IntArray, known: BoolArray) -> BoolArray:

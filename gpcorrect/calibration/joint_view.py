@@ -208,6 +208,8 @@ def joint_layout(features: JointFeatures, targets: int, *, owned: bool, inducing
         slack=np.zeros(len(features.used)),
         inducing=inducing,
         fading=np.flatnonzero(np.isin(features.origins[0], ("velocity", "acceleration"))),
+        place=np.flatnonzero(features.origins[0] == "position"),
+        present=np.flatnonzero(np.isin(features.origins[0], ("position", "effort", "state"))),
     )
 
 

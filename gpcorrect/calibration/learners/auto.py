@@ -8,7 +8,7 @@ are the ones that the intervals rest on too.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar
 
@@ -27,6 +27,9 @@ from gpcorrect.types import FloatArray, Progress
 ONE = 1e3
 """Weight of the sum of the weights, beside errors of unit mean square: a sum off by 1e-6 costs as much as the noise."""
 
+UNSEEN = 1e9
+"""Penalty of a column that a law is not to see: its weight is a billionth of what it would be."""
+
 
 @dataclass(frozen=True, eq=False)
 class MixedMap:
@@ -35,12 +38,12 @@ class MixedMap:
     Parameters
     ----------
     gp : GPMap, which also says where it knows nothing
-    others : tuple of TreesMap or PolynomialMap, the other k - 1
+    others : tuple of TreesMap, PolynomialMap or GPMap, the other k - 1
     weights : (k, m) array, of each, the Gaussian process first; columns sum to 1
     """
 
     gp: GPMap
-    others: tuple[TreesMap | PolynomialMap, ...]
+    others: tuple[TreesMap | PolynomialMap | GPMap, ...]
     weights: FloatArray
     extrapolates: ClassVar[bool] = True  # the linear law does
 
@@ -51,22 +54,41 @@ class MixedMap:
 
 
 def learn_mixture(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-    """Learn a :class:`MixedMap` of the Gaussian process, trees with and without a law before, and the law.
+    """Learn a :class:`MixedMap` of the Gaussian process, trees, and a line; where a law comes first, trees without it
+    and a Gaussian process without the past instead of the line.
 
     Parameters
     ----------
     samples, layout, settings, progress
         See :data:`Learner`.
     """
-    members: list[Learner] = [learn_gp, learn_trees, partial(learn_polynomial, 1)]
+    members: list[Learner] = [learn_gp, learn_trees]
+    members.append(_learn_without_past if layout.place.size else partial(learn_polynomial, 1))
     if layout.penalties is not None:
         members.append(partial(learn_trees, after_law=False))
     gp, *others = (learn(samples, layout, settings, progress) for learn in members)
     errors = [part.left_out.errors for part in (gp, *others)]
     weights = _stacking_weights(errors)
     left_out = LeftOut(_sum(weights, errors), gp.left_out.std, gp.left_out.novelty)
-    zero, foretold = (None if part is None else weights[0] * part for part in (gp.zero, gp.foretold))
+    moved = [(weight, part) for weight, part in zip(weights, (gp, *others), strict=True) if part.zero is not None]
+    zero, foretold = (
+        sum(weight * getattr(part, name) for weight, part in moved) if moved else None for name in ("zero", "foretold")
+    )
     return Fitted(MixedMap(gp.learned, tuple(part.learned for part in others), weights), left_out, zero, foretold)
+
+
+def _learn_without_past(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
+    """Learn a :class:`GPMap` with a law of positions and efforts and a field of positions.
+
+    An error that goes by the pose alone: slacks, lags and velocities, which say nothing of it, keep the samples of a
+    few trajectories apart in the field, and the law finds chance in them. A field of efforts would end at a load above
+    all that was recorded.
+    """
+    assert layout.penalties is not None
+    past = np.setdiff1d(np.arange(len(layout.penalties)), layout.present)
+    penalties = layout.penalties.copy()
+    penalties[past] = UNSEEN
+    return learn_gp(samples, replace(layout, smooth=layout.place, penalties=penalties), settings, progress)
 
 
 def _stacking_weights(errors: list[FloatArray]) -> FloatArray:
