@@ -54,8 +54,9 @@ class MixedMap:
 
 
 def learn_mixture(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-    """Learn a :class:`MixedMap` of the Gaussian process, trees, and a line; where a law comes first, trees without it
-    and a Gaussian process without the past instead of the line.
+    """Learn a :class:`MixedMap` of the Gaussian process, trees, and a line.
+
+    Of joints, whose learners have a law first: trees without it, and a Gaussian process without the past for the line.
 
     Parameters
     ----------
