@@ -131,7 +131,7 @@ def interval_ends(
 def without_idle_numbers(
     search: Search, whitener: DatasetWhitener, fitted: Sequence[FittedEffect]
 ) -> tuple[FittedEffect, ...]:
-    """Return a set in which, of an effect's several sizes, those that the data do not ask for are nothing.
+    """Return a set in which, of an effect's several sizes of either sign, those that nothing asks for are nothing.
 
     Numbers that trade places, such as a tool's turn and its length where the marker's own place is open, may have gone
     far for nothing: their intervals say so, and a simulation with them would be wrong wherever nobody has been.
@@ -149,8 +149,10 @@ def without_idle_numbers(
     Backward elimination, as long as the set stays within the 95 % region of the numbers that are nothing.
     """
     columns = {(i, k): columns_of(fitted, f)[k] for i, f in enumerate(fitted) for k in f.candidate.sizes}
-    several = [p for p in columns if len(fitted[p[0]].candidate.sizes) > 1]
     prior = np.array([c.prior_weight for f in fitted for c in f.candidate.coordinates])
+    several = [p for p in columns if len(fitted[p[0]].candidate.sizes) > 1 and prior[columns[p]] > 0.0]
+    if not several:
+        return tuple(fitted)
 
     def lost(set_: Sequence[FittedEffect]) -> float:
         return float((whitener.whiten(search.residual(set_)) ** 2).sum())

@@ -196,8 +196,8 @@ class FittedEffect:
         coordinates = list(self.candidate.coordinates)
         value = coordinates[index].value(u)
         room = HELD * (abs(value) or coordinates[index].typical)
-        low, high = value - room, value + room
-        coordinates[index] = replace(coordinates[index], low=low, high=high)
+        low, high = coordinates[index].low, coordinates[index].high
+        coordinates[index] = replace(coordinates[index], low=max(low, value - room), high=min(high, value + room))
         return FittedEffect(replace(self.candidate, coordinates=tuple(coordinates)), self.moved(index, u).u)
 
     def canonical(self) -> FittedEffect:
