@@ -10,11 +10,11 @@ from discrepancy_core import raven_swings
 from scipy.stats import multivariate_normal
 
 from gpcorrect.discrepancy import run as workflow
-from gpcorrect.discrepancy.naming.intervals import half_widths
+from gpcorrect.discrepancy.naming.intervals import half_widths, without_idle_numbers
 from gpcorrect.discrepancy.naming.posterior import Named, name_effect
 from gpcorrect.discrepancy.naming.view import view_of
 from gpcorrect.discrepancy.naming.weigh import _Linear, own_gain
-from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
+from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.prepared import PreparedData, prepare_data
 from gpcorrect.discrepancy.search.state import start_search
@@ -37,6 +37,12 @@ def recorded(row: Effect, seed: int = 1) -> PreparedData:
     """Return ten motions of an arm with an effect of the arm or the base, as a tracker sees them."""
     recording = simulate(machine_of(MODEL).with_effects(row), raven_swings(seed, 10, 5.0), seed=seed)
     return prepare_data(replace(recording, external_jp=None), MODEL, np.random.default_rng(0))
+
+
+def row_of(prepared: PreparedData, joint: int) -> Candidate:
+    """Return the candidate of a row of the table."""
+    rows = [c for c in all_candidates(prepared.dataset.scene) if (c.name, c.joint) == ("dh_error", joint)]
+    return next(c for c in rows if ("form", "table") in c.fixed)
 
 
 def named(size: float) -> Named:
@@ -62,7 +68,7 @@ def test_a_registration_is_ruled_out_only_by_what_would_show_it(size: float, riv
 def test_what_these_sensors_do_not_see_stays_where_it_is_and_may_be_anything() -> None:
     """A turn about the last axis is the marker's own: rounding took it to an end of its range, and the name with it."""
     prepared = recorded(DhError(joint=3, a=0.0, alpha=-0.078, d=0.0, theta=0.0))
-    (row,) = [c for c in all_candidates(prepared.dataset.scene) if (c.name, c.joint) == ("dh_error", 3)]
+    row = row_of(prepared, 3)
     state = start_search(prepared.dataset, [row])
     (fit,) = refine(state.whitener, [], [FittedEffect(row, np.array(row.start))])
     alpha, theta = (next(i for i, c in enumerate(row.coordinates) if c.parameter.name == n) for n in ("alpha", "theta"))
@@ -71,6 +77,19 @@ def test_what_these_sensors_do_not_see_stays_where_it_is_and_may_be_anything() -
     widths = half_widths(state, state.whitener, [fit], fit)
     assert widths[theta] == row.coordinates[theta].width
     assert widths[alpha] < 0.1 * row.coordinates[alpha].width
+
+
+def test_numbers_that_the_data_do_not_ask_for_are_nothing() -> None:
+    """Of a row of which one number is wrong the others are zero, not what noise makes of them, and it is fitted anew."""
+    prepared = recorded(DhError(joint=2, a=1e-3, alpha=0.0, d=0.0, theta=0.0))
+    row = row_of(prepared, 2)
+    state = start_search(prepared.dataset, [row])
+    fitted = refine(state.whitener, [], [FittedEffect(row, np.array(row.start))])
+    (lean,) = without_idle_numbers(state, state.whitener, fitted)
+    numbers = dict(zip([c.parameter.name for c in row.coordinates], lean.u, strict=True))
+    assert np.count_nonzero(fitted[0].u) == 4
+    assert numbers["alpha"] == numbers["d"] == numbers["theta"] == 0.0
+    assert row.coordinates[0].value(numbers["a"]) == pytest.approx(1e-3, rel=0.1)
 
 
 def test_the_evidence_of_a_linear_model_is_what_is_left_of_the_data_once_its_numbers_are_integrated_out() -> None:
@@ -106,7 +125,7 @@ def test_the_size_of_an_effect_is_whole_where_a_tolerance_takes_up_most_of_it() 
     (fit,) = state.fitted
     view = view_of(state, prepared)
     called = name_effect(view, fit, own_gain(view, fit))[0]
-    (found,) = workflow._with_numbers(state, [called], state.fitted, dataset.training)[0].values()
+    (found,) = workflow._with_numbers(state, [called], state.fitted, dataset.training)[1].values()
     changes = [d.predict([fit.effect]) - d.predict() for d in (dataset, dataset.strict())]
     within, whole = (np.sqrt(np.mean(c**2, axis=0)).max() for c in changes)
     assert whole > 2.0 * within
