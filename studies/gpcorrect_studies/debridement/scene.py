@@ -32,9 +32,9 @@ SETTLING = 0.3  # for the arm to come to rest
 LOOKING = 0.7  # to take and evaluate a picture of the tool
 CLOSING, OPENING = 0.5, 0.3
 # How far the jaws' middle may be from a fragment's, along the floor and up, m, and turned away from the plan, rad; and
-# the bowl's radius, m. Chosen by hand.
+# how wide the bowl is. Chosen by hand.
 SIDEWAYS, HEIGHT, TURN = 0.005, 0.004, np.deg2rad(25.0)
-BOWL_RADIUS = 0.015
+BOWL_RADIUS = 0.015  # m
 
 
 def catches(T_tool: FloatArray, T_grasp: FloatArray, fragment: FloatArray, up: FloatArray) -> bool:
