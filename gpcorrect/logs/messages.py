@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -96,12 +96,11 @@ def joint_row(message: Any) -> tuple[tuple[str, ...], FloatArray, FloatArray, Fl
 
 @dataclass(frozen=True, eq=False)
 class Times:
-    """When the usable messages of a topic were taken and received (s after the origin), and which they are."""
+    """When the usable messages of a topic were taken (s after the origin), and which they are."""
 
     stamp: FloatArray
-    receive: FloatArray
     rows: IntArray
-    remarks: tuple[str, ...] = ()
+    remarks: Sequence[str]
 
     @classmethod
     def of(cls, recorded: Recorded, origin: int, clock: Literal["header", "receive"]) -> Times:
@@ -123,7 +122,7 @@ class Times:
         elif not stamp.all():
             rows = np.flatnonzero(stamp)
             remarks = [f"{len(stamp) - len(rows)} messages of {recorded.topic} without a stamp were left out."]
-        return cls((stamp[rows] - origin) / 1e9, (receive[rows] - origin) / 1e9, rows, tuple(remarks))
+        return cls((stamp[rows] - origin) / 1e9, rows, remarks)
 
 
 def pose_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Stream], list[str]]:
@@ -139,7 +138,7 @@ def pose_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Stre
     bad = int((np.isfinite(table[:, 3:]).all(axis=1) & np.isnan(quaternion).any(axis=1)).sum())
     remarks = [f"{bad} samples of {name} have no valid rotation; it counts as missing."] if bad else []
     pose = PoseSignal(table[:, :3], None if np.isnan(table[:, 3:]).all() else quaternion)
-    return [Stream(name, times.stamp, pose, times.receive, recorded.topic)], remarks
+    return [Stream(name, times.stamp, pose, recorded.topic)], remarks
 
 
 def in_one_order(recorded: Mapping[str, Recorded]) -> tuple[dict[str, Recorded], tuple[str, ...]]:
@@ -192,5 +191,5 @@ def joint_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Str
             remarks.append(f"{signal} is left out: {recorded.topic} holds {sorted(widths)} numbers in turn.")
         elif widths - {0}:
             values = np.array([recorded.rows[i][k] for i in times.rows], dtype=np.float64)
-            streams.append(Stream(signal, times.stamp, values, times.receive, recorded.topic))
+            streams.append(Stream(signal, times.stamp, values, recorded.topic))
     return streams, remarks

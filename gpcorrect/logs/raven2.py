@@ -111,7 +111,7 @@ def raven_streams(recorded: Recorded, times: Times, arm: Arm | None) -> tuple[li
         "measured_jf": _six(state["tau"], side, 1.0),
     }
     seen = {name: v for name, v in signals.items() if not isinstance(v, PoseSignal) or v.finite.any()}
-    streams = [Stream(name, times.stamp, v, times.receive, recorded.topic) for name, v in seen.items()]
+    streams = [Stream(name, times.stamp, v, recorded.topic) for name, v in seen.items()]
     return streams, remarks, LogMeta(robot="RAVEN-II", arm=f"raven2_{side}", joint_types="RRPRRR")
 
 

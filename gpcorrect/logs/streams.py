@@ -28,8 +28,6 @@ class Stream:
     stamp : (n,) array
         When each sample was taken, by the source's own clock, s.
     values : PoseSignal or (n, k) array or (n,) array, the samples
-    receive : (n,) array or None
-        When the recorder received each sample, by the recorder's clock, s; on the same origin as `stamp`.
     source : str
         Topic or file that it came from, for messages.
     """
@@ -37,25 +35,20 @@ class Stream:
     name: str
     stamp: FloatArray
     values: PoseSignal | FloatArray
-    receive: FloatArray | None = None
     source: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "stamp", frozen_array(self.stamp))
         if not isinstance(self.values, PoseSignal):
             object.__setattr__(self, "values", frozen_array(self.values))
-        if self.receive is not None:
-            object.__setattr__(self, "receive", frozen_array(self.receive))
-        for part, column in (("values", self.values), ("receive stamps", self.receive)):
-            if column is not None and len(column) != len(self.stamp):
-                raise DataError(f"stream {self.name} has {len(column)} {part} for {len(self.stamp)} stamps.")
+        if len(self.values) != len(self.stamp):
+            raise DataError(f"stream {self.name} has {len(self.values)} values for {len(self.stamp)} stamps.")
 
     def __len__(self) -> int:
         return len(self.stamp)
 
     def __getitem__(self, rows: Any) -> Self:
-        receive = None if self.receive is None else self.receive[rows]
-        return replace(self, stamp=self.stamp[rows], values=self.values[rows], receive=receive)
+        return replace(self, stamp=self.stamp[rows], values=self.values[rows])
 
     def shifted(self, seconds: float) -> Self:
         """Return the stream with `seconds` added to its stamps.

@@ -72,8 +72,7 @@ def write_log(log: CalibrationLog, path: str | Path) -> None:
     columns: dict[str, NDArray[Any]] = {name: getattr(log, name) for name in (("session",) if log.static else INDEX)}
     columns |= signal_columns(log)
     columns |= {name: values for name, values in log.extra.items() if name not in (*columns, *INDEX)}
-    arrays = {name: np.ascontiguousarray(values) for name, values in columns.items()}
-    table = pa.table({name: pa.array(values, from_pandas=True) for name, values in arrays.items()})
+    table = pa.table({k: pa.array(np.ascontiguousarray(v), from_pandas=True) for k, v in columns.items()})
     with atomic_path(target) as temporary:
         if target.suffix == ".csv":
             csv.write_csv(table, temporary, csv.WriteOptions(quoting_style="needed"))

@@ -38,19 +38,10 @@ class Better(StrEnum):
     AT_MOST = "at most"  # the paper prints a bound: all that are not above it
 
 
-@dataclass(frozen=True)
-class CompareSettings:
-    """What counts as the printed number.
-
-    Parameters
-    ----------
-    tolerance : float
-        Fraction of the printed number, and of a ratio's distance from 1 where that is less. A fifth: no nearer do the
-        simulated robots' errors before correction come to the papers' (`tests/studies/test_peng2024.py`). Each page
-        states the counts at half and at twice of it.
-    """
-
-    tolerance: float = 0.2
+TOLERANCE = 0.2
+"""Fraction of the printed number, and of a ratio's distance from 1 where that is less, within which a number counts as
+the printed one. A fifth: no nearer do the simulated robots' errors before correction come to the papers'
+(`tests/studies/test_peng2024.py`). Each page states the counts at half and at twice of it."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +76,7 @@ class Claim:
         below = number_at(figures, self.against) if self.against else 1.0
         return None if above is None or below is None else above / below
 
-    def verdict(self, printed: float, ours: float | None, tolerance: float) -> Verdict:
+    def verdict(self, printed: float, ours: float | None, tolerance: float = TOLERANCE) -> Verdict:
         """Compare our number with the printed one.
 
         A ratio on the other side of 1, and a gain (:attr:`Better.HIGHER`) of the other sign, are reversed, whether that
@@ -175,7 +166,6 @@ class Comparison:
 
     rows: Sequence[Compared]
     caveat: str
-    settings: CompareSettings
 
     def counts(self, factor: float = 1.0) -> dict[Verdict, int]:
         """Return how many claims have each verdict.
@@ -184,8 +174,7 @@ class Comparison:
         ----------
         factor : float, times the tolerance
         """
-        tolerance = factor * self.settings.tolerance
-        found = [row.claim.verdict(row.printed, row.ours, tolerance) for row in self.rows]
+        found = [row.claim.verdict(row.printed, row.ours, factor * TOLERANCE) for row in self.rows]
         return {verdict: found.count(verdict) for verdict in Verdict}
 
     def to_dict(self) -> dict[str, Any]:
@@ -206,7 +195,7 @@ class Comparison:
             for row in self.rows
         ]
         return {
-            "tolerance": self.settings.tolerance,
+            "tolerance": TOLERANCE,
             "caveat": self.caveat,
             "counts": dict(self.counts()),
             "claims": claims,
@@ -245,34 +234,30 @@ class ClaimTable:
         caveat = " ".join(table["caveat"].split())
         return cls(claims, table["printed"], table["setup"], caveat, table.get("ablations", {}))
 
-    def compare(self, figures: Mapping[str, Any], settings: CompareSettings | None = None) -> Comparison:
+    def compare(self, figures: Mapping[str, Any]) -> Comparison:
         """Compare every claim with the figures of a run.
 
         Parameters
         ----------
         figures : mapping, as in `reproduce.json`; those of the ablations by name under `ablations`
-        settings : CompareSettings, optional, what counts as the printed number
         """
-        settings, done = settings or CompareSettings(), figures.get("ablations", {})
-        rows = []
+        done, rows = figures.get("ablations", {}), []
         for claim in self.claims:
             printed = self.printed_number(claim)
             ours = None if claim.missing else claim.number(figures)
-            row = Compared(claim, printed, ours, claim.verdict(printed, ours, settings.tolerance))
-            rows.append(replace(row, ablated=self._ablated(row, done, settings)) if row.failed else row)
-        return Comparison(rows, self.caveat, settings)
+            row = Compared(claim, printed, ours, claim.verdict(printed, ours))
+            rows.append(replace(row, ablated=self._ablated(row, done)) if row.failed else row)
+        return Comparison(rows, self.caveat)
 
-    def _ablated(self, row: Compared, done: Mapping[str, Any], settings: CompareSettings) -> list[Ablated]:
+    def _ablated(self, row: Compared, done: Mapping[str, Any]) -> list[Ablated]:
         """Return what the ablations that were done make of a claim."""
         numbers = {name: row.claim.number(done.get(name, {})) for name in row.claim.tried}
-        return [
-            self._outcome(name, row, found, settings.tolerance) for name, found in numbers.items() if found is not None
-        ]
+        return [self._outcome(name, row, found) for name, found in numbers.items() if found is not None]
 
-    def _outcome(self, name: str, row: Compared, ours: float, tolerance: float) -> Ablated:
+    def _outcome(self, name: str, row: Compared, ours: float) -> Ablated:
         """Say whether the claim came back, or at least its order: by a fifth of what the paper's is away from none."""
-        verdict, neutral = row.claim.verdict(row.printed, ours, tolerance), 1.0 if row.claim.against else 0.0
-        clear = abs(ours - neutral) >= tolerance * abs(row.printed - neutral)
+        verdict, neutral = row.claim.verdict(row.printed, ours), 1.0 if row.claim.against else 0.0
+        clear = abs(ours - neutral) >= TOLERANCE * abs(row.printed - neutral)
         if verdict in (Verdict.REPRODUCED, Verdict.BEYOND):
             outcome = "comes back"
         else:

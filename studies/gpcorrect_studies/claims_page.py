@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from gpcorrect.report.page import Page, Section, TableData, write_page
-from gpcorrect_studies.claims import Compared, Comparison, StudyResult, Verdict
+from gpcorrect_studies.claims import TOLERANCE, Compared, Comparison, StudyResult, Verdict
 
 # What the verdicts of claims mean, under each table of them.
 LEGEND = (
@@ -54,10 +54,9 @@ def claims_section(comparison: Comparison) -> Section:
     ----------
     comparison : Comparison
     """
-    tolerance = comparison.settings.tolerance
-    half, twice = (f"With {100 * k * tolerance:g} %: {counted(comparison.counts(k))}." for k in (0.5, 2.0))
+    half, twice = (f"With {100 * k * TOLERANCE:g} %: {counted(comparison.counts(k))}." for k in (0.5, 2.0))
     note = (
-        f"What is within {100 * tolerance:g} % of the printed number (of a ratio: of its distance from 1, if less) "
+        f"What is within {100 * TOLERANCE:g} % of the printed number (of a ratio: of its distance from 1, if less) "
         f"counts as reproduced. {half} {twice}"
     )
     failed = [row for row in comparison.rows if row.failed]

@@ -86,8 +86,9 @@ class Parts:
         stage : str, name of the whole, for `progress` and before the names of its parts
         function : callable, as :func:`gpcorrect.parallel.each` has it; returns what JSON can hold
         items : mapping
-        progress : Progress, receives a step after each part
+        progress : Progress, receives a step before the first part and after each
         """
+        progress.step(stage, 0.0)
         missing = {name: item for name, item in items.items() if f"{stage}: {name}" not in self}
         for name, value in zip(missing, each(function, missing.values(), progress, stage), strict=True):
             self.keep(f"{stage}: {name}", value)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gpcorrect_studies.claims import Better, Claim, ClaimTable, CompareSettings, Verdict, number_at
+from gpcorrect_studies.claims import Better, Claim, ClaimTable, Verdict, number_at
 from gpcorrect_studies.mahler2014 import ablations as mahler2014
 from gpcorrect_studies.peng2024 import ablations as peng2024
 
@@ -76,7 +76,7 @@ def test_the_printed_numbers_reproduce_themselves(study: str) -> None:
         printed = table.printed_number(claim)
         assert claim.says
         assert claim.where
-        assert claim.verdict(printed, printed, CompareSettings().tolerance) is Verdict.REPRODUCED
+        assert claim.verdict(printed, printed) is Verdict.REPRODUCED
     own = table.compare(table.printed)
     assert own.counts()[Verdict.NOT_REPRODUCED] == own.counts()[Verdict.REVERSED] == own.counts()[Verdict.BEYOND] == 0
     assert len({(claim.says, claim.where) for claim in table.claims}) == len(table.claims)

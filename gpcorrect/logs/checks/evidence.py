@@ -52,16 +52,12 @@ class Finding:
         first few stay.
     """
 
-    # error: what is learned from this log will be wrong; warning: look at it first;
-    # info: good to know
     severity: Severity
-    code: str  # short fixed name, for programs
-    signal: str  # name of the log's signal, "time" or "trajectory"; empty when it is about the log as a whole
-    message: str  # what was found, with numbers and units
-    hint: str = ""  # what to do about it
-    count: int = 0  # samples (or trajectories) it is about
-    # those samples: rows of the log counted from 0, or trajectory numbers when the signal is "trajectory". The first
-    # few stay
+    code: str
+    signal: str
+    message: str
+    hint: str = ""
+    count: int = 0
     rows: Sequence[int] | IntArray = ()
 
     def __post_init__(self) -> None:

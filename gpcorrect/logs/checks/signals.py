@@ -8,7 +8,7 @@ import numpy as np
 
 from gpcorrect.logs.checks.evidence import JOINT_POSITIONS, Evidence, Finding, Severity, check, runs
 from gpcorrect.logs.copies import OUTSIDE, stretches
-from gpcorrect.logs.mocap.tool import RIGIDITY, typical_misfit
+from gpcorrect.logs.mocap.tool import RIGID, typical_misfit
 from gpcorrect.logs.sync import REFERENCES
 from gpcorrect.types import FloatArray, IntArray
 
@@ -185,7 +185,7 @@ def _fast(name: str, where: str, speed: FloatArray, limit: float, unit: str) -> 
 def _marker_misfit(evidence: Evidence) -> Iterator[Finding]:
     """Find a marker tool that bends, or whose markers are mislabelled."""
     misfit = typical_misfit(evidence.log.extra.get("marker_rms", np.empty(0)))
-    if misfit > RIGIDITY.warn:
+    if misfit > RIGID:
         what = f"in a tenth of the frames the markers are {1e3 * misfit:.3g} mm or more from a rigid tool."
         hint = "Leave out the marker that moves, or label the markers anew."
         yield Finding("warning", "marker_misfit", "tracker_cp", what, hint)

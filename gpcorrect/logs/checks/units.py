@@ -130,11 +130,10 @@ def _likeness(a: FloatArray, b: FloatArray) -> FloatArray:
     known = np.isfinite(a[:, :few]).all(axis=1) & np.isfinite(b[:, :few]).all(axis=1)
     if known.sum() < MIN_PAIRED:
         return np.zeros((few, few))
-    x, y = (v[known, :few] - v[known, :few].mean(axis=0) for v in (a, b))
-    sizes = [np.sqrt(np.mean(v**2, axis=0)) for v in (x, y)]
-    product = x.T @ y / known.sum()
-    moves = np.outer(*(s > MIN_SPREAD for s in sizes))
-    return np.where(moves, product / np.maximum(np.outer(*sizes), 1e-300), 0.0)
+    x, y = (v[known, :few] for v in (a, b))
+    moves = np.outer(x.std(axis=0) > MIN_SPREAD, y.std(axis=0) > MIN_SPREAD)
+    with np.errstate(divide="ignore", invalid="ignore"):  # where one stands still
+        return np.where(moves, np.corrcoef(x, y, rowvar=False)[:few, few:], 0.0)
 
 
 @check

@@ -9,7 +9,7 @@ import numpy as np
 
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs.columns import MocapOptions
-from gpcorrect.logs.mocap.tool import RIGIDITY, bodies_of, require_rigid, tool_poses, typical_misfit
+from gpcorrect.logs.mocap.tool import RIGID, bodies_of, require_rigid, tool_poses, typical_misfit
 from gpcorrect.types import CalibrationLog, FloatArray, LogMeta, PoseSignal
 
 METRES: Mapping[str, float] = {
@@ -142,4 +142,4 @@ def _is_rigid(take: Take, names: list[str]) -> bool:
         _, rms = tool_poses(np.stack([take.markers[name] for name in names], axis=1))
     except DataError:
         return False
-    return typical_misfit(rms) <= RIGIDITY.warn
+    return typical_misfit(rms) <= RIGID

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,22 +15,13 @@ ROUNDS = 3  # of aligning and taking the median; the second changes the configur
 FLATNESS = 1e-3  # markers whose width is below this fraction of their length lie on a line
 FRAMES = 500  # that are looked at for the marker that moves most against the others
 
-
-@dataclass(frozen=True)
-class RigiditySettings:
-    """How far the markers of one tool may be from rigid."""
-
-    # m. Marker systems place a marker within some tenths of a millimetre, so the markers of a rigid tool fit each
-    # other better than this; chosen by hand
-    warn: float = 1e-3
-    # m. Ten times that: the pose is then wrong by as much as what is to be learned. Markers on different links of an
-    # arm, or taken from a person, are tens to hundreds of millimetres off
-    refuse: float = 10e-3
-    # of the frames that may fit worse: swapped and ghost markers in single frames are left to cleaning
-    quantile: float = 0.9
-
-
-RIGIDITY = RigiditySettings()
+RIGID = 1e-3
+"""m. Marker systems place a marker within some tenths of a millimetre, so the markers of a rigid tool fit each other
+better than this; chosen by hand."""
+NO_TOOL = 10e-3
+"""m. Ten times that: the pose is then wrong by as much as what is to be learned. Markers on different links of an arm,
+or taken from a person, are tens to hundreds of millimetres off."""
+TYPICAL = 0.9  # of the frames: swapped and ghost markers in the others are left to cleaning
 
 
 def bodies_of(names: Sequence[str]) -> dict[str, list[str]]:
@@ -57,7 +47,7 @@ def typical_misfit(rms: FloatArray) -> float:
     rms : (n,) array, root mean square distance in each frame, m; NaN where the body was not seen
     """
     seen = rms[np.isfinite(rms)]
-    return float(np.quantile(seen, RIGIDITY.quantile)) if seen.size else 0.0
+    return float(np.quantile(seen, TYPICAL)) if seen.size else 0.0
 
 
 def require_rigid(points: FloatArray, names: Sequence[str], rms: FloatArray) -> list[str]:
@@ -70,13 +60,13 @@ def require_rigid(points: FloatArray, names: Sequence[str], rms: FloatArray) -> 
     rms : (n,) array, distance from the fitted body in each frame, m
     """
     misfit = typical_misfit(rms)
-    if misfit <= RIGIDITY.warn:
+    if misfit <= RIGID:
         return []
     what = (
         f"the markers do not move as one rigid tool: in a tenth of the frames they are {1e3 * misfit:.3g} mm or more"
         f" off; {names[_least_rigid(points)]} moves most against the others."
     )
-    if misfit > RIGIDITY.refuse:
+    if misfit > NO_TOOL:
         hint = f'Name those on the tool in a mapping file: [mocap] markers = ["{names[0]}", ...].'
         raise LogError(what, hint=hint)
     return [what]
@@ -91,7 +81,7 @@ def _least_rigid(points: FloatArray) -> int:
     for i, j in zip(*np.triu_indices(count, 1), strict=True):
         known = distance[np.isfinite(distance[:, i, j]), i, j]
         if known.size:
-            spread[i, j] = spread[j, i] = np.ptp(np.quantile(known, [1 - RIGIDITY.quantile, RIGIDITY.quantile]))
+            spread[i, j] = spread[j, i] = np.ptp(np.quantile(known, [1 - TYPICAL, TYPICAL]))
     middle = [float(np.median(row[np.isfinite(row)])) if np.isfinite(row).any() else 0.0 for row in spread]
     return int(np.argmax(middle))
 

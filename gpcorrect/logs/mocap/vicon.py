@@ -29,23 +29,14 @@ NAME = re.compile(r"Global Angle(?: \((?P<kind>[^)]*)\))? (?P<name>.*)")
 
 
 @dataclass(frozen=True, eq=False)
-class Column:
-    """A column of a section: whose it is, what kind of angles it belongs to, its axis and unit."""
-
-    name: str
-    kind: str
-    axis: str
-    unit: str
-
-
-@dataclass(frozen=True, eq=False)
 class Section:
     """A section's samples."""
 
-    title: str
-    rate: float
-    columns: Sequence[Column]
+    time: FloatArray
     table: FloatArray
+    items: Mapping[str, Mapping[str, int]]  # columns of each body or marker by axis
+    kinds: Sequence[str]  # of angles, of each column
+    units: Mapping[int, str]  # of each column, where the export states them
 
 
 def read(path: Path, settings: ReadSettings) -> Take:
@@ -58,7 +49,16 @@ def read(path: Path, settings: ReadSettings) -> Take:
     title = next((title for title in wanted if title in titles), None)
     if title is None:
         raise LogError(f"expected a section {', '.join(wanted)} in Vicon's export, found {', '.join(titles)}.")
-    return _take(_section(export, title, lines[titles.index(title)], settings.columns.rate), options)
+    section = _section(export, lines[titles.index(title)], settings.columns.rate)
+    remarks: dict[str, None] = {}  # each once
+    if title in BODIES:
+        items = {name: axes for name, axes in section.items.items() if {"TX", "TY", "TZ"} <= set(axes)}
+        bodies = {name: _body(section, axes, options, remarks) for name, axes in items.items()}
+        return Take(section.time, bodies=bodies, remarks=[*remarks], tracker="Vicon")
+    items = {name: axes for name, axes in section.items.items() if {"X", "Y", "Z"} <= set(axes)}
+    markers = {name: _position(section, axes, "", remarks) for name, axes in items.items()}
+    others = [name for name in markers if name.startswith("*")]  # Nexus calls what it did not label *12
+    return Take(section.time, markers=markers, others=others, remarks=[*remarks], tracker="Vicon")
 
 
 def _title(export: Export, line: int) -> str:
@@ -69,7 +69,7 @@ def _title(export: Export, line: int) -> str:
     return next((title for title in above if title in TITLES), guessed)
 
 
-def _section(export: Export, title: str, line: int, stated: float | None) -> Section:
+def _section(export: Export, line: int, stated: float | None) -> Section:
     if line < 1 or line + 1 >= len(export):
         raise LogError(f"expected rate, names, axes, units and samples around line {line + 1}.")
     cell = next(iter(export.cells(line - 2)), "") if line > 1 else ""
@@ -78,16 +78,16 @@ def _section(export: Export, title: str, line: int, stated: float | None) -> Sec
     except ValueError:
         hint = "Say rate = 100.0 in a mapping file."
         raise LogError(f"expected the rate in Hz in line {line - 1}, got {cell!r}.", hint=hint) from None
-    units = export.cells(line + 1)
+    units, axes = export.cells(line + 1), export.cells(line)
     start = line + 1 if units and units[0] else line + 2  # some exports have no line of units
-    columns = _columns(export.cells(line - 1), export.cells(line), units if start > line + 1 else ())
-    table = export.numbers(start, export.stop(start), range(len(columns)))
-    return Section(title, rate, columns, table)
+    items, kinds = _items(export.cells(line - 1), axes)
+    table = export.numbers(start, export.stop(start), range(len(axes)))
+    return Section(table[:, 0] / rate, table, items, kinds, dict(enumerate(units)) if start > line + 1 else {})
 
 
-def _columns(names: Sequence[str], axes: Sequence[str], units: Sequence[str]) -> list[Column]:
-    """Columns with the names that stand over the first of each group, or over all of them."""
-    columns, name, kind = [], "", ""
+def _items(names: Sequence[str], axes: Sequence[str]) -> tuple[dict[str, dict[str, int]], list[str]]:
+    """Columns of each name, which stands over the first of its group or over all, by axis; and all kinds of angles."""
+    items, kinds, name, kind = dict[str, dict[str, int]](), list[str](), "", ""
     for k, axis in enumerate(axes):
         above = names[k] if k < len(names) else ""
         if above:
@@ -95,31 +95,14 @@ def _columns(names: Sequence[str], axes: Sequence[str], units: Sequence[str]) ->
             name, kind = (match["name"], match["kind"] or "") if match else (above, "")
             subject, _, segment = name.partition(":")
             name = subject if subject == segment else name
-        columns.append(Column(name, kind, axis, units[k] if k < len(units) else ""))
-    return columns
-
-
-def _take(section: Section, options: MocapOptions) -> Take:
-    time = section.table[:, 0] / section.rate
-    solved = section.title in BODIES
-    columns: dict[str, dict[str, int]] = {}  # of each body or marker by axis
-    for k, column in enumerate(section.columns):
-        if column.axis not in ("Frame", "Sub Frame"):
-            columns.setdefault(column.name, {})[column.axis] = k
-    needed = {"TX", "TY", "TZ"} if solved else {"X", "Y", "Z"}
-    items = {name: axes for name, axes in columns.items() if needed <= set(axes)}
-    remarks: dict[str, None] = {}  # each once
-    if not solved:
-        markers = {name: _position(section, axes, "", remarks) for name, axes in items.items()}
-        others = [name for name in markers if name.startswith("*")]  # Nexus calls what it did not label *12
-        return Take(time, markers=markers, others=others, remarks=[*remarks], tracker="Vicon")
-    bodies = {name: _body(section, axes, options, remarks) for name, axes in items.items()}
-    return Take(time, bodies=bodies, remarks=[*remarks], tracker="Vicon")
+        items.setdefault(name, {})[axis] = k
+        kinds.append(kind)
+    return items, kinds
 
 
 def _position(section: Section, axes: Mapping[str, int], prefix: str, remarks: dict[str, None]) -> FloatArray:
     places = [axes[f"{prefix}{axis}"] for axis in "XYZ"]
-    unit = section.columns[places[0]].unit
+    unit = section.units.get(places[0])
     if not unit:
         remarks["the export states no unit of length; millimetres were assumed, as usual with Vicon."] = None
     return seen_only(section.table[:, places] * scale_of(unit or "mm"))
@@ -130,18 +113,19 @@ def _body(section: Section, axes: Mapping[str, int], options: MocapOptions, rema
     turned = [axes[axis] for axis in ("RX", "RY", "RZ", "RW") if axis in axes]
     quaternion = None
     if len(turned) >= 3:
-        quaternion = _quaternion(section.table[:, turned], section.columns[turned[0]], options, remarks)
+        unit, kind = section.units.get(turned[0], "").lower(), section.kinds[turned[0]].lower()
+        quaternion = _quaternion(section.table[:, turned], unit, kind, options.rotation, remarks)
         quaternion[~np.asarray(np.isfinite(position).all(axis=1))] = np.nan
     return Body(PoseSignal(position, quaternion))
 
 
-def _quaternion(values: FloatArray, column: Column, options: MocapOptions, remarks: dict[str, None]) -> FloatArray:
+def _quaternion(values: FloatArray, unit: str, kind: str, stated: str | None, remarks: dict[str, None]) -> FloatArray:
     """Quaternions of four columns xyzw, or of three: a rotation vector unless the header or the user says Euler."""
     if values.shape[1] == 4:
         return CONVERTERS["quat_xyzw"](values)
-    angles = np.deg2rad(values) if column.unit.lower().startswith("deg") else values
-    rotation = options.rotation or ("XYZ" if "euler" in column.kind.lower() else "")
-    if not rotation and "helical" not in column.kind.lower():
+    angles = np.deg2rad(values) if unit.startswith("deg") else values
+    rotation = stated or ("XYZ" if "euler" in kind else "")
+    if not rotation and "helical" not in kind:
         remarks[
             "three angles were taken for rotation vectors (helical), as Vicon writes them by default;"
             ' if they are Euler angles, say so: [mocap] rotation = "XYZ".'

@@ -40,13 +40,10 @@ class Motion:
         Trajectory of each sample, for offsets trajectory by trajectory.
     """
 
-    time: FloatArray  # (n,) stamps, s, of any spacing; samples out of order are left out
-    # (n, k) positions in any frame, or joint positions; a row with NaN is a missing sample and left out
+    time: FloatArray
     values: FloatArray
-    # (n, m) further columns that a constant matrix may mix into what the other clock saw: the nine entries of the
-    # rotation matrix stand for an unknown lever arm between the two points
     lever: FloatArray | None = None
-    label: IntArray | None = None  # (n,) trajectory of each sample, for offsets trajectory by trajectory
+    label: IntArray | None = None
 
     def __post_init__(self) -> None:
         time, values = np.asarray(self.time, dtype=np.float64), np.asarray(self.values, dtype=np.float64)
@@ -93,9 +90,7 @@ class MotionPair:
         What the other clock stamped; its values keep the reference's column order only when they are joints.
     """
 
-    # what the robot commanded or reported: the smoother one, because it is the one that is interpolated
     reference: Motion
-    # what the other clock stamped; its values keep the reference's column order only when they are joints
     observed: Motion
 
 

@@ -26,9 +26,9 @@ class ClockDrift:
         Observer's time at which the offset is quoted, s.
     """
 
-    ppm: float  # parts in a million that the observer's clock runs fast against the reference's
-    ci95: tuple[float, float]  # 95 % confidence interval, ppm
-    epoch: float  # observer's time at which the offset is quoted, s
+    ppm: float
+    ci95: tuple[float, float]
+    epoch: float
 
 
 @dataclass(frozen=True, eq=False)

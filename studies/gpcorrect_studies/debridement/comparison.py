@@ -11,7 +11,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.correction import Correction
 from gpcorrect.planning import Corrects, Margins, Mode
-from gpcorrect.types import FloatArray, Progress
+from gpcorrect.types import FloatArray
 from gpcorrect_studies.debridement.mission import Mission, Outcome, debride
 from gpcorrect_studies.debridement.scene import Station
 from gpcorrect_studies.debridement.strategies import LookAndMove, OpenLoop, Strategy
@@ -90,7 +90,6 @@ def compare(
     slow: float = 0.01,
     margins: Margins | None = None,
     mode: Mode = "full",
-    progress: Progress | None = None,
 ) -> tuple[Condition, ...]:
     """Do the task four times over the same fragments.
 
@@ -101,7 +100,6 @@ def compare(
     seed : int, of the camera's noise; the same for every condition
     fast, slow : float, speeds of the open loop and with pictures, m/s
     margins, mode : as of :class:`OpenLoop`
-    progress : Progress, optional, receives how far each condition is
 
     Returns
     -------
@@ -109,31 +107,19 @@ def compare(
         Replanning without correction; correction in open loop, without a single picture; to see what the correction
         does, the same without it; and correction with pictures where it is not sure enough.
     """
-
-    def looking() -> LookAndMove:
-        return LookAndMove(slow, times=mission.times)
-
-    anything = Margins(np.inf, np.inf, 1.0)
+    sure, anything = margins or Margins(), Margins(np.inf, np.inf, 1.0)
     ways: list[tuple[str, float, Sequence[Strategy]]] = [
-        ("no correction, replanning", slow, [looking() for _ in correctors]),
-        (
-            "corrected, open loop",
-            fast,
-            [OpenLoop(each, fast, margins or Margins(), mode, mission.times) for each in correctors],
-        ),
-        (
-            "no correction, open loop",
-            fast,
-            [OpenLoop(_ByHand(station), fast, anything, mode, mission.times) for station in mission.stations],
-        ),
+        ("no correction, replanning", slow, [LookAndMove(slow) for _ in correctors]),
+        ("corrected, open loop", fast, [OpenLoop(each, fast, sure, mode) for each in correctors]),
+        ("no correction, open loop", fast, [OpenLoop(_ByHand(s), fast, anything, mode) for s in mission.stations]),
         (
             "corrected, looking where unsure",
             fast,
-            [OpenLoop(each, fast, margins or Margins(), mode, mission.times, looking()) for each in correctors],
+            [OpenLoop(each, fast, sure, mode, LookAndMove(slow)) for each in correctors],
         ),
     ]
     return tuple(
-        Condition(name, speed, (debride(mission, strategies, np.random.default_rng(seed), progress, name),))
+        Condition(name, speed, (debride(mission, strategies, np.random.default_rng(seed)),))
         for name, speed, strategies in ways
     )
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from gpcorrect.types import FloatArray, Progress
+from gpcorrect.types import FloatArray
 from gpcorrect_studies.debridement.robot import SimulatedRobot
-from gpcorrect_studies.debridement.scene import Gripper, Scene, Station, Times, grasps
+from gpcorrect_studies.debridement.scene import CLOSING, FINDING, OPENING, Scene, Station, catches, drops_in, grasps
 from gpcorrect_studies.debridement.strategies import Approach, Strategy
 
+ATTEMPTS = 3  # most grasps at one fragment before it is given up
+SIGHT = 0.0005  # m; standard deviation of a fragment's place as the camera finds it, along each axis
 MIDDLE = 0.015  # m to either side of the dividing plane, where one arm may be at a time; chosen by hand
 
 
@@ -114,20 +116,12 @@ class Mission:
     scene : Scene
     stations : tuple of Station, one or two arms
     fragments : (n, 3) array, tracker frame
-    gripper : Gripper
-    times : Times
-    attempts : int, most grasps at one fragment before it is given up
-    sight : float, standard deviation of a fragment's place as the camera finds it, along each axis, m
     start : float, session time at which it begins, s
     """
 
     scene: Scene
     stations: tuple[Station, ...]
     fragments: FloatArray
-    gripper: Gripper = field(default_factory=Gripper)
-    times: Times = field(default_factory=Times)
-    attempts: int = 3
-    sight: float = 0.0005
     start: float = 0.0
 
     def _fragments_of(self, station: Station) -> list[int]:
@@ -140,13 +134,7 @@ class Mission:
         return len(self.stations) > 1 and abs(float(self.scene.along(self.fragments[number])[0])) < MIDDLE
 
 
-def debride(
-    mission: Mission,
-    strategies: Sequence[Strategy],
-    rng: np.random.Generator,
-    progress: Progress | None = None,
-    stage: str = "fragments",
-) -> Outcome:
+def debride(mission: Mission, strategies: Sequence[Strategy], rng: np.random.Generator) -> Outcome:
     """Let every arm fetch the fragments of its side.
 
     Parameters
@@ -154,8 +142,6 @@ def debride(
     mission : Mission
     strategies : sequence of Strategy, one an arm, in the order of the stations
     rng : numpy.random.Generator, of the camera's noise
-    progress : Progress, optional, receives a step after each fragment
-    stage : str, name of the work for `progress`
     """
     workers = [
         _Worker(mission, station, strategy, child)
@@ -175,8 +161,6 @@ def debride(
         fetched.append(worker.fetch(mission.fragments[number]))
         if mission._in_the_middle(number):
             middle_free = worker.robot.clock
-        if progress is not None:
-            progress.step(stage, len(fetched) / len(mission.fragments))
     arms = [ArmRecord(w.robot.station.name, w.robot.trace, w.robot.clock, w.waited) for w in workers]
     return Outcome(tuple(fetched), tuple(arms))
 
@@ -210,7 +194,7 @@ class _Worker:
         """
         begin = self.robot.clock
         tries: list[_Try] = []
-        while len(tries) < self._mission.attempts and not (tries and tries[-1].caught):
+        while len(tries) < ATTEMPTS and not (tries and tries[-1].caught):
             tries.append(self._attempt(fragment))
         return Fetched(
             arm=self.robot.station.name,
@@ -228,15 +212,15 @@ class _Worker:
     def _attempt(self, fragment: FloatArray) -> _Try:
         """Find the fragment, go there, close the jaws, and bring what they hold to the bowl."""
         mission, robot, up = self._mission, self.robot, self._mission.scene.up
-        robot.wait(mission.times.find)
-        seen = fragment + mission.sight * self._rng.standard_normal(3)
+        robot.wait(FINDING)
+        seen = fragment + SIGHT * self._rng.standard_normal(3)
         approach = self._strategy.approach(robot, grasps(mission.scene, robot.station, seen))
-        robot.wait(mission.times.grasp)
+        robot.wait(CLOSING)
         miss_mm = 1e3 * float(np.linalg.norm(robot.tool_pose[:3, 3] - fragment))
-        caught = mission.gripper.catches(robot.tool_pose, approach.grasp.T_grasp, fragment, up)
+        caught = catches(robot.tool_pose, approach.grasp.T_grasp, fragment, up)
         self._strategy.carry(robot, approach, to_bowl=caught)
         if not caught:
             return _Try(approach, miss_mm, caught=False, removed=False)
-        robot.wait(mission.times.release)
-        removed = mission.gripper.drops_in(robot.tool_pose, mission.scene.bowl(robot.station), up)
+        robot.wait(OPENING)
+        removed = drops_in(robot.tool_pose, mission.scene.bowl(robot.station), up)
         return _Try(approach, miss_mm, caught=True, removed=removed)

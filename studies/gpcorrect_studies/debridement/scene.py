@@ -26,68 +26,43 @@ TILTS = np.deg2rad([0.0, 12.0, -12.0, 20.0, -20.0])  # of the tool about each ho
 # How far each arm's base is from where it was registered by hand: 1 cm and 4 degrees, each another way.
 MISREGISTERED = (None, (np.array([-0.004, 0.007, -0.005]), np.array([-0.03, 0.05, 0.02])))
 
-
-@dataclass(frozen=True)
-class Times:
-    """Seconds that the jaws and the camera take; the same for every strategy, chosen by hand.
-
-    Parameters
-    ----------
-    find : float, to find a fragment in the camera's picture
-    settle : float, for the arm to come to rest
-    look : float, to take and evaluate a picture of the tool
-    grasp, release : float, to close and to open the jaws
-    """
-
-    find: float = 0.5
-    settle: float = 0.3
-    look: float = 0.7
-    grasp: float = 0.5
-    release: float = 0.3
+# Seconds that the camera and the jaws take, the same for every strategy; chosen by hand.
+FINDING = 0.5  # to find a fragment in the camera's picture
+SETTLING = 0.3  # for the arm to come to rest
+LOOKING = 0.7  # to take and evaluate a picture of the tool
+CLOSING, OPENING = 0.5, 0.3
+# How far the jaws' middle may be from a fragment's, along the floor and up, m, and turned away from the plan, rad; and
+# how wide the bowl is. Chosen by hand.
+SIDEWAYS, HEIGHT, TURN = 0.005, 0.004, np.deg2rad(25.0)
+BOWL_RADIUS = 0.015  # m
 
 
-@dataclass(frozen=True)
-class Gripper:
-    """When a fragment is caught, and when it falls into the bowl; chosen by hand.
+def catches(T_tool: FloatArray, T_grasp: FloatArray, fragment: FloatArray, up: FloatArray) -> bool:
+    """Return whether a tool holds a fragment when its jaws close.
 
     Parameters
     ----------
-    sideways, height : float
-        Largest distance between the jaws' middle and the fragment's, along the floor and up, m.
-    turn : float, largest turn away from the planned orientation, rad
-    bowl : float, radius of the bowl, m
+    T_tool : (4, 4) array, true tool pose
+    T_grasp : (4, 4) array, planned one, same frame
+    fragment, up : (3,) arrays, its place (m), and the direction away from the floor, same frame
     """
+    miss = T_tool[:3, 3] - fragment
+    height = float(miss @ up)
+    sideways = float(np.linalg.norm(miss - height * up))
+    turn = float(se3.angle(T_tool[:3, :3] @ T_grasp[:3, :3].T))
+    return sideways <= SIDEWAYS and abs(height) <= HEIGHT and turn <= float(TURN)
 
-    sideways: float = 0.005
-    height: float = 0.004
-    turn: float = np.deg2rad(25.0)
-    bowl: float = 0.015
 
-    def catches(self, T_tool: FloatArray, T_grasp: FloatArray, fragment: FloatArray, up: FloatArray) -> bool:
-        """Return whether a tool holds a fragment when its jaws close.
+def drops_in(T_tool: FloatArray, bowl: FloatArray, up: FloatArray) -> bool:
+    """Return whether a fragment falls into the bowl when the jaws open.
 
-        Parameters
-        ----------
-        T_tool : (4, 4) array, true tool pose
-        T_grasp : (4, 4) array, planned one, same frame
-        fragment, up : (3,) arrays, its place (m), and the direction away from the floor, same frame
-        """
-        miss = T_tool[:3, 3] - fragment
-        height = float(miss @ up)
-        sideways = float(np.linalg.norm(miss - height * up))
-        turn = float(se3.angle(T_tool[:3, :3] @ T_grasp[:3, :3].T))
-        return sideways <= self.sideways and abs(height) <= self.height and turn <= self.turn
-
-    def drops_in(self, T_tool: FloatArray, bowl: FloatArray, up: FloatArray) -> bool:
-        """Return whether a fragment falls into the bowl when the jaws open.
-
-        Parameters
-        ----------
-        T_tool : (4, 4) array, true tool pose
-        bowl, up : (3,) arrays, the bowl's centre (m), and the direction away from the floor, same frame
-        """
-        miss = T_tool[:3, 3] - bowl
-        return float(np.linalg.norm(miss - (miss @ up) * up)) <= self.bowl
+    Parameters
+    ----------
+    T_tool : (4, 4) array, true tool pose
+    bowl, up : (3,) arrays, the bowl's centre (m), and the direction away from the floor, same frame
+    """
+    miss = T_tool[:3, 3] - bowl
+    return float(np.linalg.norm(miss - (miss @ up) * up)) <= BOWL_RADIUS
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,10 +16,13 @@ from gpcorrect.planning import Corrects, DesiredPath, Doubt, Margins, Mode, corr
 from gpcorrect.sim.reaching import Pace
 from gpcorrect.types import FloatArray
 from gpcorrect_studies.debridement.robot import SimulatedRobot
-from gpcorrect_studies.debridement.scene import Grasp, Times
+from gpcorrect_studies.debridement.scene import LOOKING, SETTLING, Grasp
 
 ACCELERATION = 0.5  # m/s^2, as in the simulated recordings
 TURN_RATE = 1.5  # rad/s, as in the simulated recordings
+LEG = 0.025  # m, longest way between two pictures; chosen by hand, like the next two
+GOOD_ENOUGH = 0.002  # m, a miss where it matters
+MOST_LOOKS = 6  # pictures at one place before the arm stops improving
 
 
 @dataclass(frozen=True)
@@ -78,17 +81,9 @@ class LookAndMove:
     Parameters
     ----------
     speed : float, m/s
-    leg : float, longest way between two pictures, m; chosen by hand, like the others below
-    tolerance : float, miss that is good enough where it matters, m
-    most_looks : int, pictures at one place before the arm stops improving
-    times : Times
     """
 
     speed: float = 0.01
-    leg: float = 0.025
-    tolerance: float = 0.002
-    most_looks: int = 6
-    times: Times = field(default_factory=Times)
     _shift: FloatArray = field(default_factory=lambda: np.zeros(3), init=False)
     _turn: FloatArray = field(default_factory=lambda: np.eye(3), init=False)
     _at: FloatArray = field(default_factory=lambda: np.eye(4), init=False)
@@ -105,8 +100,8 @@ class LookAndMove:
         self._looks, grasp = 0, ways[0]
         self._go(robot, grasp.T_above)
         self._go(robot, grasp.T_grasp)
-        for _ in range(self.most_looks):
-            if float(np.linalg.norm(self._miss)) <= self.tolerance:
+        for _ in range(MOST_LOOKS):
+            if float(np.linalg.norm(self._miss)) <= GOOD_ENOUGH:
                 break
             self._step(robot, grasp.T_grasp)
         return Approach(grasp, self._looks)
@@ -118,7 +113,7 @@ class LookAndMove:
             self._go(robot, approach.grasp.T_bowl)
 
     def _go(self, robot: SimulatedRobot, goal: FloatArray) -> None:
-        legs = max(1, int(np.ceil(np.linalg.norm(goal[:3, 3] - self._at[:3, 3]) / self.leg)))
+        legs = max(1, int(np.ceil(np.linalg.norm(goal[:3, 3] - self._at[:3, 3]) / LEG)))
         way = se3.log(se3.compose(goal, se3.invert(self._at)))
         begin = self._at
         for leg in range(1, legs + 1):
@@ -134,7 +129,7 @@ class LookAndMove:
 
     def _look(self, robot: SimulatedRobot) -> None:
         """Take a picture, and learn by how much the tool misses where it should be."""
-        robot.wait(self.times.settle + self.times.look)
+        robot.wait(SETTLING + LOOKING)
         seen, goal = robot.look(), self._at
         self._looks += 1
         self._miss = goal[:3, 3] - seen[:3, 3]
@@ -152,7 +147,6 @@ class OpenLoop:
     speed : float, m/s
     margins : Margins, how sure the correction must be at the fragment; otherwise another tilt is planned
     mode : "full" or "endpoints"
-    times : Times
     careful : LookAndMove or None
         What to do where no grasp is sure enough; without it the last one is taken all the same.
     """
@@ -161,7 +155,6 @@ class OpenLoop:
     speed: float = 0.06
     margins: Margins = field(default_factory=Margins)
     mode: Mode = "full"
-    times: Times = field(default_factory=Times)
     careful: LookAndMove | None = None
     _at: FloatArray = field(default_factory=lambda: np.eye(4), init=False)
 
@@ -192,5 +185,5 @@ class OpenLoop:
 
     def _follow(self, robot: SimulatedRobot, path: DesiredPath, command: FloatArray) -> None:
         robot.follow(path.times, command)
-        robot.wait(self.times.settle)
+        robot.wait(SETTLING)
         self._at = path.goal

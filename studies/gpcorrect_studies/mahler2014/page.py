@@ -26,7 +26,6 @@ TITLES = {
     "position_percent_of_raw_dirty_memory": "the same with memory of the commands: position",
     "rotation_percent_of_raw_dirty_memory": "the same with memory of the commands: rotation",
     "position_gain_of_velocity": "position error that velocity features take away",
-    "rotation_gain_of_velocity": "rotation error that velocity features take away",
     "position_gain_of_cleaning_on_sd": "spread of the position error that cleaning takes away",
     "rotation_gain_of_cleaning_on_sd": "spread of the rotation error that cleaning takes away",
 }

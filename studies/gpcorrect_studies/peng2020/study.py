@@ -6,6 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,6 +29,8 @@ from gpcorrect_studies.rendering import single_ball as one_ball
 
 if TYPE_CHECKING:  # OpenCV is an extra: other studies are done again without it
     from gpcorrect.vision import Camera, Target
+
+    Case = tuple[Stage, Target, Mapping[int, Mapping[int, Sequence[Card]]]]
 
 RATE_HZ = 30.0  # that of a common webcam
 COVER = Card((0, 0, 640, 480))  # hides a whole picture
@@ -136,16 +139,12 @@ def reproduce_peng2020(
     begun, progress, parts = time.perf_counter(), progress or Progress(), parts or Parts()
     table, placed = _table1(scope, seed, progress, parts)
     log = _recording(scope, seed, table["end effector"]["length_mm"]["rms"])
-    estimators = {}
-    for k, method in enumerate(METHODS):
-        progress.step("estimators", k / len(METHODS))
-        estimators[method] = parts.done(f"estimator: {method}", partial(_estimator, method, log, scope, seed))
-    progress.step("estimators", 1.0)
+    estimators = parts.each("estimators", partial(_estimator, log, scope, seed), {m: m for m in METHODS}, progress)
     seconds = parts.seconds_before + time.perf_counter() - begun
     return Peng2020(scope, seed, len(log), table, placed, estimators, seconds=seconds)
 
 
-def _estimator(method: str, log: CalibrationLog, scope: Peng2020Scope, seed: int) -> dict[str, Any]:
+def _estimator(log: CalibrationLog, scope: Peng2020Scope, seed: int, method: str) -> dict[str, Any]:
     settings = FitSettings(method=method, layers=scope.layers, epochs=scope.epochs, inducing=scope.inducing, seed=seed)
     experiment = run_experiment(log, settings, task=PositionEstimator)
     return {
@@ -165,17 +164,12 @@ def _table1(scope: Peng2020Scope, seed: int, progress: Progress, parts: Parts) -
     ball = Stage(whole.lenses, whole.studios, one_ball("red"), BALL_RADIUS)
     third = scope.frames // 3
     hidden = {i: {1: [COVER]} for i in range(third, 2 * third)}
-    cases: list[tuple[str, Stage, Target, Mapping[int, Mapping[int, Sequence[Card]]]]] = [
-        ("single ball", ball, single_ball("red"), {}),
-        ("end effector", whole, END_EFFECTOR, {}),
-        ("end effector, a camera hidden", whole, END_EFFECTOR, hidden),
-    ]
-    table = {}
-    for k, (name, stage, target, cards) in enumerate(cases):
-        progress.step("pictures", k / len(cases))
-        table[name] = parts.done(f"Table I: {name}", partial(_tracked, stage, cameras, target, poses, cards))
-    progress.step("pictures", 1.0)
-    return table, placed
+    cases: dict[str, Case] = {
+        "single ball": (ball, single_ball("red"), {}),
+        "end effector": (whole, END_EFFECTOR, {}),
+        "end effector, a camera hidden": (whole, END_EFFECTOR, hidden),
+    }
+    return parts.each("pictures", partial(_tracked, cameras, poses), cases, progress), placed
 
 
 def calibrated_cameras(lenses: Sequence[Lens], rng: np.random.Generator) -> tuple[list[Camera], list[float]]:
@@ -227,23 +221,17 @@ def _board(lens: Lens, corners: FloatArray, rng: np.random.Generator) -> FloatAr
             return placed
 
 
-def _tracked(
-    stage: Stage,
-    cameras: Sequence[Camera],
-    target: Target,
-    poses: FloatArray,
-    cards: Mapping[int, Mapping[int, Sequence[Card]]],
-) -> dict[str, Any]:
+def _tracked(cameras: Sequence[Camera], poses: FloatArray, case: Case) -> dict[str, Any]:
     """Track the target along these poses, and compare with them; cards hide it from cameras in some frames."""
     from gpcorrect.vision import Tracker
 
-    errors, turns, measured = [], [], 0
+    stage, target, cards = case
+    errors, turns = [], []
     with Tracker(cameras, target) as tracker:
         for i, pose in enumerate(poses):
             frame = tracker.step(stage.frame(pose, cards.get(i)), i / RATE_HZ)
             if frame.pose.status == "measured":
                 T = frame.pose.T_tracker_tool
-                measured += 1
                 errors.append(1e3 * (T[:3, 3] - pose[:3, 3]))
                 turns.append(np.rad2deg(float(se3.angle(T[:3, :3] @ pose[:3, :3].T))))
     e = np.array(errors)
@@ -252,7 +240,7 @@ def _tracked(
         name: {"rms": float(np.sqrt((column**2).mean())), "sd": float(column.std())}
         for name, column in zip(COMPONENTS, columns, strict=True)
     }
-    row["measured_share"] = measured / len(poses)
+    row["measured_share"] = len(errors) / len(poses)
     return {**row, "rotation_rms_deg": float(np.sqrt(np.mean(np.square(turns))))} if target.has_pose else row
 
 
@@ -271,22 +259,14 @@ def _recording(scope: Peng2020Scope, seed: int, label_noise_mm: float) -> Calibr
 def _microseconds(experiment: Experiment, log: CalibrationLog) -> float:
     """Median time of one sample in a stream."""
     stream = experiment.corrector.stream()
-    assert log.measured_jp is not None
     assert log.measured_cp is not None
     assert log.setpoint_cp is not None
+    measured, wanted = log.measured_cp, log.setpoint_cp
+    signals = (log.measured_jp, measured.position, measured.quaternion, log.setpoint_jp, log.measured_jv)
+    columns: Any = (*signals, log.measured_jf, wanted.position, wanted.quaternion)  # the simulator gives them all
     spent = []
-    for i in range(min(STREAM_SAMPLES, len(log))):
-        sample = RobotState(
-            float(log.time[i]),
-            log.measured_jp[i],
-            log.measured_cp.position[i],
-            None if log.measured_cp.quaternion is None else log.measured_cp.quaternion[i],
-            None if log.setpoint_jp is None else log.setpoint_jp[i],
-            None if log.measured_jv is None else log.measured_jv[i],
-            None if log.measured_jf is None else log.measured_jf[i],
-            log.setpoint_cp.position[i],
-            None if log.setpoint_cp.quaternion is None else log.setpoint_cp.quaternion[i],
-        )
+    for t, *row in islice(zip(log.time.tolist(), *columns, strict=True), STREAM_SAMPLES):
+        sample = RobotState(t, *row)
         begun = time.perf_counter()
         stream.correct(sample)
         spent.append(time.perf_counter() - begun)

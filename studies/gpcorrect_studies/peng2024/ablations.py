@@ -53,13 +53,12 @@ def ablations(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Any]
 
 def _directions(
     fits: StudyFits,
-    _: CalibrationLog,
-    study: RavenStudy | None = None,
+    study: RavenStudy,
     directions: Sequence[str] = DIRECTIONS_COMPARED,
     methods: Sequence[str] = ("linear", "quadratic", "network"),
 ) -> dict[str, Any]:
     """Rows of Table I, measured on another study's recordings."""
-    again = _once(fits, study or fits.study)
+    again = _once(fits, study)
     test, sparsity = again.study.random_run(fits.scope.minutes), fits.scope.middle.sparsity
     table: dict[str, Any] = {d: {m: again.rmse(Run(d, sparsity), m, test) for m in methods} for d in directions}
     for direction, row in table.items():
@@ -79,13 +78,12 @@ def _without_memory() -> Model:
     return model.with_effects(*(e for e in model.effects if e.to_dict()["name"] not in MEMORY_EFFECTS))
 
 
-def _no_memory(fits: StudyFits, test: CalibrationLog) -> dict[str, Any]:
-    return _directions(fits, test, replace(fits.study, machine=_without_memory()))
+def _no_memory(fits: StudyFits, _: CalibrationLog) -> dict[str, Any]:
+    return _directions(fits, replace(fits.study, machine=_without_memory()))
 
 
-def _as_published(fits: StudyFits, test: CalibrationLog) -> dict[str, Any]:
-    study = replace(fits.study, as_published=True)
-    return _directions(fits, test, study, DIRECTIONS_COMPARED[1:], ("network",))
+def _as_published(fits: StudyFits, _: CalibrationLog) -> dict[str, Any]:
+    return _directions(fits, replace(fits.study, as_published=True), DIRECTIONS_COMPARED[1:], ("network",))
 
 
 @dataclass(frozen=True)
@@ -101,8 +99,8 @@ class _Bent(RavenStudy):
         return replace(log, external_jp=log.external_jp + (BENT / UNITS) * wave[:, None])
 
 
-def _bent(fits: StudyFits, test: CalibrationLog, machine: Model | None = None) -> dict[str, Any]:
-    return _directions(fits, test, _Bent(fits.study.seed, fits.study.homings, fits.study.as_published, machine))
+def _bent(fits: StudyFits, _: CalibrationLog, machine: Model | None = None) -> dict[str, Any]:
+    return _directions(fits, _Bent(fits.study.seed, fits.study.homings, fits.study.as_published, machine))
 
 
 def _bent_without_memory(fits: StudyFits, test: CalibrationLog) -> dict[str, Any]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,7 +18,7 @@ METHODS = ("linear", "quadratic", "network", "ukf", "gp")
 QUICK_EPOCHS = 50  # a quarter of the paper's; chosen by hand
 UNITS = np.array([np.rad2deg(1.0), np.rad2deg(1.0), 1e3])  # deg, deg, mm
 Cell = dict[str, Any]
-T = TypeVar("T", bound=Hashable)
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -199,21 +198,16 @@ class StudyFits:
         row = {name: cell(rmse(model, test, name) for model in linear) for name in ("raw", "fixed_offset")}
         return row | {method: self.rmse(run, method, test) for method in METHODS}
 
-    def over(self, stage: str, items: Sequence[T], make: Callable[[T], Any]) -> dict[T, Any]:
-        """Return what is made of each item; what an earlier run has made is not made again.
+    def over(self, stage: str, items: Iterable[Item], make: Callable[[Item], Any]) -> dict[str, Any]:
+        """Return what is made of each item, by its name; what an earlier run has made is not made again.
 
         Parameters
         ----------
         stage : str, name of the part
-        items : sequence
+        items : iterable
         make : callable, returns what JSON can hold
         """
-        made = {}
-        for done, item in enumerate(items):
-            self.progress.step(stage, done / len(items))
-            made[item] = self.parts.done(f"{stage}: {item}", partial(make, item))
-        self.progress.step(stage, 1.0)
-        return made
+        return self.parts.each(stage, make, {str(item): item for item in items}, self.progress)
 
 
 def rmse(model: JointCorrector, log: CalibrationLog, name: str = "corrected") -> list[float]:
