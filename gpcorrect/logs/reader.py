@@ -19,7 +19,7 @@ from gpcorrect.logs.apart import parse, parse_apart
 from gpcorrect.logs.columns import DEFAULT_MAX_BYTES, ColumnMap, ReadSettings, load_columns
 from gpcorrect.logs.mocap import motive, ndi, qualisys, trc, vicon
 from gpcorrect.logs.mocap.take import Take, log_of
-from gpcorrect.logs.order import Disorder
+from gpcorrect.logs.order import Disorder, check_order
 from gpcorrect.logs.sidecar import read_sidecar, sidecar_path
 from gpcorrect.types import CalibrationLog, LogMeta, PoseSignal
 
@@ -159,7 +159,12 @@ def parsed(kind: type[T], read: Callable[[Format, Path, ReadSettings], T], path:
 
 def _log(found: Format, path: Path, settings: ReadSettings) -> CalibrationLog:
     recorded = found.read(path, settings)
-    return log_of(recorded, settings.columns.mocap) if isinstance(recorded, Take) else recorded
+    if not isinstance(recorded, Take):
+        return recorded
+    log = log_of(recorded, settings.columns.mocap)
+    keep, remarks = check_order(log.time, log.trajectory, settings.disorder, lambda row: f"sample {row + 1}")
+    log = replace(log, remarks=(*log.remarks, *remarks))
+    return log if keep.all() else log.select(keep)
 
 
 def _possible(log: CalibrationLog) -> CalibrationLog:

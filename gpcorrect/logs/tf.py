@@ -39,6 +39,7 @@ class Tree:
 
     edges: dict[str, tuple[str, Recorded]] = field(default_factory=dict)  # parent and poses of each child
     still: set[str] = field(default_factory=set)  # children whose transform was published as static
+    torn: dict[str, str] = field(default_factory=dict)  # children that were given another parent too, and which
 
     def add(self, message: Any, receive: int, *, static: bool) -> None:
         """Add the transforms of a message.
@@ -52,8 +53,11 @@ class Tree:
         for transform in message.transforms:
             child = transform.child_frame_id.strip("/")
             parent = transform.header.frame_id.strip("/")
-            if child not in self.edges or self.edges[child][0] != parent:
+            if child not in self.edges:
                 self.edges[child] = (parent, Recorded(_source_name(parent, child), pose_row))
+            elif self.edges[child][0] != parent:
+                self.torn[child] = parent
+                continue
             self.edges[child][1].add(transform, receive)
             if static:
                 self.still.add(child)
@@ -79,6 +83,10 @@ class Tree:
             known = sorted({*self.edges, *(p for p, _ in self.edges.values())})
             raise LogError(f"no transforms lead from {parent} to {child}.", hint=f"Frames here: {', '.join(known)}.")
         up, down = up[: up.index(common)], down[: down.index(common)]
+        for frame in (*down, *up):
+            if frame in self.torn:
+                hint = "Two nodes publish it, or it was attached anew: record one of them, or name a pose's own topic."
+                raise LogError(f"{frame} has two parents, {self.edges[frame][0]} and {self.torn[frame]}.", hint=hint)
         moving = [frame for frame in (*down, *up) if frame not in self.still]
         if not moving:
             hint = f"What moves: {', '.join(self.moving())}."

@@ -80,7 +80,7 @@ def test_what_these_sensors_do_not_see_stays_where_it_is_and_may_be_anything() -
 
 
 def test_numbers_that_the_data_do_not_ask_for_are_nothing() -> None:
-    """Of a row of which one number is wrong the others are zero, not what noise makes of them, and it is fitted anew."""
+    """Of a row of which one number is wrong the others are zero, not what noise makes of them; it is fitted anew."""
     prepared = recorded(DhError(joint=2, a=1e-3, alpha=0.0, d=0.0, theta=0.0))
     row = row_of(prepared, 2)
     state = start_search(prepared.dataset, [row])

@@ -33,10 +33,10 @@ class Tool:
         return turns[:, [order.index(axis) for axis in "XYZ"]]
 
 
-def moving_tool(seed: int = 0, n: int = 60, hidden: Sequence[int] = (4, 5)) -> Tool:
+def moving_tool(seed: int = 0, n: int = 60, hidden: Sequence[int] = (4, 5), rate: float = RATE) -> Tool:
     """Make a tool that wanders and turns; some frames are hidden."""
     rng = np.random.default_rng(seed)
-    time = np.arange(n) / RATE
+    time = np.arange(n) / rate
     position = 0.2 * wandering(rng)(time) / 3
     rotation = Rotation.from_rotvec(0.8 * wandering(rng)(time))
     markers = rotation.as_matrix()[:, None] @ BODY[..., None]

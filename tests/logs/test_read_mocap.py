@@ -282,7 +282,7 @@ def test_one_of_qualisys_bodies_is_chosen(tmp_path: Path):
 @pytest.mark.parametrize("form", ["track", "toolbox", "capi"])
 def test_ndi_tools_are_read(tmp_path: Path, form: str):
     """Tools are named without port and serial number; a tool that was not seen is missing; frames count at 60 Hz."""
-    tool = moving_tool(23)
+    tool = moving_tool(23, rate=RATE if form == "track" else 60.0)
     log = read_log(write_ndi(tmp_path / "a.csv", tool, form=form))
     assert_sees(log, tool)
     assert log.remarks[0] == "tracker_cp is the body tool."
@@ -293,7 +293,7 @@ def test_ndi_tools_are_read(tmp_path: Path, form: str):
 
 def test_one_of_ndis_tools_is_chosen(tmp_path: Path):
     """Groups of columns are told apart however many markers each tool has."""
-    tool = moving_tool(24)
+    tool = moving_tool(24, rate=60.0)
     for form in ("track", "toolbox", "capi"):
         path = write_ndi(tmp_path / f"{form}.csv", tool, form=form, names=("tool", "base"))
         log = read_log(path, columns=mapping(tmp_path / "m.toml", {"body": "base"}))
@@ -304,3 +304,45 @@ def test_one_of_ndis_tools_is_chosen(tmp_path: Path):
                 tmp_path / "b.csv", ["Tools,Port 1,Frame,Face,State,Rz,Ry,Rx,Tx,Ty,Tz,Error", "1,Port 1,1,1,OK"]
             )
         )
+
+
+def test_tools_that_change_places_from_line_to_line_are_not_mixed(tmp_path: Path):
+    """Poses of the second tool were taken for the first one's."""
+    lines = write_ndi(tmp_path / "a.csv", moving_tool(25)).read_text().splitlines()
+    half = [line.replace(": tool ", ": base ") if k > len(lines) // 2 else line for k, line in enumerate(lines)]
+    with pytest.raises(LogError, match=r"holds the tools .*base.*, line 2 .*tool"):
+        read_log(write_lines(tmp_path / "b.csv", half))
+
+
+def test_items_of_one_name_are_refused(tmp_path: Path):
+    """The last one won, in silence."""
+    for path in (write_tracker(tmp_path / "t.csv", moving_tool(26)), write_motive(tmp_path / "m.csv", moving_tool(26))):
+        rows = [line.split(",") for line in path.read_text().splitlines()]
+        top = next(k for k, row in enumerate(rows) if row[0] == "Frame")
+        twice = [row + row[2:] if k <= top + 1 or row[0].isdigit() else row for k, row in enumerate(rows)]
+        with pytest.raises(LogError, match="are called"):
+            read_log(write_lines(path, [",".join(row) for row in twice]))
+
+
+@pytest.mark.parametrize("rate", ["0", "-100", "nan", "inf"])
+def test_a_rate_that_is_none_is_refused(tmp_path: Path, rate: str):
+    """It made stamps of infinity, of no number, or backwards."""
+    path = write_tracker(tmp_path / "t.csv", moving_tool(27))
+    lines = path.read_text().splitlines()
+    at = next(k for k, line in enumerate(lines) if line.startswith("Frame")) - 2
+    lines[at] = rate
+    with pytest.raises(LogError, match="expected the rate in Hz"):
+        read_log(write_lines(path, lines))
+
+
+def test_disordered_time_of_an_export_is_refused_or_left_out(tmp_path: Path):
+    """As in any other format."""
+    path = write_qualisys(tmp_path / "q.tsv", moving_tool(28))
+    lines = path.read_text().splitlines()
+    lines[-2], lines[-3] = lines[-3], lines[-2]
+    path = write_lines(path, lines)
+    with pytest.raises(LogError, match="out of order"):
+        read_log(path)
+    log = read_log(path, disorder="drop")
+    assert (np.diff(log.time) > 0).all()
+    assert any("left out" in remark for remark in log.remarks)

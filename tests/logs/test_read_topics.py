@@ -173,6 +173,10 @@ def test_the_pose_between_any_two_frames_is_the_product_of_the_transforms(tmp_pa
         np.testing.assert_allclose(
             matrix(log.tracker_cp.position[k], log.tracker_cp.quaternion[k]), expected, atol=1e-9
         )
+    again = [transforms("/tf", [("world", "link", POSE.position[0], POSE.quaternion[0])], TICKS[6])]
+    torn = write_bag(tmp_path / "torn", [*moving, fixed, *again], "mcap")
+    with pytest.raises(LogError, match="link has two parents, base and world"):  # what came before was dropped
+        read_log(torn, tracker_topic="/tf:base->tip")
     with pytest.raises(LogError, match=r"no transforms lead from world to nowhere.*base, camera, link, tip, world"):
         read_log(bag, tracker_topic="/tf:world->nowhere")
     with pytest.raises(LogError, match="nothing moves between world and base"):

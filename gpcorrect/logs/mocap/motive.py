@@ -66,7 +66,10 @@ def _items(export: Export, heading: int) -> dict[tuple[str, str], Columns]:
     for k, (kind, name, quantity, axis) in enumerate(zip(*table, strict=False)):
         if k >= 2 and kind:
             what = "Error" if "Error" in quantity or "Error" in axis else quantity
-            found.setdefault((kind, name), {}).setdefault(what, {})[axis] = k
+            parts = found.setdefault((kind, name), {}).setdefault(what, {})
+            if axis in parts and kind == BODY:
+                raise LogError(f"two rigid bodies are called {name}.", hint="Give each its own name in the export.")
+            parts[axis] = k
     return {key: {"Rotation": {}, "Position": {}, "Error": {}, **parts} for key, parts in found.items()}
 
 

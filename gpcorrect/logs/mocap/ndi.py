@@ -41,10 +41,13 @@ def read(path: Path, settings: ReadSettings) -> Take:
     ]
     if not rows:
         raise LogError("the file has a header but no samples.")
-    labels = [_name(label, k) for k, (label, _) in enumerate(rows[0][1])]
-    odd = next((line for line, tools in rows if len(tools) != len(labels)), None)
-    if odd is not None:
-        raise LogError(f"line {odd} holds another number of tools than line 2.")
+    first = [label for label, _ in rows[0][1]]
+    for line, tools in rows:
+        if (here := [label for label, _ in tools]) != first:
+            raise LogError(f"line {line} holds the tools {', '.join(here)}, line {rows[0][0]} {', '.join(first)}.")
+    labels = [_name(label, k) for k, label in enumerate(first)]
+    if len(set(labels)) < len(labels):
+        raise LogError(f"two tools have one name: {', '.join(labels)}.", hint="Give each its own in the export.")
     table = np.array([[values for _, values in tools] for _, tools in rows])  # (n, tools, columns)
     time, remarks = _time(table[:, 0], names, settings.columns.rate)
     place = [names.index(name) for name in POSE]

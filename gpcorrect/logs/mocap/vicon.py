@@ -76,8 +76,10 @@ def _section(export: Export, line: int, stated: float | None) -> Section:
     try:
         rate = stated or float(cell)
     except ValueError:
+        rate = 0.0
+    if not 0.0 < rate < np.inf:
         hint = "Say rate = 100.0 in a mapping file."
-        raise LogError(f"expected the rate in Hz in line {line - 1}, got {cell!r}.", hint=hint) from None
+        raise LogError(f"expected the rate in Hz in line {line - 1}, got {cell!r}.", hint=hint)
     units, axes = export.cells(line + 1), export.cells(line)
     start = line + 1 if units and units[0] else line + 2  # some exports have no line of units
     items, kinds = _items(export.cells(line - 1), axes)
@@ -95,7 +97,9 @@ def _items(names: Sequence[str], axes: Sequence[str]) -> tuple[dict[str, dict[st
             name, kind = (match["name"], match["kind"] or "") if match else (above, "")
             subject, _, segment = name.partition(":")
             name = subject if subject == segment else name
-        items.setdefault(name, {})[axis] = k
+        if axis in items.setdefault(name, {}) and axis in ("TX", "X") and not name.startswith("*"):
+            raise LogError(f"two items are called {name!r}.", hint="Give each its own name in the export.")
+        items[name][axis] = k
         kinds.append(kind)
     return items, kinds
 
