@@ -177,11 +177,12 @@ class InertiaError(DriveEffect):
 
         A loop of step h with implicit damping kd comes to (I + h kd / 2) m'', with explicit damping to (I - h kd / 2)
         m'', and one without steps, or that holds its torque for them, to I m''. Ours holds it, or does as MuJoCo does:
-        that may be either of the other two, and is off from them by twice as much.
+        that may be either of the other two, and is off from them by twice as much. A controller that differentiates its
+        encoder lags by half a step more, which is just as much; a fifth is for how well the number is known.
         """
         before, behind = drive.speed_gains
         resisted = before + behind + (0.0 if drive.damping is None else drive.damping)
-        most = resisted / drive.rate_hz * (0.5 if drive.kv is None else 1.0)
+        most = 1.2 * resisted / drive.rate_hz * (0.5 if drive.kv is None else 1.0)
         return bool(abs(self.inertia) <= most[self.column(joints)])
 
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
