@@ -80,6 +80,35 @@ def test_what_a_robot_file_says_wrongly_has_its_own_name(nominal, hidden):
         assert low < 0.0 < high
 
 
+PARALLEL = """<mujoco><compiler angle="radian"/><worldbody>
+<body pos="0 0 0.1"><inertial pos="0 0 0.02" mass="3" diaginertia="0.02 0.02 0.02"/>
+ <joint name="pan" axis="0 0 1" range="-2.5 2.5" armature="1"/>
+<body pos="0 0.12 0"><inertial pos="0.2 0 0" mass="4" diaginertia="0.02 0.2 0.2"/>
+ <joint name="lift" axis="0 1 0" range="-2 2" armature="1"/>
+<body pos="0.42 -0.1 0"><inertial pos="0.2 0 0" mass="2" diaginertia="0.01 0.1 0.1"/>
+ <joint name="elbow" axis="0 1 0" range="-2 2" armature="0.5"/>
+<body pos="0.39 0 0"><inertial pos="0 0.05 0" mass="1" diaginertia="0.01 0.01 0.01"/>
+ <joint name="wrist" axis="0 1 0" range="-2 2" armature="0.2"/><site name="tip" pos="0.05 0.1 0.1"/>
+</body></body></body></body></worldbody><actuator><position joint="pan" kp="6000" kv="200"/>
+<position joint="lift" kp="6000" kv="200"/><position joint="elbow" kp="3000" kv="100"/>
+<position joint="wrist" kp="600" kv="20"/></actuator></mujoco>"""
+
+
+@pytest.mark.slow
+def test_axes_that_ought_to_be_parallel_are_found_askew(tmp_path):
+    """By two milliradians between the second and the third axis, a third of the noise; a table has no number for it."""
+    (tmp_path / "arm.xml").write_text(PARALLEL, encoding="utf-8")
+    noise = {"external_jp_white": [1e-4] * 4, "tracker_white": 1e-4, "tracker_rotation_white": 1e-3}
+    nominal = model_from_dict({"robot": "arm.xml", "tool": "tip", "noise": noise}, folder=tmp_path)
+    row = {"name": "dh_error", "joint": 3, **dict.fromkeys(("a", "alpha", "d", "theta"), 0.0)}
+    askew = effect_from_dict(row | {"beta": 0.002, "form": "parallel"})
+    result = find_discrepancy(nominal, joint_motion_log(nominal.with_effects(askew), 8, 8.0, seed=3))
+    (effect,) = result.effects
+    assert (result.level, effect.name, effect.joint) == ("EXACT", "dh_error", 3)
+    assert effect.parameters["beta"].value == pytest.approx(0.002, rel=0.1)
+    assert [effect.parameters[name].value for name in ("a", "alpha", "d", "theta")] == [0.0] * 4
+
+
 @pytest.mark.slow
 def test_damping_and_the_gain_by_which_a_servo_brakes_are_told_as_a_set(nominal):
     """They are one equation, and no recording tells them apart."""

@@ -151,6 +151,14 @@ def recorded(*effects):
     return arrays | {"tracker": log.tracker_cp.position, "quaternion": log.tracker_cp.quaternion}
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_an_inertia_of_half_a_step_of_damping_is_a_matter_of_steps(sign):
+    """Of a controller that differentiates its encoder, or brakes implicitly; a fit knows it to a tenth or so."""
+    steps = drive().kd[1] / (2.0 * drive().rate_hz)
+    assert InertiaError(2, sign * 1.05 * steps).is_a_matter_of_steps(drive(), (1, 2, 3))
+    assert not InertiaError(2, sign * 1.3 * steps).is_a_matter_of_steps(drive(), (1, 2, 3))
+
+
 def test_every_effect_is_tried():
     """Each effect has numbers with which it does something, in the catalogue's order."""
     assert ids == list(EFFECTS)

@@ -64,9 +64,10 @@ def learn_mixture(samples: Samples, layout: Layout, settings: FitSettings, progr
         See :data:`Learner`.
     """
     members: list[Learner] = [learn_gp, learn_trees]
-    members.append(_learn_without_past if layout.place.size else partial(learn_polynomial, 1))
-    if layout.penalties is not None:
-        members.append(partial(learn_trees, after_law=False))
+    if layout.penalties is None:
+        members.append(partial(learn_polynomial, 1))
+    else:
+        members += [_learn_without_past, partial(learn_trees, after_law=False)]
     gp, *others = (learn(samples, layout, settings, progress) for learn in members)
     errors = [part.left_out.errors for part in (gp, *others)]
     weights = _stacking_weights(errors)

@@ -133,16 +133,12 @@ def without_idle_numbers(
 ) -> tuple[FittedEffect, ...]:
     """Return a set in which, of an effect's several sizes of either sign, those that nothing asks for are nothing.
 
-    Numbers that trade places, such as a tool's turn and its length where the marker's own place is open, may have gone
-    far for nothing: their intervals say so, and a simulation with them would be wrong wherever nobody has been.
+    They are what noise makes of them, or have moved with one that they trade places with.
 
     Parameters
     ----------
-    search : Search
-    whitener : DatasetWhitener
-        Data, and the rows and noise to use.
-    fitted : sequence of FittedEffect
-        The set, at its best numbers.
+    search, whitener, fitted
+        As for :func:`half_widths`, the set at its best numbers.
 
     Notes
     -----

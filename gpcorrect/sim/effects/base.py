@@ -173,6 +173,26 @@ class LoadEffect(Effect):
         body : Body
         """
 
+    def link_of(self, body: Body) -> int:
+        """Return the place of the effect's link among those that weigh something.
+
+        Parameters
+        ----------
+        body : Body
+
+        Raises
+        ------
+        DataError
+            The model gives the link no mass.
+        """
+        number, mass = int(self.joint), body.links.mass
+        if not (number <= len(mass) and mass[number - 1] > 0.0):
+            raise DataError(
+                f"effect {self.about.name}: link {number} weighs nothing in the model.",
+                hint="Give the masses in `links`, or leave the effect out.",
+            )
+        return number - 1
+
 
 class ChainEffect(Effect):
     """Changes the arm's geometry."""

@@ -211,7 +211,7 @@ class LinkMassError(LoadEffect):
 
     def act(self, body: Body) -> Body:
         """Put more in one link."""
-        i, mass = link_of(self, body), np.array(body.links.mass)
+        i, mass = self.link_of(body), np.array(body.links.mass)
         mass[i] = max(0.0, mass[i] + self.mass)
         return replace(body, links=replace(body.links, mass=mass))
 
@@ -241,7 +241,7 @@ class CentreOfMassError(LoadEffect):
 
     def act(self, body: Body) -> Body:
         """Move one link's centre of mass."""
-        i, com = link_of(self, body), np.array(body.links.com)
+        i, com = self.link_of(body), np.array(body.links.com)
         com[i] += self.x, self.y, self.z
         return replace(body, links=replace(body.links, com=com))
 
@@ -370,28 +370,6 @@ class RcmShift(TipEffect):
             return T_base_tip
         force, _ = lateral_force(T_base_tip[..., :3, 3], motion.tip_force)
         return se3.pose(T_base_tip[..., :3, :3], T_base_tip[..., :3, 3] + force / self.stiffness)
-
-
-def link_of(effect: LoadEffect, body: Body) -> int:
-    """Return the place of an effect's link among those that weigh something.
-
-    Parameters
-    ----------
-    effect : LoadEffect, on one joint
-    body : Body
-
-    Raises
-    ------
-    DataError
-        The model gives the link no mass.
-    """
-    number, mass = int(effect.joint), body.links.mass
-    if not (number <= len(mass) and mass[number - 1] > 0.0):
-        raise DataError(
-            f"effect {effect.about.name}: link {number} weighs nothing in the model.",
-            hint="Give the masses in `links`, or leave the effect out.",
-        )
-    return number - 1
 
 
 def lateral_force(tip: FloatArray, tip_force: FloatArray | None) -> tuple[FloatArray, FloatArray]:

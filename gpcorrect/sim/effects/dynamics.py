@@ -146,6 +146,9 @@ class GainError(DriveEffect):
         return replace(drive, kp=drive.kp * scale[0], kd=drive.kd * scale[1], kv=kv)
 
 
+KNOWN_TO = 1.2  # times an inertia of a servo's steps, to which a fit knows it; chosen by hand, on one case
+
+
 @dataclass(frozen=True)
 class InertiaError(DriveEffect):
     """A motor and its gears are harder to accelerate than the model says, which the controller does not know."""
@@ -182,7 +185,7 @@ class InertiaError(DriveEffect):
         """
         before, behind = drive.speed_gains
         resisted = before + behind + (0.0 if drive.damping is None else drive.damping)
-        most = 1.2 * resisted / drive.rate_hz * (0.5 if drive.kv is None else 1.0)
+        most = KNOWN_TO * resisted / drive.rate_hz * (0.5 if drive.kv is None else 1.0)
         return bool(abs(self.inertia) <= most[self.column(joints)])
 
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:

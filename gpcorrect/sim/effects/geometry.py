@@ -10,6 +10,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.arms import Chain, Joint
 from gpcorrect.arms.chain import Convention
+from gpcorrect.arms.robot_path import PARALLEL
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import ChainEffect, JointEffect, Stage, TipEffect
 from gpcorrect.sim.effects.description import PHASE, Description, Family, Ladder, Parameter, Per, Range, Run, Site
@@ -276,7 +277,6 @@ _angle = partial(Parameter, revolute=_ANGLE, positive=False)
 
 
 FORMS = ("table", "parallel")
-PARALLEL = 1e-3  # rad between two axes that a table calls parallel
 
 
 @dataclass(frozen=True)
