@@ -41,8 +41,8 @@ from gpcorrect.sim import model_from_dict
 from gpcorrect.types import Progress
 
 STAGES = (
-    "prepare_data", "estimate_noises", "localise_residual", "start_search", "search", "name_effects", "_refit",
-    "_with_numbers", "noise_effects", "gaps_of", "advise",
+    "prepare_data", "estimate_noises", "localise_residual", "start_search", "search", "name_effects",
+    "estimate_numbers", "_effects_of", "noise_effects", "gaps_of", "advise",
 )  # fmt: skip
 FACTORS = (0.5, 2.0)
 NEAR_ONE = 1.3  # numbers from a half to it are taken by their distance from one

@@ -17,8 +17,8 @@ import numpy as np
 from gpcorrect.discrepancy.advice.next_experiment import advise
 from gpcorrect.discrepancy.evidence.bursts import bursts_of
 from gpcorrect.discrepancy.evidence.localise import Localisation
-from gpcorrect.discrepancy.evidence.whitener import estimate_noises, whitener_on
-from gpcorrect.discrepancy.naming.intervals import away_from_nothing, interval_ends, without_idle_numbers
+from gpcorrect.discrepancy.evidence.whitener import estimate_noises
+from gpcorrect.discrepancy.naming.numbers import Numbers, estimate_numbers
 from gpcorrect.discrepancy.naming.posterior import Level, Named
 from gpcorrect.discrepancy.naming.selection import name_effects, name_rare
 from gpcorrect.discrepancy.naming.sensor_noise import NoiseEffect, noise_effects
@@ -29,8 +29,6 @@ from gpcorrect.discrepancy.outcome.store import StageStore, inputs_key, load_or_
 from gpcorrect.discrepancy.outcome.verdict import closed_where_they_show, headline, place_verdicts, verdict_level
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates, describe
-from gpcorrect.discrepancy.search.instants import with_open_instant_placed
-from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.needs import split_by_needs
 from gpcorrect.discrepancy.search.prepared import PreparedData, localise_residual, open_beginnings, prepare_data
 from gpcorrect.discrepancy.search.state import Search, start_search
@@ -41,10 +39,7 @@ from gpcorrect.logs.join import join_logs
 from gpcorrect.logs.validate import refuse_misread
 from gpcorrect.sim.effects import in_order
 from gpcorrect.sim.model import Model, model_key
-from gpcorrect.types import BoolArray, CalibrationLog, Progress
-
-EVALUATIONS = 30  # of the final refit
-BESIDE = (0.8, 1.25)  # half a cycle in two, for which a joint of a tenth of critical damping rings
+from gpcorrect.types import CalibrationLog, Progress
 
 
 def find_discrepancy(
@@ -196,18 +191,16 @@ def _judge(
     """Estimate all numbers together, leave out what turns out unsure or minor, and look at what is left then."""
     dataset, train = prepared.dataset, prepared.dataset.training
     progress.step("numbers", 0.0)
-    fitted = _refit(state, [n.fit for n in named], train)
-    fitted, found, unsure = _with_numbers(state, named, fitted, train)
+    numbers = estimate_numbers(state, [n.fit for n in named])
+    found = _effects_of(state, named, numbers)
     minor: list[NamedEffect] = []
-    while gone := {*unsure, *_minor(found, only_large)}:  # the rest is estimated again without them
-        doubtful = [named[i] for i in unsure]
-        dropped += tuple(
-            replace(n, level=Level.INCONCLUSIVE, reasons=(*n.reasons, "its 95 % interval holds zero")) for n in doubtful
-        )
+    while gone := {*numbers.unsure, *_minor(found, only_large)}:  # the rest is estimated again without them
+        dropped += tuple(named[i].in_doubt() for i in numbers.unsure)
         minor += [e for i, e in found.items() if i in gone]
         stay = [i for i in range(len(named)) if i not in gone]
-        named, fitted = tuple(named[i] for i in stay), _refit(state, [fitted[i] for i in stay], train)
-        fitted, found, unsure = _with_numbers(state, named, fitted, train)
+        named, numbers = tuple(named[i] for i in stay), estimate_numbers(state, [numbers.fitted[i] for i in stay])
+        found = _effects_of(state, named, numbers)
+    fitted = numbers.fitted
     progress.step("numbers", 1.0)
     shown = [f.effect for f in fitted]
     noises = estimate_noises(dataset, state.residual(fitted), train)
@@ -238,72 +231,25 @@ def _judge(
     return _Judged(prepared, named, dropped, fitted, on_noise, noises, remainder, gap, verdict)
 
 
-def _refit(state: Search, fitted: Sequence[FittedEffect], rows: BoolArray) -> tuple[FittedEffect, ...]:
-    """Estimate all numbers anew on these rows, together where effects show in common channels."""
-    if not fitted:
-        return ()
-    residual = state.residual(fitted)
-    whitener, done = whitener_on(state.dataset, residual, rows), list(fitted)
-    for group in _groups(state, fitted):
-        fixed = [f for i, f in enumerate(done) if i not in group]
-        found = [refine(whitener, fixed, start, EVALUATIONS) for start in _starts([done[i] for i in group])]
-        left = [float((whitener.whiten(state.residual([*fixed, *fits])) ** 2).sum()) for fits in found]
-        for i, fit in zip(group, found[int(np.argmin(left))], strict=True):
-            done[i] = fit.canonical()
-    for i, fit in enumerate(done):
-        if fit.candidate.instant is not None:  # that these rows leave open: where the others show it
-            others = [f for f in done if f is not fit]
-            unseen = whitener_on(state.dataset, residual, state.dataset.test)
-            done[i], _ = with_open_instant_placed(unseen, others, fit, rows)
-    return tuple(done)
-
-
-def _starts(group: Sequence[FittedEffect]) -> list[list[FittedEffect]]:
-    """Return a group as it is, and with each number whose misfit has several minima moved to either side."""
-    starts = [list(group)]
-    for i, fit in enumerate(group):
-        for k, coordinate in enumerate(fit.candidate.coordinates):
-            for factor in BESIDE if coordinate.parameter.valleys else ():
-                moved = fit.moved(k, coordinate.coordinate(factor * coordinate.value(float(fit.u[k]))))
-                starts.append([*group[:i], moved, *group[i + 1 :]])
-    return starts
-
-
-def _groups(state: Search, fitted: Sequence[FittedEffect]) -> list[list[int]]:
-    """Return indices of effects that are linked by common channels."""
-    groups: list[list[int]] = []
-    for i, fit in enumerate(fitted):
-        linked = [g for g in groups if any(state.alike(fitted[k].candidate, fit.candidate) for k in g)]
-        groups = [g for g in groups if g not in linked] + [[k for g in linked for k in g] + [i]]
-    return groups
-
-
-def _with_numbers(
-    state: Search, named: Sequence[Named], fitted: Sequence[FittedEffect], rows: BoolArray
-) -> tuple[tuple[FittedEffect, ...], dict[int, NamedEffect], set[int]]:
-    """Return the set without idle numbers, its effects with their estimates, and those whose size may be zero."""
-    if not fitted:
-        return (), {}, set()
+def _effects_of(state: Search, named: Sequence[Named], numbers: Numbers) -> dict[int, NamedEffect]:
+    """Return the effects with their estimates, by their place in the set: all but those that may be nothing."""
+    if not named:
+        return {}
     dataset = state.dataset
-    whitener = whitener_on(dataset, state.residual(fitted), rows)
-    settled = without_idle_numbers(state, whitener, fitted)
     whole = dataset.strict()  # what the tolerance takes up of an effect is a part of its size
-    nominal = whole.predict()
-    found, unsure = {}, set()
-    for i, (name, fit) in enumerate(zip(named, fitted, strict=True)):
-        ends, candidate = interval_ends(state, whitener, fitted, fit), fit.candidate
-        none = all(ends[k][0] <= candidate.coordinates[k].identity <= ends[k][1] for k in candidate.sizes)
-        # of several, only the difference may be known, as of two homings beside a registration: judged together
-        if none and (len(candidate.sizes) == 1 or not away_from_nothing(state, whitener, fitted, fit)):
-            unsure.add(i)
+    nominal, found = whole.predict(), {}
+    for i, (name, fit) in enumerate(zip(named, numbers.fitted, strict=True)):
+        if i in numbers.unsure:
             continue
-        fit = settled[i]
-        sizes = np.sqrt(np.mean((whole.predict([fit.effect]) - nominal) ** 2, axis=0)) / whitener.std
+        sizes = np.sqrt(np.mean((whole.predict([fit.effect]) - nominal) ** 2, axis=0)) / numbers.std
         shown = dataset.scene.channels[int(sizes.argmax())]
         found[i] = NamedEffect.of(
-            replace(name, fit=fit), describe(fit, ends), float(sizes.max()), of_motor=shown.signal == "measured_jp"
+            replace(name, fit=fit),
+            describe(fit, numbers.ends[i]),
+            float(sizes.max()),
+            of_motor=shown.signal == "measured_jp",
         )
-    return settled, found, unsure
+    return found
 
 
 def _minor(found: Mapping[int, NamedEffect], only_large: bool) -> list[int]:

@@ -11,6 +11,7 @@ from scipy.stats import multivariate_normal
 
 from gpcorrect.discrepancy import run as workflow
 from gpcorrect.discrepancy.naming.intervals import half_widths, without_idle_numbers
+from gpcorrect.discrepancy.naming.numbers import estimate_numbers
 from gpcorrect.discrepancy.naming.posterior import Named, name_effect
 from gpcorrect.discrepancy.naming.view import view_of
 from gpcorrect.discrepancy.naming.weigh import _Linear, own_gain
@@ -125,7 +126,7 @@ def test_the_size_of_an_effect_is_whole_where_a_tolerance_takes_up_most_of_it() 
     (fit,) = state.fitted
     view = view_of(state, prepared)
     called = name_effect(view, fit, own_gain(view, fit))[0]
-    (found,) = workflow._with_numbers(state, [called], state.fitted, dataset.training)[1].values()
+    (found,) = workflow._effects_of(state, [called], estimate_numbers(state, state.fitted)).values()
     changes = [d.predict([fit.effect]) - d.predict() for d in (dataset, dataset.strict())]
     within, whole = (np.sqrt(np.mean(c**2, axis=0)).max() for c in changes)
     assert whole > 2.0 * within

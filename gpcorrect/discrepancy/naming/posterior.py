@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -123,6 +123,11 @@ class Named:
         """Other effects that cannot be ruled out."""
         own = self.fit.candidate.label
         return tuple(a for a in self.alternatives if a.is_effect and a.label != own and a.probability >= NAMING.stable)
+
+    def in_doubt(self) -> Named:
+        """Return it as an effect whose size may be nothing after all."""
+        reasons = (*self.reasons, "its 95 % interval holds zero")
+        return replace(self, level=Level.INCONCLUSIVE, reasons=reasons)
 
 
 def posterior(candidate: Candidate, weighed: Weighed, cost: float) -> list[Alternative]:

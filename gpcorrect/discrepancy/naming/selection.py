@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gpcorrect.discrepancy.evidence.bursts import Burst, bursts_of
+from gpcorrect.discrepancy.naming.numbers import estimate_numbers
 from gpcorrect.discrepancy.naming.posterior import Named, name_effect
 from gpcorrect.discrepancy.naming.view import View, view_of
 from gpcorrect.discrepancy.naming.weigh import Own, Rival, Weighed, own_gain
@@ -104,7 +105,7 @@ class _ModelSelection:
         self.assessments = {
             id(m): self.assessments.get(id(m)) or name_effect(view, m, self.own[id(m)]) for m in self.search.fitted
         }
-        return self._swap() or self._drop() or self._search_again()
+        return self._swap() or self._drop() or self._search_again() or self._drop_unsure()
 
     def _drop_idle(self, view: View) -> bool:
         """Take the weakest of those out that gain less than an effect must: no rivals need be weighed to know it."""
@@ -150,6 +151,15 @@ class _ModelSelection:
             return False
         weakest = min(poor, key=lambda m: self.assessments[id(m)][0].nats)
         self._take_out(weakest, self.assessments[id(weakest)][0])
+        return True
+
+    def _drop_unsure(self) -> bool:
+        """Take the weakest of those out whose size may be nothing once both parts are seen together."""
+        unsure = [self.search.fitted[i] for i in estimate_numbers(self.search, self.search.fitted).unsure]
+        if not unsure:
+            return False
+        weakest = min(unsure, key=lambda m: self.own[id(m)].nats)
+        self._take_out(weakest, self.assessments[id(weakest)][0].in_doubt())
         return True
 
     def _take_out(self, fit: FittedEffect, named: Named) -> None:
