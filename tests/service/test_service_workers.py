@@ -19,9 +19,12 @@ from gpcorrect_service.server.queues import WorkerQueue
 class Works:
     """Notes what was worked on and what overflowed; works only while its gate is open."""
 
-    def __init__(self, *, workers: int = 1, capacity: int = 3, log: io.StringIO | None = None) -> None:
+    def __init__(
+        self, *, workers: int = 1, capacity: int = 3, log: io.StringIO | None = None, at_once: bool = False
+    ) -> None:
         self.gate, self.began = threading.Event(), threading.Semaphore(0)
         self.done: list[int] = []
+        self.threads: dict[int, int] = {}
         self.refused: list[int] = []
         self.error: BaseException = ValueError("a bad item")
         self.log = log or io.StringIO()
@@ -32,6 +35,7 @@ class Works:
             workers=workers,
             capacity=capacity,
             logger=open_logger(self.log),
+            at_once=at_once,
         )
         self.queue.start()
 
@@ -41,6 +45,7 @@ class Works:
         if item < 0:
             raise self.error
         self.gate.wait(PATIENT)
+        self.threads[item] = threading.get_ident()
         self.done.append(item)
 
     def end(self, seconds: float = PATIENT) -> bool:
@@ -122,3 +127,35 @@ def test_hurry_refuses_what_waits() -> None:
     works.gate.set()
     assert works.queue.join(time.monotonic() + PATIENT)
     assert (works.done, works.refused) == ([0], [1, 2])
+
+
+def test_an_item_that_finds_nothing_waiting_is_done_by_who_offers_it() -> None:
+    works = Works(at_once=True)
+    works.gate.set()
+    works.queue.offer(0)
+    assert works.threads == {0: threading.get_ident()}
+    works.queue.offer(-1)  # fails, and is logged
+    works.queue.offer(1)
+    assert works.done == [0, 1]
+    assert works.end()
+
+
+def test_while_one_who_offers_is_at_work_the_others_do_not_wait() -> None:
+    """Their items go to the workers, what is beyond the bound is refused, and closing waits for all of them."""
+    works = Works(at_once=True, capacity=2)
+    first = threading.Thread(target=works.queue.offer, args=(0,))
+    first.start()
+    assert works.began.acquire(timeout=PATIENT)
+    works.queue.offer(1)
+    assert works.began.acquire(timeout=PATIENT)
+    for item in (2, 3, 4):
+        works.queue.offer(item)
+    assert works.refused == [4]
+    works.queue.close()
+    assert not works.queue.join(time.monotonic())
+    works.gate.set()
+    assert works.queue.join(time.monotonic() + PATIENT)
+    assert sorted(works.done) == [0, 1, 2, 3]
+    assert works.threads[0] == first.ident
+    assert works.threads[1] != first.ident
+    first.join()

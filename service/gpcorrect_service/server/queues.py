@@ -1,4 +1,4 @@
-"""Queries as jobs, in bounded queues with threads of their own: what keeps zenoh's callbacks from ever waiting."""
+"""Queries as jobs, in bounded queues with threads of their own: what keeps zenoh's callbacks from waiting."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ T = TypeVar("T")
 
 
 class WorkerQueue(Generic[T]):
-    """Items enter from any thread without waiting and are worked on in order; what fails is logged only.
+    """Items enter from any thread and are worked on in order; what fails is logged only.
 
     Parameters
     ----------
@@ -37,6 +37,9 @@ class WorkerQueue(Generic[T]):
     workers, capacity : int
         Threads, and items that may wait; threads that offer at the same instant may each pass the bound.
     logger : Logger
+    at_once : bool
+        An item that finds nothing waiting is worked on by the thread that offers it, one at a time: waking a worker
+        takes longer than a short item does, and many times as long where other processes want the core.
     """
 
     def __init__(
@@ -48,6 +51,7 @@ class WorkerQueue(Generic[T]):
         workers: int,
         capacity: int,
         logger: Logger,
+        at_once: bool = False,
     ) -> None:
         self._name = name
         self._work = work
@@ -56,6 +60,8 @@ class WorkerQueue(Generic[T]):
         self._logger = logger
         # SimpleQueue is C code without a lock in Python; queue.Queue costs 0.03 ms a query more.
         self._queue: SimpleQueue[T | None] = SimpleQueue()
+        self._at_once = at_once
+        self._offering = threading.Lock()
         self._closing = threading.Event()
         self._hurry = threading.Event()
         self._threads = [threading.Thread(target=self._run, name=f"{name}-{i}", daemon=True) for i in range(workers)]
@@ -66,14 +72,20 @@ class WorkerQueue(Generic[T]):
             thread.start()
 
     def offer(self, item: T) -> None:
-        """Queue an item, or hand it to `overflow`; returns at once.
+        """Queue an item, or hand it to `overflow`; returns at once, or when the item is done where that is allowed.
 
         Parameters
         ----------
         item
         """
-        if self._closing.is_set() or self._queue.qsize() >= self._capacity:
+        waiting = self._queue.qsize()
+        if self._closing.is_set() or waiting >= self._capacity:
             self._overflow(item)
+        elif self._at_once and waiting == 0 and self._offering.acquire(blocking=False):
+            try:
+                self._handle(item)
+            finally:
+                self._offering.release()
         else:
             self._queue.put(item)
 
@@ -109,7 +121,9 @@ class WorkerQueue(Generic[T]):
         """
         for thread in self._threads:
             thread.join(max(0.0, until - time.monotonic()))
-        return not any(thread.is_alive() for thread in self._threads)
+        if done := self._offering.acquire(timeout=max(0.0, until - time.monotonic())):
+            self._offering.release()
+        return done and not any(thread.is_alive() for thread in self._threads)
 
     def _run(self) -> None:
         # OpenMP keeps its thread count by thread, so the limit of the process does not reach here.

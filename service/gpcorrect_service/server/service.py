@@ -193,6 +193,7 @@ class Server:
             workers=s.workers if kind == "correct" else 1,
             capacity=s.queue_capacity,
             logger=self._logger,
+            at_once=kind == "correct",
         )
         queue.start()
         self._queues[kind] = queue  # only now: a worker that does not run is a fault
