@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,8 +18,9 @@ from gpcorrect_service import ServerSettings, ServiceError
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.protocol.bounds import CorrectionBound, RateBound, Throttle
+from gpcorrect_service.server import models
 from gpcorrect_service.server.admin import Health
-from gpcorrect_service.server.models import FAULTS_IN_A_ROW, Active, Model
+from gpcorrect_service.server.models import FAULTS_IN_A_ROW, Active, Model, load_model
 from gpcorrect_service.server.queues import WorkerQueue
 from gpcorrect_service.server.requests import Clock, RequestParser
 
@@ -118,6 +120,16 @@ def test_states_follow_crtk() -> None:
     active.pause(False)
     assert active.state == "ENABLED"
     assert active.pose_model().id == "unnamed"
+
+
+def test_only_a_fitted_model_that_is_quick_is_asked_on_the_thread_that_brings_a_query(
+    small_model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Anybody's own corrector may wait for something, and with it every other query of that connection."""
+    assert load_model(small_model).quick
+    assert not Model(ShiftCorrector()).quick
+    monkeypatch.setattr(models, "QUICK_SECONDS", 0.0)
+    assert not load_model(small_model).quick
 
 
 def refused(active: Active) -> tuple[str, str]:

@@ -35,7 +35,7 @@ class Works:
             workers=workers,
             capacity=capacity,
             logger=open_logger(self.log),
-            at_once=at_once,
+            at_once=lambda: at_once,
         )
         self.queue.start()
 

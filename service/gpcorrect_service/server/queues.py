@@ -37,9 +37,9 @@ class WorkerQueue(Generic[T]):
     workers, capacity : int
         Threads, and items that may wait; threads that offer at the same instant may each pass the bound.
     logger : Logger
-    at_once : bool
-        An item that finds nothing waiting is worked on by the thread that offers it, one at a time: waking a worker
-        takes longer than a short item does, and many times as long where other processes want the core.
+    at_once : callable
+        Whether an item that finds nothing waiting is worked on by the thread that offers it, one at a time: waking a
+        worker takes longer than a short item does, and many times as long where other processes want the core.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class WorkerQueue(Generic[T]):
         workers: int,
         capacity: int,
         logger: Logger,
-        at_once: bool = False,
+        at_once: Callable[[], bool] = lambda: False,
     ) -> None:
         self._name = name
         self._work = work
@@ -81,7 +81,7 @@ class WorkerQueue(Generic[T]):
         waiting = self._queue.qsize()
         if self._closing.is_set() or waiting >= self._capacity:
             self._overflow(item)
-        elif self._at_once and waiting == 0 and self._offering.acquire(blocking=False):
+        elif waiting == 0 and self._at_once() and self._offering.acquire(blocking=False):
             try:
                 self._handle(item)
             finally:

@@ -193,7 +193,7 @@ class Server:
             workers=s.workers if kind == "correct" else 1,
             capacity=s.queue_capacity,
             logger=self._logger,
-            at_once=kind == "correct",
+            at_once=self._answers_at_once if kind == "correct" else lambda: False,
         )
         queue.start()
         self._queues[kind] = queue  # only now: a worker that does not run is a fault
@@ -201,6 +201,10 @@ class Server:
         # A direct callback runs on zenoh's thread: it only queues, and saves a change of threads.
         callback = zenoh.handlers.Callback(self._receiver(kind, key, handler, refusal), indirect=False)
         self._queryables.enter_context(session.declare_queryable(key, callback, complete=True))
+
+    def _answers_at_once(self) -> bool:
+        model = self.active.now.pose
+        return model is not None and model.quick
 
     def _receiver(
         self, kind: Kind, key: str, handler: Handler, refuse: Callable[[Request, ServiceError, str], Response]
