@@ -1,4 +1,4 @@
-"""Many independent calls: in this process, in several, or on a Dask cluster; the results are the same.
+"""Many independent calls: in this process, its threads, several, or on a Dask cluster; the results are the same.
 
 Library code maps a function over items with :func:`each` and knows nothing of where it runs. Whoever starts a long job
 says where with :func:`workers`; without it everything runs here, one call after the other.
@@ -15,6 +15,7 @@ from itertools import chain
 from typing import Any, TypeVar
 
 from joblib import Parallel, delayed, effective_n_jobs, parallel_config
+from joblib.parallel import ThreadingBackend, get_active_backend
 
 from gpcorrect.errors import GpCorrectError, MissingExtraError
 from gpcorrect.types import Progress
@@ -61,6 +62,20 @@ def each(
         yield result
 
 
+def each_here(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+    """Return `function(item)` of every item: in threads where the context is of threads, else one after the other.
+
+    For calls that are too short to be sent anywhere, and mostly compiled code that leaves the interpreter to others.
+
+    Parameters
+    ----------
+    function, items : see :func:`each`
+    """
+    backend, jobs = get_active_backend()
+    in_threads = isinstance(backend, ThreadingBackend) and jobs != 1
+    return list(_run(function, list(items), "list")) if in_threads else [function(item) for item in items]
+
+
 def each_as_done(function: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
     """Yield `function(item)` of every item as soon as it is there, in any order; for long calls.
 
@@ -72,13 +87,15 @@ def each_as_done(function: Callable[[Item], Result], items: Iterable[Item]) -> I
 
 
 @contextmanager
-def workers(jobs: int = 1, scheduler: str | None = None) -> Iterator[None]:
+def workers(jobs: int = 1, scheduler: str | None = None, *, threads: bool = False) -> Iterator[None]:
     """Let :func:`each` run in `jobs` processes, or on the Dask cluster of a scheduler, inside this context.
 
     Parameters
     ----------
     jobs : int
         Processes of this machine; -1 for one a core.
+    threads : bool
+        Take threads for the processes.
     scheduler : str, optional
         Address such as "tcp://head:8786"; `jobs` is not looked at then.
 
@@ -91,6 +108,9 @@ def workers(jobs: int = 1, scheduler: str | None = None) -> Iterator[None]:
     """
     if scheduler is not None:
         with _cluster(scheduler), parallel_config(backend="dask"):
+            yield
+    elif threads:
+        with parallel_config(backend="threading", n_jobs=jobs):
             yield
     elif jobs != 1:
         with parallel_config(backend="loky", n_jobs=jobs, inner_max_num_threads=1):

@@ -1,4 +1,4 @@
-"""Work spread over processes and over a Dask cluster: the same results, also when a worker dies half-way."""
+"""Work spread over threads, processes and a Dask cluster: the same results, also when a worker dies half-way."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from gpcorrect.errors import DataError, MissingExtraError
-from gpcorrect.parallel import ClusterError, each, each_as_done, workers
+from gpcorrect.parallel import ClusterError, each, each_as_done, each_here, workers
 from gpcorrect.types import Progress
 
 pytest.importorskip("distributed", reason="clusters need distributed: pip install 'gpcorrect[cluster]'")
@@ -55,14 +55,29 @@ SCALE = np.linspace(1, 2, 50)
 
 
 def test_results_are_the_same_wherever_they_are_computed(cluster) -> None:
-    """Here, in two processes, on a cluster: bit for bit, and in order."""
+    """Here, in two threads or processes, on a cluster: bit for bit, and in order."""
     here = list(each(partial(drawn, SCALE), range(40)))
+    with workers(jobs=2, threads=True):
+        threads = list(each(partial(drawn, SCALE), range(40)))
+    np.testing.assert_array_equal(threads, here)
     with workers(jobs=2):
         processes = list(each(partial(drawn, SCALE), range(40)))
     with workers(scheduler=cluster.scheduler_address):
         spread = list(each(partial(drawn, SCALE), range(40)))
     np.testing.assert_array_equal(processes, here)
     np.testing.assert_array_equal(spread, here)
+
+
+@pytest.mark.parametrize(("context", "alone"), [({"jobs": 2, "threads": True}, False), ({"jobs": 2}, True), ({}, True)])
+def test_what_is_too_short_to_be_sent_goes_to_threads_or_stays(context: dict[str, int], alone: bool) -> None:
+    def thread(number: int) -> tuple[int, int]:
+        time.sleep(0.05)
+        return number, threading.get_ident()
+
+    with workers(**context):
+        found = each_here(thread, range(6))
+    assert [number for number, _ in found] == list(range(6))
+    assert ({ident for _, ident in found} == {threading.get_ident()}) is alone
 
 
 def test_a_worker_that_is_killed_half_way_costs_no_result(cluster, tmp_path: Path) -> None:

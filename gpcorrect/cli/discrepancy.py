@@ -44,7 +44,7 @@ def run(
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for report, page and model; made if absent.")],
     columns: Columns = None,
     seed: Annotated[int, typer.Option(help="Seed of the split and of everything drawn.")] = 0,
-    jobs: Jobs = 1,
+    jobs: Annotated[int, typer.Option(help="Threads to spread the work over; -1 for one a core.")] = -1,
     scheduler: Scheduler = None,
     json: Json = False,
 ) -> None:
@@ -74,7 +74,7 @@ def run(
 
     make_folder(output)
     model, recording = model_named(machine), read_logs(log, columns, learned=LEARNED)
-    with progress_bar(quiet=json) as progress, workers(jobs, scheduler):
+    with progress_bar(quiet=json) as progress, workers(jobs, scheduler, threads=True):
         result = find_discrepancy(model, recording, seed=seed, progress=progress, stages=output / "stages")
     report = result.to_report()
     write_file(output / "report.json", json_text.dumps(report, indent=2))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
@@ -14,6 +15,7 @@ from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.instants import with_best_instant
 from gpcorrect.errors import DataError
+from gpcorrect.parallel import each_here
 from gpcorrect.types import FloatArray
 
 STEP = 0.002  # of a coordinate, for finite differences: far below a wave's turn over the range of a joint
@@ -55,21 +57,20 @@ def signature(
 
 
 def _tangents(
-    dataset: Dataset, fixed: Sequence[FittedEffect], free: Sequence[FittedEffect]
+    dataset: Dataset, fixed: Sequence[FittedEffect], free: Sequence[FittedEffect], known: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Channels `(m, c)` of a set, and their derivatives `(m, c, p)` along every coordinate of its free effects."""
-    at = dataset.predict([f.effect for f in (*fixed, *free)])
-    columns = []
+    """Channels `(m, c)` of a set, if they are not known, and their derivatives `(m, c, p)` along every coordinate."""
+    sets, steps = [[*fixed, *free]] if known is None else [], []
     for i, fit in enumerate(free):
         low, high = fit.candidate.bounds
         for j, u in enumerate(fit.u):
-            if j == fit.candidate.instant:  # no slope
-                columns.append(np.zeros(at.shape))
-                continue
             step = max(STEP * abs(u), SMALLEST_STEP)
             moved = fit.moved(j, max(u + (step if u + step <= high[j] else -step), low[j]))
-            others = [*fixed, *free[:i], moved, *free[i + 1 :]]
-            columns.append((dataset.predict([f.effect for f in others]) - at) / (moved.u[j] - u))
+            sets.append([*fixed, *free[:i], moved, *free[i + 1 :]])
+            steps.append(np.inf if j == fit.candidate.instant else moved.u[j] - u)  # an instant has no slope
+    others = each_here(dataset.predict, [[f.effect for f in fitted] for fitted in sets])
+    at = others.pop(0) if known is None else known
+    columns = [(other - at) / step for other, step in zip(others, steps, strict=True)]
     return at, np.stack(columns, axis=2) if columns else np.zeros((*at.shape, 0))
 
 
@@ -103,15 +104,19 @@ def refine(
     low, high = np.array([c.bounds for c in coordinates]).T
     prior = np.array([c.prior_weight for c in coordinates])
 
+    @lru_cache(maxsize=1)
+    def channels(u: tuple[float, ...]) -> FloatArray:
+        return dataset.predict([f.effect for f in (*fixed, *_at(free, np.array(u)))])
+
     def errors(u: FloatArray) -> FloatArray:
         try:
-            at = dataset.predict([f.effect for f in (*fixed, *_at(free, u))])
+            at = channels(tuple(u))
         except DataError:  # no machine, such as one whose loop is unstable: a step that leads there is made shorter
             return np.full(len(whitener.weight) + len(u), np.inf)
         return np.concatenate([whitener.whiten(dataset.observed - at), prior * u])
 
     def jacobian(u: FloatArray) -> FloatArray:
-        slopes = whitener.whiten_columns(_tangents(dataset, fixed, _at(free, u))[1])
+        slopes = whitener.whiten_columns(_tangents(dataset, fixed, _at(free, u), channels(tuple(u)))[1])
         return np.concatenate([-slopes, np.diag(prior)])
 
     costs: list[float] = []
