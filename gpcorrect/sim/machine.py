@@ -49,6 +49,8 @@ class Machine:
         for effect in self.effects:
             for number in effect.joints:
                 effect.column(self.body.joints, number)
+            if isinstance(effect, ChainEffect) and self.body.chain is not None:
+                effect.check(self.body.chain)
         if len(self.drive.kp) != len(self.body.joints):
             raise DataError(
                 f"the controller has gains for {len(self.drive.kp)} joints, the model has {len(self.body.joints)}."

@@ -85,7 +85,21 @@ def test_parallel_axes_may_be_askew_about_what_is_across_them():
     np.testing.assert_allclose(effect.act(chain).forward(q), front @ askew @ rear, atol=1e-12)
     for joint, arm in ((1, chain), ("tool", chain), (2, arm_named("raven2_left").chain)):
         with pytest.raises(DataError, match="parallel"):
-            replace(effect, joint=joint).act(arm)
+            replace(effect, joint=joint).check(arm)
+
+
+def test_axes_that_are_parallel_in_the_model_may_be_askew_beside_any_other_error():
+    """A twist of the same row is no reason to refuse it: a run ended with an error where a fit came by both."""
+    rows = tuple(Joint("R", 0.0, a, 0.0, 0.0, -2.0, 2.0) for a in (0.0, 0.4, 0.3))
+    arm = raven()
+    arm = replace(arm, body=replace(arm.body, chain=Chain(rows, "modified")))
+    twisted, askew = DhError(2, 0.0, 0.01, 0.0, 0.0), DhError(2, 0.0, 0.0, 0.0, 0.0, beta=0.02, form="parallel")
+    both = arm.body.chain
+    for effect in arm.with_effects(twisted, askew).effects:
+        both = effect.act(both)
+    assert both.forward(np.zeros(3))[0, 2] == pytest.approx(np.cos(0.01) * np.sin(0.02), abs=1e-12)
+    with pytest.raises(DataError, match="parallel"):
+        arm.with_effects(replace(askew, joint=1))
 
 
 @pytest.mark.parametrize("joint", [1, 2, 5])

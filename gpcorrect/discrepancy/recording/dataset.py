@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, outliers
+from gpcorrect.discrepancy.recording.remembered import Remembered, in_bytes
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.split import Split
 from gpcorrect.discrepancy.recording.stated_noise import quantisation_of
@@ -25,8 +26,8 @@ STILL = 1e-4  # of a joint's travel between samples: slower is standing still
 class SignalMemory:
     """Condensed signals by what they depend on, and which of them the sets of effects asked for last consist of."""
 
-    keys: dict[tuple[Effect, ...], list[Hashable]] = field(default_factory=dict)
-    means: dict[Hashable, FloatArray] = field(default_factory=dict)
+    keys: Remembered[list[Hashable]] = field(default_factory=partial(Remembered, REMEMBERED_SETS))
+    means: Remembered[FloatArray] = field(default_factory=partial(Remembered, REMEMBERED_BYTES, in_bytes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,18 +113,16 @@ class Dataset:
         ----------
         effects : sequence of Effect
         """
-        keys, means, wanted = self.memory.keys, self.memory.means, tuple(effects)
-        if wanted not in keys or any(key not in means for key in keys[wanted]):
-            signals = self.scene.signals(wanted)
-            while len(keys) > REMEMBERED_SETS:
-                keys.pop(next(iter(keys)))
-            while sum(m.nbytes for m in means.values()) > REMEMBERED_BYTES:
-                means.pop(next(iter(means)))
+        memory, wanted = self.memory, tuple(effects)
+        known = [memory.means.get(key) for key in memory.keys.get(wanted) or ()]
+        found = [means for means in known if means is not None]
+        if not found or len(found) < len(known):
+            signals, found = self.scene.signals(wanted), []
             for signal in signals:
-                if signal.key not in means:
-                    means[signal.key] = self.means(signal.rows())
-            keys[wanted] = [signal.key for signal in signals]
-        return np.concatenate([means[key] for key in keys[wanted]], axis=1)
+                means = memory.means.get(signal.key)
+                found.append(memory.means.keep(signal.key, self.means(signal.rows())) if means is None else means)
+            memory.keys.keep(wanted, [signal.key for signal in signals])
+        return np.concatenate(found, axis=1)
 
     def strict(self) -> Dataset:
         """Return the dataset with all of the residual in account, for what is reported of it."""

@@ -7,15 +7,17 @@ commands, the closed loop is run as well and predicts the motors themselves.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from itertools import count
 from typing import NamedTuple
 
 import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.discrepancy.recording.layout import Layout
+from gpcorrect.discrepancy.recording.remembered import Remembered, in_bytes
 from gpcorrect.discrepancy.recording.servo_clock import Stamps
 from gpcorrect.discrepancy.recording.tracker import Slack, Tracker
 from gpcorrect.sim.dynamics import posture_at
@@ -52,13 +54,14 @@ class ReplayMemory:
     """
 
     command: Command | None = None
-    loops: dict[tuple[Effect, ...], Driven] = field(default_factory=dict)
+    loops: Remembered[Driven] = field(default_factory=partial(Remembered, REMEMBERED))
     numbers: dict[Hashable, int] = field(default_factory=dict)
-    paths: dict[int, FloatArray] = field(default_factory=dict)
+    paths: Remembered[FloatArray] = field(default_factory=partial(Remembered, REMEMBERED_BYTES, in_bytes))
+    _free: Iterator[int] = field(default_factory=count)
 
     def number(self, *made: Hashable) -> int:
         """Return the number that stands for what made a path."""
-        return self.numbers.setdefault(made, len(self.numbers))
+        return self.numbers.setdefault(made, next(self._free))
 
 
 class Signal(NamedTuple):
@@ -223,12 +226,10 @@ class Scene:
             return None
         memory, inside = self.memory, _inside(machine)
         memory.command = memory.command or Command.of(machine.with_effects(), self.plan)
-        if inside not in memory.loops:
-            while len(memory.loops) >= REMEMBERED:
-                memory.loops.pop(next(iter(memory.loops)))
-            driven = follow_command(machine.with_effects(*inside), memory.command)
-            memory.loops[inside] = driven if self.stamps is None else self.stamps.read(driven)
-        return memory.loops[inside]
+        if (known := memory.loops.get(inside)) is not None:
+            return known
+        driven = follow_command(machine.with_effects(*inside), memory.command)
+        return memory.loops.keep(inside, driven if self.stamps is None else self.stamps.read(driven))
 
     def _joint_paths(self, machine: Machine, motion: Motion) -> tuple[list[int], list[FloatArray]]:
         """Return the number and the true path `(n, N)` of each joint, as `gpcorrect.sim.plant.joint_path` does."""
@@ -236,10 +237,11 @@ class Scene:
         numbers = [self.memory.number(inside, j) for j in range(len(paths))]
         for effect in of_kind(machine.effects, PathEffect):
             changed = self._changed(effect, numbers)
-            if any(number not in self.memory.paths for number in changed.values()):
-                self._walk(effect, paths, motion, changed)
+            known = {j: self.memory.paths.get(number) for j, number in changed.items()}
+            behind = self._behind(effect, paths, motion, [j for j, path in known.items() if path is None])
             for j, number in changed.items():
-                numbers[j], paths[j] = number, self.memory.paths[number]
+                path = known[j]
+                numbers[j], paths[j] = number, self.memory.paths.keep(number, behind[j]) if path is None else path
         return numbers, paths
 
     def _changed(self, effect: PathEffect, numbers: list[int]) -> dict[int, int]:
@@ -251,17 +253,14 @@ class Scene:
             return {j: self.memory.number(effect, number) for j, number in enumerate(numbers)}
         return {j: self.memory.number(effect, tuple(numbers), j) for j in range(len(numbers))}
 
-    def _walk(self, effect: PathEffect, paths: list[FloatArray], motion: Motion, changed: dict[int, int]) -> None:
-        known = self.memory.paths
-        while len(known) * paths[0].nbytes > REMEMBERED_BYTES:
-            known.pop(next(iter(known)))
-        if not effect.joint_by_joint:
-            behind = effect.act(np.stack(paths, axis=-1), motion)
-            known.update({number: behind[..., j] for j, number in changed.items()})
-            return
-        for j, number in changed.items():
-            if number not in known:
-                known[number] = effect.act(paths[j][..., None], motion)[..., 0]
+    def _behind(
+        self, effect: PathEffect, paths: list[FloatArray], motion: Motion, wanted: list[int]
+    ) -> dict[int, FloatArray]:
+        """Paths `(n, N)` of some joints behind an effect."""
+        if effect.joint_by_joint:
+            return {j: effect.act(paths[j][..., None], motion)[..., 0] for j in wanted}
+        behind = effect.act(np.stack(paths, axis=-1), motion) if wanted else motion.position
+        return {j: behind[..., j] for j in wanted}
 
 
 def _inside(machine: Machine) -> tuple[Effect, ...]:

@@ -199,6 +199,14 @@ class ChainEffect(Effect):
 
     stage = Stage.CHAIN
 
+    def check(self, chain: Chain) -> None:
+        """Refuse an arm on which the effect cannot be, whatever other effects do to it: DataError.
+
+        Parameters
+        ----------
+        chain : Chain, without effects
+        """
+
     @abstractmethod
     def act(self, chain: Chain) -> Chain:
         """Return the kinematic chain with the effect.

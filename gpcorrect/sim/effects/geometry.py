@@ -314,8 +314,8 @@ class DhError(ChainEffect):
         choices=(("form", FORMS),),
     )
 
-    def act(self, chain: Chain) -> Chain:
-        """Return the chain with the altered row or tool."""
+    def check(self, chain: Chain) -> None:
+        """See :class:`ChainEffect`: the joint is one of the arm's, and what is called parallel is."""
         if isinstance(self.joint, int) and self.joint > chain.dof:
             raise DataError(f"effect dh_error acts on joint {self.joint}, the arm has {chain.dof}.")
         if self.form == "parallel" and not self._is_parallel(chain):
@@ -324,6 +324,9 @@ class DhError(ChainEffect):
                 f"of the modified convention, as robot files are; not of {self.joint!r} here.",
                 hint='Leave `form` and `beta` out: in the form "table" four numbers say all.',
             )
+
+    def act(self, chain: Chain) -> Chain:
+        """Return the chain with the altered row or tool."""
         if not isinstance(self.joint, int):
             return replace(chain, tool=self.motion(chain.convention) @ chain.tool)
         rows = list(chain.joints)

@@ -1,0 +1,49 @@
+"""What is remembered is bounded, empty in a copy, and the same for several threads as for one."""
+
+from __future__ import annotations
+
+import copy
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+from discrepancy_core import joint_log
+
+from gpcorrect.discrepancy.recording.dataset import SignalMemory
+from gpcorrect.discrepancy.recording.remembered import Remembered, in_bytes
+from gpcorrect.discrepancy.recording.scene import ReplayMemory
+from gpcorrect.discrepancy.search.prepared import prepare_data
+from gpcorrect.sim import model_from_dict
+from gpcorrect.sim.effects import Backlash, CableCoupling, Effect, HomingOffset
+
+TWO_JOINTS = {"arm": "joints", "joints": [1, 2], "joint_types": "RR"}
+
+
+def test_the_oldest_are_forgotten_and_the_newest_stays() -> None:
+    arrays = [np.full(10, float(i)) for i in range(5)]
+    few = Remembered(3 * arrays[0].nbytes, in_bytes)
+    for i, array in enumerate(arrays):
+        assert few.keep(i, array) is array
+    assert [few.get(i) is not None for i in range(5)] == [False, False, True, True, True]
+    large = few.keep("large", np.zeros(1000))
+    assert few.get("large") is large
+    assert all(few.get(i) is None for i in range(5))
+    assert copy.deepcopy(few).get("large") is None
+
+
+def test_threads_see_what_one_would_though_nothing_is_remembered_for_long() -> None:
+    """Numbers of paths that two made at once were one number, and what had just been kept was gone when it was read."""
+    prepared = prepare_data(joint_log(3), model_from_dict(TWO_JOINTS), np.random.default_rng(0))
+    rng = np.random.default_rng(1)
+    sets: list[tuple[Effect, ...]] = [
+        (HomingOffset(1, size), Backlash(2, abs(size)), CableCoupling(2, source=1, coefficient=size))
+        for size in rng.normal(scale=0.01, size=120)
+    ]
+    alone = [prepared.dataset.predict(effects) for effects in sets]
+    short = ReplayMemory(loops=Remembered(1), paths=Remembered(1, in_bytes))
+    scene = replace(prepared.dataset.scene, memory=short)
+    dataset = replace(prepared.dataset, scene=scene, memory=SignalMemory(Remembered(2), Remembered(1, in_bytes)))
+    with ThreadPoolExecutor(8) as threads:
+        found = list(threads.map(dataset.predict, sets + sets))
+    for a, b in zip(alone + alone, found, strict=True):
+        np.testing.assert_array_equal(a, b)
