@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import copy
+import sys
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from discrepancy_core import joint_log
 
 from gpcorrect.discrepancy.recording.dataset import SignalMemory
@@ -31,8 +34,18 @@ def test_the_oldest_are_forgotten_and_the_newest_stays() -> None:
     assert copy.deepcopy(few).get("large") is None
 
 
+@pytest.fixture
+def hasty() -> Iterator[None]:
+    """Let threads take turns as often as they can."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-7)
+    yield
+    sys.setswitchinterval(before)
+
+
+@pytest.mark.usefixtures("hasty")
 def test_threads_see_what_one_would_though_nothing_is_remembered_for_long() -> None:
-    """Numbers of paths that two made at once were one number, and what had just been kept was gone when it was read."""
+    """What had just been kept was gone when it was read."""
     prepared = prepare_data(joint_log(3), model_from_dict(TWO_JOINTS), np.random.default_rng(0))
     rng = np.random.default_rng(1)
     sets: list[tuple[Effect, ...]] = [
@@ -47,3 +60,12 @@ def test_threads_see_what_one_would_though_nothing_is_remembered_for_long() -> N
         found = list(threads.map(dataset.predict, sets + sets))
     for a, b in zip(alone + alone, found, strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.usefixtures("hasty")
+def test_no_two_paths_have_one_number() -> None:
+    memory = ReplayMemory()
+    offsets = [HomingOffset(1, float(i)) for i in range(2000)]
+    with ThreadPoolExecutor(8) as threads:
+        numbers = list(threads.map(memory.number, offsets))
+    assert len(set(numbers)) == len(offsets)
