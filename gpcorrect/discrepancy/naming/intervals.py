@@ -118,7 +118,8 @@ def interval_ends(
     def possible(u: float) -> bool:
         return lost([*fixed, *refine(whitener, fixed, [*near, fit.pinned(k, u)], PROFILED)]) <= most
 
-    inside, outside = float(fit.u[k]), nothing + NEAREST * (float(fit.u[k]) - nothing)
+    inside, nearest = float(fit.u[k]), nothing + NEAREST * (float(fit.u[k]) - nothing)
+    outside = float(np.clip(nearest, *candidate.coordinates[k].bounds))  # a resonance that is none has no frequency
     if possible(outside):
         return ends
     for _ in range(HALVINGS):

@@ -186,7 +186,7 @@ class FittedEffect:
         return FittedEffect(self.candidate, moved)
 
     def pinned(self, index: int, u: float) -> FittedEffect:
-        """Return the same effect with one coordinate held.
+        """Return the same effect with one coordinate held, at the nearest place within its bounds.
 
         Parameters
         ----------
@@ -194,9 +194,9 @@ class FittedEffect:
         u : float
         """
         coordinates = list(self.candidate.coordinates)
-        value = coordinates[index].value(u)
-        room = HELD * (abs(value) or coordinates[index].typical)
         low, high = coordinates[index].low, coordinates[index].high
+        value = min(max(coordinates[index].value(u), low), high)
+        room = HELD * (abs(value) or coordinates[index].typical)
         coordinates[index] = replace(coordinates[index], low=max(low, value - room), high=min(high, value + room))
         return FittedEffect(replace(self.candidate, coordinates=tuple(coordinates)), self.moved(index, u).u)
 
