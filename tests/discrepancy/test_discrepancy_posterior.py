@@ -9,7 +9,15 @@ import pytest
 from discrepancy_core import NOISE, RUNS, SAMPLES, joint_log, motors
 from discrepancy_support import nominal
 
-from gpcorrect.discrepancy.naming.posterior import fraction_closed, overtone_nats, posterior
+from gpcorrect.discrepancy.naming.posterior import (
+    Alternative,
+    Explanation,
+    Level,
+    _level,
+    fraction_closed,
+    overtone_nats,
+    posterior,
+)
 from gpcorrect.discrepancy.naming.view import view_of
 from gpcorrect.discrepancy.naming.weigh import Own, Rival, Unknown, Weighed
 from gpcorrect.discrepancy.recording.build import build_scene
@@ -157,3 +165,27 @@ def test_effects_that_are_not_periodic_have_none_to_look_for() -> None:
     assert HomingOffset(joint=1, offset=0.1).overtones() == ()
     overtones = PulleyEccentricity(joint=1, amplitude=0.1, waves=3.0, phase=0.0).overtones()
     assert {o.waves for o in overtones} == {6.0, 9.0, 12.0}
+
+
+@pytest.mark.parametrize(
+    ("own", "unknown", "rivals", "level"),
+    [
+        (0.985, 0.005, [0.01], Level.EXACT),
+        (0.977, 0.005, [0.018], Level.CLASS),  # below the limit, and yet with the unknown it is more than that
+        (0.95, 0.0, [0.019, 0.018, 0.013], Level.CLASS),
+        (0.90, 0.005, [0.09], Level.CLASS),
+        (0.97, 0.03, [], Level.INCONCLUSIVE),
+        (0.96, 0.03, [0.01], Level.INCONCLUSIVE),
+    ],
+)
+def test_every_effect_that_may_be_it_is_named_unless_what_is_unknown_may(
+    own: float, unknown: float, rivals: list[float], level: Level
+) -> None:
+    """A stretch of 1.5 million nats got no name: its rival was just below the limit, and so was its lead."""
+    effects = [
+        Alternative(Explanation.EFFECT, p, f"law {i}", family="compliance") for i, p in enumerate([own, *rivals])
+    ]
+    others = [Alternative(Explanation.NOTHING, 0.0, "nothing"), Alternative(Explanation.UNKNOWN, unknown, "unknown")]
+    found, reasons = _level([effects[0], *others, *effects[1:]], [], [])
+    assert found == level
+    assert (level == Level.CLASS) == any("law 1" in reason for reason in reasons)

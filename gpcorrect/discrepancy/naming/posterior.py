@@ -122,12 +122,29 @@ class Named:
     def rivals(self) -> tuple[Alternative, ...]:
         """Other effects that cannot be ruled out."""
         own = self.fit.candidate.label
-        return tuple(a for a in self.alternatives if a.is_effect and a.label != own and a.probability >= NAMING.stable)
+        return tuple(not_ruled_out([a for a in self.alternatives if a.is_effect and a.label != own], self.probability))
 
     def in_doubt(self) -> Named:
         """Return it as an effect whose size may be nothing after all."""
         reasons = (*self.reasons, "its 95 % interval holds zero")
         return replace(self, level=Level.INCONCLUSIVE, reasons=reasons)
+
+
+def not_ruled_out(rivals: Sequence[Alternative], own: float) -> list[Alternative]:
+    """Return the rivals above the limit; the best where none is, and together with them the effect may be named.
+
+    Parameters
+    ----------
+    rivals : sequence of Alternative
+        Other effects.
+    own : float
+        Posterior of the effect.
+    """
+    stable = [a for a in rivals if a.probability >= NAMING.stable]
+    some_effect = own + sum(a.probability for a in rivals)
+    if stable or own >= NAMING.exact or some_effect < NAMING.exact:
+        return stable
+    return [max(rivals, key=lambda a: a.probability)]
 
 
 def posterior(candidate: Candidate, weighed: Weighed, cost: float) -> list[Alternative]:
@@ -305,7 +322,7 @@ def _level(alternatives: Sequence[Alternative], doubts: Sequence[str], partial: 
     if partial:
         return Level.UNKNOWN, partial
     own, nothing, unknown, *rivals = alternatives
-    stable = [a for a in rivals if a.probability >= NAMING.stable]
+    stable = not_ruled_out(rivals, own.probability)
     if unknown.probability > 0.5:
         return Level.UNKNOWN, ["a smooth model outside the catalogue explains more"]
     if doubts or nothing.probability > NAMING.stable:
