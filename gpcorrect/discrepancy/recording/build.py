@@ -20,9 +20,11 @@ from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.resolve import has_controller, machine_of
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
+from gpcorrect.velocity import derivative
 
 PIECE, WARM_UP = 200, 400  # rows; pieces of long motions are replayed after a warm-up that fills the memories
 MOVES = 1e-3  # rad, or a tenth of it in m, that some joint goes at least
+SMOOTHED = 0.015  # s, a quarter of the window of an acceleration: what is beyond 10 Hz, no arm's load is known for
 TOLD = 1e-3  # ms by which stamps must move for the report to say so
 FAR = 10.0  # half ranges from the middle: degrees of a joint that uses a fifth of its range are eleven
 
@@ -81,6 +83,7 @@ def build_scene(
         channels=channels,
         observed=observed,
         motion=motion,
+        acceleration=layout.spread(np.nan_to_num(_acceleration(log.time, motor, label))),
         layout=layout,
         plan=plan,
         unclocked=driven and not loop,
@@ -264,3 +267,8 @@ def _motion(
     position, nothing = layout.spread(motor), np.zeros((*layout.rows.shape, len(joints)))
     clock = layout.spread(log.time - begin[session])
     return Motion(joints, clock, session[layout.rows[0]], position, layout.spread(velocity), nothing, nothing)
+
+
+def _acceleration(time: FloatArray, motor: FloatArray, label: IntArray) -> FloatArray:
+    """Acceleration `(n, k)` of the motors: parabolas through a few hundredths of a second, twice."""
+    return derivative(time, derivative(time, motor, label, SMOOTHED), label, SMOOTHED)

@@ -20,7 +20,7 @@ from gpcorrect.discrepancy.recording.layout import Layout
 from gpcorrect.discrepancy.recording.remembered import Remembered, in_bytes
 from gpcorrect.discrepancy.recording.servo_clock import Stamps
 from gpcorrect.discrepancy.recording.tracker import Slack, Tracker
-from gpcorrect.sim.dynamics import posture_at
+from gpcorrect.sim.dynamics import JointPath, link_load
 from gpcorrect.sim.effects import Effect, PathEffect, Stage, in_order, of_kind
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model
@@ -80,6 +80,7 @@ class Scene:
     channels: tuple[Channel, ...]  # the tracker's stand last
     observed: FloatArray  # (n, c) what the sensors measured
     motion: Motion  # the motors as replayed, in N continuous runs
+    acceleration: FloatArray  # (n, N, k) of the motors
     layout: Layout  # where the log's rows stand in these
     plan: Plan | None  # commands for the closed loop; None when it cannot be run
     payload: FloatArray  # (N,) kg at the tip in each run
@@ -207,18 +208,15 @@ class Scene:
         return self.machine.with_effects(*in_order((*self.model.effects, *effects)))
 
     def _replay(self, machine: Machine) -> Motion:
-        """Motion and load of the motors, as measured where they are."""
+        """Motion and load of the motors, as measured where they are; without a loop the load of the measured path."""
         loop = self._loop(machine)
         if loop is not None:
             made = loop.motion
             motion = replace(self.motion, load=made.load, gravity_load=made.gravity_load, tip_force=made.tip_force)
             return motion if self.measured else replace(motion, position=made.position, velocity=made.velocity)
         body = machine.actual_body(self.payload)
-        posture = posture_at(body, self.motion.position)
-        if posture is None:
-            return self.motion
-        gravity = posture.gravity_load()
-        return replace(self.motion, load=gravity, gravity_load=gravity, tip_force=body.tip_force)
+        carried = link_load(body, JointPath(self.motion.position, self.motion.velocity, self.acceleration))
+        return replace(self.motion, load=carried.total, gravity_load=carried.gravity, tip_force=body.tip_force)
 
     def _loop(self, machine: Machine) -> Driven | None:
         """Closed-loop run with the effects inside the loop."""
