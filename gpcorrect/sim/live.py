@@ -35,7 +35,7 @@ class Moment:
     machine, body : Machine and Body, the machine, and its body as it really is
     motion : Motion, the motors, and what they carry: one sample of one run
     torque : (1, 1, dof) array, commanded by the controllers, joint units
-    q : (1, 1, dof) array, true joints, when outside sensors see them
+    q, q_tracked : (1, 1, dof) arrays, true joints, when outside encoders and the tracker see them
     """
 
     machine: Machine
@@ -43,6 +43,7 @@ class Moment:
     motion: Motion
     torque: FloatArray
     q: FloatArray
+    q_tracked: FloatArray
 
     @property
     def time(self) -> float:
@@ -52,7 +53,7 @@ class Moment:
     @cached_property
     def tip(self) -> FloatArray | None:
         """(1, 1, 4, 4) true tool pose, base frame, computed when asked for; None for bare joints."""
-        return tip_path(self.machine.effects, self.body.forward(self.q), self.motion)
+        return tip_path(self.machine.effects, self.body.forward(self.q_tracked), self.motion)
 
     @property
     def T_base_tip(self) -> FloatArray | None:  # noqa: N802 - a pose is named T
@@ -137,7 +138,8 @@ class LiveArm:
         self._position = self._loop.balanced(self._desired[0], torque[0])[None]
         effects = of_kind(self.machine.effects, PathEffect)
         self._mechanical = [e.operator() for e in effects if e.stage != Stage.CLOCK]
-        self._clock = [e.operator() for e in effects if e.stage == Stage.CLOCK]
+        clock = [e for e in effects if e.stage == Stage.CLOCK]
+        self._clocks = [[e.operator() for e in clock if e.is_seen_by(tracker=t)] for t in (False, True)]
         self.moment = self._look(still, still)
 
     def _advance_block(self, path: FloatArray) -> None:
@@ -182,7 +184,8 @@ class LiveArm:
         q = self._position
         for effect in self._mechanical:
             q = effect(q, motion)
-        self._q = q
-        for effect in self._clock:
-            q = effect(q, motion)
-        return Moment(self.machine, self._actual, motion, torque, q)
+        self._q, seen = q, [q, q]
+        for sensor, effects in enumerate(self._clocks):
+            for effect in effects:
+                seen[sensor] = effect(seen[sensor], motion)
+        return Moment(self.machine, self._actual, motion, torque, *seen)

@@ -37,8 +37,8 @@ class Outcome:
     ----------
     motion : Motion, the motors, and what they carried
     torque : (n, N, dof) array, commanded by the controllers, joint units
-    q : (n, N, dof) array, true joint path, when outside sensors see it
-    T_base_tip : (n, N, 4, 4) array or None, true tool poses; None for bare joints
+    q : (n, N, dof) array, true joint path, when outside encoders see it
+    T_base_tip : (n, N, 4, 4) array or None, true tool poses, when the tracker sees them; None for bare joints
     """
 
     motion: Motion
@@ -80,8 +80,9 @@ def run(machine: Machine, plan: Plan, passes: int | None = None) -> Outcome:
     """
     driven = follow_command(machine, Command.of(machine, plan), passes)
     motion = driven.motion
-    seen = _through([e for e in machine.effects if e.stage == Stage.CLOCK], driven.q, motion)
-    tip = tip_path(machine.effects, machine.actual_body(machine.payload(plan)).forward(seen), motion)
+    clock = [e for e in of_kind(machine.effects, PathEffect) if e.stage == Stage.CLOCK]
+    seen, tracked = (_through([e for e in clock if e.is_seen_by(tracker=t)], driven.q, motion) for t in (False, True))
+    tip = tip_path(machine.effects, machine.actual_body(machine.payload(plan)).forward(tracked), motion)
     return Outcome(motion, driven.torque, seen, tip)
 
 

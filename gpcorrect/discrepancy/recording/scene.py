@@ -186,7 +186,7 @@ class Scene:
         """
         machine = self._machine(effects)
         replay = self._replay(machine)
-        q = np.stack(self._joint_paths(machine, replay)[1], axis=-1)
+        q = np.stack(self._joint_paths(machine, replay, tracker=True)[1], axis=-1)
         tip = tip_path(machine.effects, machine.actual_body(self.payload).forward(q), replay)
         assert tip is not None
         return self.layout.gather(se3.compose(machine.T_tracker_base, tip, machine.T_tip_marker))
@@ -229,11 +229,15 @@ class Scene:
         driven = follow_command(machine.with_effects(*inside), memory.command)
         return memory.loops.keep(inside, driven if self.stamps is None else self.stamps.read(driven))
 
-    def _joint_paths(self, machine: Machine, motion: Motion) -> tuple[list[int], list[FloatArray]]:
-        """Return the number and the true path `(n, N)` of each joint, as `gpcorrect.sim.plant.joint_path` does."""
+    def _joint_paths(
+        self, machine: Machine, motion: Motion, *, tracker: bool = False
+    ) -> tuple[list[int], list[FloatArray]]:
+        """Return the number and the true path `(n, N)` of each joint when the encoders, or the tracker, see it."""
         paths, inside = list(np.moveaxis(motion.position, -1, 0)), _inside(machine)
         numbers = [self.memory.number(inside, j) for j in range(len(paths))]
         for effect in of_kind(machine.effects, PathEffect):
+            if not effect.is_seen_by(tracker=tracker):
+                continue
             changed = self._changed(effect, numbers)
             known = {j: self.memory.paths.get(number) for j, number in changed.items()}
             behind = self._behind(effect, paths, motion, [j for j, path in known.items() if path is None])

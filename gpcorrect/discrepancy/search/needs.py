@@ -10,7 +10,7 @@ from gpcorrect.discrepancy.recording.scene import LOOP_STAGES, Scene
 from gpcorrect.discrepancy.search.candidates import Candidate
 from gpcorrect.discrepancy.search.state import Search
 from gpcorrect.discrepancy.settings import NOISE, SEARCH
-from gpcorrect.sim.effects import EFFECTS, ChainEffect, Effect, Family, LoadEffect, Site, TipEffect
+from gpcorrect.sim.effects import EFFECTS, ChainEffect, Effect, Family, LoadEffect, Site, Stage, TipEffect
 from gpcorrect.types import CalibrationLog
 
 
@@ -36,7 +36,8 @@ def split_by_needs(
     every = list(candidates)
     placed = {c.name for c in every}
     whys = {name: _lacking(kind, scene, log, placed=name in placed) for name, kind in EFFECTS.items()}
-    return [c for c in every if not whys[c.name]], tuple(Lack(name, why) for name, why in whys.items() if why)
+    kept = [c for c in every if not whys[c.name] and not (c.kind.stage == Stage.CLOCK and _is_of_all(c, scene))]
+    return kept, tuple(Lack(name, why) for name, why in whys.items() if why)
 
 
 def lacks_of_traces(search: Search) -> tuple[Lack, ...]:
@@ -85,6 +86,12 @@ def _lacking(kind: type[Effect], scene: Scene, log: CalibrationLog, *, placed: b
     if kind.stage in LOOP_STAGES and not issubclass(kind, ChainEffect | LoadEffect) and scene.plan is None:
         return "the servo loop is not simulated: it takes [controller] in the model, setpoints, and an even clock"
     return "" if placed else _no_place(kind)
+
+
+def _is_of_all(candidate: Candidate, scene: Scene) -> bool:
+    """Whether what one sensor alone would have is what all of them have: there is no other."""
+    encoders = sum(c.signal == "external_jp" for c in scene.channels)
+    return candidate.joint != "all" and encoders + (scene.tracker is not None) < 2
 
 
 def _no_place(kind: type[Effect]) -> str:

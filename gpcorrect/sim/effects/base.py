@@ -270,7 +270,19 @@ class FrictionEffect(Effect):
 class PathEffect(Effect):
     """Changes the joint path: any stage from the encoder to the clock."""
 
-    joint_by_joint: ClassVar[bool] = False  # whether it does the same to each joint's path, whatever the others do
+    @property
+    def joint_by_joint(self) -> bool:
+        """Whether it does the same to each joint's path, whatever the others do."""
+        return False
+
+    def is_seen_by(self, *, tracker: bool) -> bool:
+        """Return whether the tracker, or the joints' outside encoders, see it: what is the arm's own, both do.
+
+        Parameters
+        ----------
+        tracker : bool, else the encoders
+        """
+        return True
 
     @abstractmethod
     def advance(self, q: FloatArray, motion: Motion, memory: Memory) -> FloatArray:
