@@ -60,8 +60,8 @@ def raven_swings(seed: int, runs: int, seconds: float) -> Plan:
     t = np.arange(0.0, seconds, 0.01)[:, None]
     middle, swing = np.array([0.3, 1.4, -0.38]), np.array([0.7, 0.6, 0.05])
     segments = []
-    for _ in range(runs):
+    for run in range(runs):
         rate, phase = rng.uniform(0.5, 2.0, 3), rng.uniform(0.0, 2 * np.pi, 3)
         path = middle + swing * np.sin(rate * t + phase)
-        segments.append(Segment(path, np.zeros(len(path), dtype=np.int64), 0, 0.0, 0.2))
+        segments.append(Segment(path, np.full(len(path), run), 0, 0.0, 0.2))
     return plan_of(segments, 100.0)

@@ -6,14 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from discrepancy_core import raven_swings
 
 from gpcorrect import se3
 from gpcorrect.arms import raven2
+from gpcorrect.discrepancy import find_discrepancy
+from gpcorrect.discrepancy.naming.posterior import Level
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.tracker import Tracker, slack_of, table_slopes
+from gpcorrect.discrepancy.search.candidates import all_candidates
+from gpcorrect.discrepancy.search.needs import split_by_needs
 from gpcorrect.sim import machine_of, model_from_dict, simulate
-from gpcorrect.sim.effects.compliance import GravitySag
+from gpcorrect.sim.effects import Delay, Effect, GravitySag
 from gpcorrect.sim.plan import Segment, plan_of
 from gpcorrect.types import CalibrationLog
 
@@ -86,6 +91,41 @@ def test_every_outside_signal_is_compared() -> None:
     assert all(explained.values())
     alone = build_scene(replace(log, external_jp=None), MODEL, np.ones(len(log), dtype=np.bool_))
     assert {c.signal for c in alone.channels} == {"measured_jp", "tracker_cp", "tracker_rotation"}
+
+
+def noisy(*effects: Effect) -> CalibrationLog:
+    """Return twelve motions as encoders and a tracker see them, with the noise of MODEL_WITH_NOISE."""
+    return simulate(machine_of(MODEL_WITH_NOISE).with_effects(*effects), raven_swings(5, 12, 4.0), seed=7)
+
+
+NOISE = {"tracker_white": 1e-4, "external_jp_white": [1e-4, 1e-4, 1e-4]}
+MODEL_WITH_NOISE = model_from_dict({"arm": "raven2_left", "joints": [1, 2, 3], "log_rate_hz": 100, "noise": NOISE})
+
+
+@pytest.mark.parametrize("place", ["tool", 2])
+def test_one_sensor_that_is_late_has_its_name(place: str | int) -> None:
+    """A tracker 20 ms behind punctual encoders was a resonance, a registration and couplings, in minutes."""
+    found = find_discrepancy(MODEL_WITH_NOISE, noisy(Delay(place, 0.02)))
+    (late,) = found.verdict.effects
+    assert (late.name, late.joint, late.level) == ("delay", place, Level.EXACT)
+    low, high = late.parameters["delay"].ci95
+    assert low < 0.02 < high
+    assert high - low < 0.002
+
+
+@pytest.mark.parametrize(
+    ("sensors", "places"),
+    [
+        ({"external_jp", "tracker_cp"}, {"all", "tool", 1, 2, 3}),
+        ({"external_jp"}, {"all", 1, 2, 3}),
+        ({"tracker_cp"}, {"all"}),
+    ],
+)
+def test_what_is_late_alone_needs_others_beside_it(sensors: set[str], places: set[str | int]) -> None:
+    log = replace(noisy(), **dict.fromkeys({"external_jp", "tracker_cp"} - sensors))
+    scene = build_scene(log, MODEL_WITH_NOISE, np.ones(len(log), dtype=np.bool_))
+    kept, _ = split_by_needs(all_candidates(scene), scene, log)
+    assert {c.joint for c in kept if c.name == "delay"} == places
 
 
 def test_noise_and_tolerance_together_become_white() -> None:

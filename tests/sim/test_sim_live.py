@@ -183,6 +183,15 @@ def test_a_delay_moves_what_is_seen_live_and_not_what_is_felt():
     np.testing.assert_array_equal(*paths)
 
 
+def test_a_tracker_that_is_late_alone_is_so_live():
+    plan = moves(runs=1, seconds=1.0)
+    late, prompt = (LiveArm(raven(*effects), plan.q[0, 0]) for effects in ((Delay("tool", 0.05),), ()))
+    pairs = [(late.advance(row[None]), prompt.advance(row[None])) for row in plan.q[:, 0]]
+    for k in range(50, len(pairs)):
+        np.testing.assert_array_equal(pairs[k][0].q, pairs[k][1].q)
+        np.testing.assert_allclose(pairs[k][0].T_base_tip, pairs[k - 50][1].T_base_tip, atol=1e-9)
+
+
 @pytest.mark.parametrize("block", [5, 20])
 def test_live_and_recorded_machine_agree(block):
     """On the debridement machine, wrong by centimetres, live and recorded tool paths differ by a tenth of a mm."""

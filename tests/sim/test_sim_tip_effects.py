@@ -279,6 +279,17 @@ def test_delay_changes_no_load():
     np.testing.assert_allclose(late.q[5:], prompt.q[:-5], atol=1e-9)
 
 
+@pytest.mark.parametrize(("late_one", "encoders", "tracker"), [(2, [0, 5, 0], 0), ("tool", [0, 0, 0], 5)])
+def test_one_sensor_may_be_late_alone(late_one, encoders, tracker):
+    """An encoder on a clock of its own says nothing of the others, nor the tracker of any encoder."""
+    plan = moves(runs=1, seconds=1.0)
+    late, prompt = run(raven(Delay(late_one, 0.05)), plan), run(raven(), plan)
+    for j, samples in enumerate(encoders):
+        np.testing.assert_allclose(late.q[samples:, 0, j], prompt.q[: len(prompt.q) - samples, 0, j], atol=1e-9)
+    seen, there = (outcome.T_base_tip[:, 0, :3, 3] for outcome in (late, prompt))
+    np.testing.assert_allclose(seen[tracker:], there[: len(there) - tracker], atol=1e-9)
+
+
 def test_a_slip_is_a_step_in_one_session():
     """Before its instant, and in other sessions, nothing; from then on the whole step."""
     state = motion(runs=4, sessions=2)

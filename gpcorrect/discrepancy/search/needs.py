@@ -89,9 +89,10 @@ def _lacking(kind: type[Effect], scene: Scene, log: CalibrationLog, *, placed: b
 
 
 def _is_of_all(candidate: Candidate, scene: Scene) -> bool:
-    """Whether what one sensor alone would have is what all of them have: there is no other."""
-    encoders = sum(c.signal == "external_jp" for c in scene.channels)
-    return candidate.joint != "all" and encoders + (scene.tracker is not None) < 2
+    """Whether nothing tells what one sensor alone would have from what all of them have: it is not there, or alone."""
+    sensors: set[int | str] = {c.joint for c in scene.channels if c.signal == "external_jp"}
+    sensors |= {"tool"} if scene.tracker is not None else set()
+    return candidate.joint != "all" and (candidate.joint not in sensors or len(sensors) < 2)
 
 
 def _no_place(kind: type[Effect]) -> str:
