@@ -49,8 +49,6 @@ class Machine:
         for effect in self.effects:
             for number in effect.joints:
                 effect.column(self.body.joints, number)
-            if isinstance(effect, ChainEffect) and self.body.chain is not None:
-                effect.check(self.body.chain)
         if len(self.drive.kp) != len(self.body.joints):
             raise DataError(
                 f"the controller has gains for {len(self.drive.kp)} joints, the model has {len(self.body.joints)}."
@@ -88,9 +86,12 @@ class Machine:
         body = replace(self.body, links=replace(self.body.links, payload=payload))
         for load in of_kind(self.effects, LoadEffect):
             body = load.act(body)
-        chain = body.chain
-        for change in of_kind(self.effects, ChainEffect):
-            chain = chain if chain is None else change.act(chain)
+        if (chain := body.chain) is not None:
+            changes = of_kind(self.effects, ChainEffect)
+            for change in changes:
+                change.check(chain)
+            for change in changes:
+                chain = change.act(chain)
         return replace(body, chain=chain).compact()
 
     @property

@@ -271,4 +271,6 @@ def _motion(
 
 def _acceleration(time: FloatArray, motor: FloatArray, label: IntArray) -> FloatArray:
     """Acceleration `(n, k)` of the motors: parabolas through a few hundredths of a second, twice."""
-    return derivative(time, derivative(time, motor, label, SMOOTHED), label, SMOOTHED)
+    begun = np.diff(label, prepend=label[:1]) != 0
+    runs = np.cumsum(begun | (np.diff(time, prepend=-np.inf) <= 0))  # stamps that stand still show none
+    return derivative(time, derivative(time, motor, runs, SMOOTHED), runs, SMOOTHED)

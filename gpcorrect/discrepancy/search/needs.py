@@ -36,7 +36,7 @@ def split_by_needs(
     every = list(candidates)
     placed = {c.name for c in every}
     whys = {name: _lacking(kind, scene, log, placed=name in placed) for name, kind in EFFECTS.items()}
-    kept = [c for c in every if not whys[c.name] and not (c.kind.stage == Stage.CLOCK and _is_of_all(c, scene))]
+    kept = [c for c in every if not whys[c.name] and not _is_of_all(c, scene)]
     return kept, tuple(Lack(name, why) for name, why in whys.items() if why)
 
 
@@ -89,10 +89,9 @@ def _lacking(kind: type[Effect], scene: Scene, log: CalibrationLog, *, placed: b
 
 
 def _is_of_all(candidate: Candidate, scene: Scene) -> bool:
-    """Whether nothing tells what one sensor alone would have from what all of them have: it is not there, or alone."""
-    sensors: set[int | str] = {c.joint for c in scene.channels if c.signal == "external_jp"}
-    sensors |= {"tool"} if scene.tracker is not None else set()
-    return candidate.joint != "all" and (candidate.joint not in sensors or len(sensors) < 2)
+    """Whether it is the tracker's own delay, and no encoder beside it tells that from one of all sensors."""
+    of_tracker = candidate.kind.stage == Stage.CLOCK and candidate.joint == Site.TOOL
+    return of_tracker and (scene.tracker is None or all(c.signal != "external_jp" for c in scene.channels))
 
 
 def _no_place(kind: type[Effect]) -> str:

@@ -270,10 +270,7 @@ class FrictionEffect(Effect):
 class PathEffect(Effect):
     """Changes the joint path: any stage from the encoder to the clock."""
 
-    @property
-    def joint_by_joint(self) -> bool:
-        """Whether it does the same to each joint's path, whatever the others do."""
-        return False
+    joint_by_joint: ClassVar[bool] = False  # whether it does the same to each joint's path, whatever the others do
 
     def is_seen_by(self, *, tracker: bool) -> bool:
         """Return whether the tracker, or the joints' outside encoders, see it: what is the arm's own, both do.

@@ -9,7 +9,7 @@ import numpy as np
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Drive
-from gpcorrect.sim.effects.base import DriveEffect, JointEffect, PathEffect, PathOperator, Stage, with_column
+from gpcorrect.sim.effects.base import DriveEffect, JointEffect, PathEffect, PathOperator, Stage
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import PAUSES, Memory, lag, shifted
 from gpcorrect.sim.motion import Motion
@@ -96,33 +96,29 @@ class Drift(JointEffect):
 class Delay(PathEffect):
     """Every joint is seen where it was `delay` seconds ago; outside the recorded time it stood still.
 
-    By all sensors, by one joint's outside encoder alone, or by the tracker alone ("tool"), each on a clock of its own.
-    Between samples the path is a monotone cubic, which never overshoots a play's corners.
+    By all sensors, or by the tracker alone ("tool"), which has a clock of its own. Between samples the path is a
+    monotone cubic, which never overshoots a play's corners.
     """
 
     delay: float  # negative where the robot's own reports are the late ones
 
     stage = Stage.CLOCK
+    joint_by_joint = True
     about = Description(
         name="delay",
         number=23,
         family=Family.TIME,
-        equation="y(t) = x(t - delay), of all sensors or of one",
+        equation="y(t) = x(t - delay), of all sensors or of the tracker",
         source="Fritsch and Carlson 1980, SIAM J. Numer. Anal. 17(2), for the values between samples",
         parameters=(Parameter("delay", "age of what is seen", Range("s", -0.5, 0.5, 0.03), positive=False),),
         neighbours=("viscous_friction", "resonance"),
         separating_runs=(Run.SPEED_LADDER, Run.ONE_JOINT),
-        sites=(Site.ALL, Site.JOINT, Site.TOOL),
+        sites=(Site.ALL, Site.TOOL),
     )
-
-    @property
-    def joint_by_joint(self) -> bool:
-        """See :class:`PathEffect`."""
-        return not isinstance(self.joint, int)
 
     def is_seen_by(self, *, tracker: bool) -> bool:
         """See :class:`PathEffect`."""
-        return self.joint == "all" or (self.joint == "tool") is tracker
+        return tracker or self.joint == "all"
 
     def operator(self) -> PathOperator:
         """Refuse a negative delay: an arm that moves now is not seen before it moves."""
@@ -143,11 +139,7 @@ class Delay(PathEffect):
         behind = shifted(np.ascontiguousarray(path).reshape(len(path), -1), rows, self.delay).reshape(path.shape)
         passed = int((time <= time[-1] - self.delay).sum(axis=0).min())
         memory["path"], memory["time"] = path[max(passed - 2, 0) :], time[max(passed - 2, 0) :]
-        seen = behind[len(path) - len(q) :]
-        if not isinstance(self.joint, int):
-            return seen
-        j = self.column(motion.joints)
-        return with_column(q, j, seen[..., j])
+        return behind[len(path) - len(q) :]
 
 
 @dataclass(frozen=True)
