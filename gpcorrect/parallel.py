@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 from joblib import Parallel, delayed, effective_n_jobs, parallel_config
 from joblib.parallel import ThreadingBackend, get_active_backend
 
-from gpcorrect.errors import GpCorrectError, MissingExtraError
+from gpcorrect.errors import DataError, GpCorrectError, MissingExtraError
 from gpcorrect.types import Progress
 
 Item = TypeVar("Item")
@@ -101,11 +101,15 @@ def workers(jobs: int = 1, scheduler: str | None = None, *, threads: bool = Fals
 
     Raises
     ------
+    DataError
+        There is to be no job.
     MissingExtraError
         The library distributed is not installed.
     ClusterError
         The scheduler does not answer, has no workers, or they run another version of this package.
     """
+    if jobs == 0:
+        raise DataError("no job at all can do no work.", hint="Give --jobs a number from 1, or -1 for one a core.")
     if scheduler is not None:
         with _cluster(scheduler), parallel_config(backend="dask"):
             yield

@@ -117,6 +117,12 @@ def test_an_error_of_a_call_is_the_errors_own(jobs: int) -> None:
         list(each(refuse, range(6)))
 
 
+@pytest.mark.parametrize("threads", [False, True])
+def test_no_job_at_all_is_refused(threads: bool) -> None:
+    with pytest.raises(DataError, match="--jobs a number from 1"), workers(jobs=0, threads=threads):
+        pass
+
+
 def test_work_that_is_broken_off_ends_inside_its_context(tmp_path: Path) -> None:
     """What stops the results stops the calls too, while their workers are there, though its traceback is kept."""
 

@@ -210,7 +210,7 @@ def _one_thread_of_linear_algebra() -> None:
     """Give the libraries below one thread, in this process and those it starts, unless the user says otherwise.
 
     The problems are many and small: pools of threads on busy cores spend their time waiting for each other. Commands
-    that use several cores start processes (`--jobs`).
+    that use several cores start processes or threads of their own (`--jobs`).
     """
     for name in THREADS:
         os.environ.setdefault(name, "1")

@@ -102,3 +102,15 @@ def test_a_place_is_at_the_edge_by_the_range_it_may_take_not_by_how_far_it_is_fr
     low, high = stop.coordinates[1].bounds
     for part, at_edge in ((0.05, ()), (0.005, ("limit",)), (0.995, ("limit",))):
         assert FittedEffect(stop, np.array([1.0, low + part * (high - low)])).at_edge == at_edge
+
+
+@pytest.mark.parametrize("beyond", [-1e-3, 0.0, 1e3])
+def test_a_number_that_is_held_is_held_inside_its_range(beyond: float) -> None:
+    """A resonance that is none has no frequency: the end of its interval was sought below all frequencies."""
+    scene = prepare_data(joint_log(3), nominal(), np.random.default_rng(0)).dataset.scene
+    candidate = next(c for c in all_candidates(scene) if c.name == "resonance")
+    (size, *_), fit = candidate.sizes, FittedEffect(candidate, np.array(candidate.start))
+    low, high = candidate.coordinates[size].bounds
+    held = fit.pinned(size, beyond).candidate.coordinates[size]
+    assert low <= held.bounds[0] < held.bounds[1] <= high
+    assert held.bounds[1] - held.bounds[0] < 1e-3 * (high - low)

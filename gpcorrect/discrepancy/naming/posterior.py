@@ -131,7 +131,7 @@ class Named:
 
 
 def not_ruled_out(rivals: Sequence[Alternative], own: float) -> list[Alternative]:
-    """Return the rivals above the limit; the best where none is, and together with them the effect may be named.
+    """Return the rivals above the limit; where none is, the best, if it is some effect that has an exact name's odds.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ ONE_OF_SEVERAL = re.compile(r"(.*?)(\d+|left|right)", re.IGNORECASE)
 """The name of an arm that has sisters: PSM1, raven2_left."""
 
 FAULTS_IN_A_ROW = 10  # chosen by hand: after so many failures without one answer a model is not asked any more
-QUICK_SECONDS = 5e-4
+QUICK_SECONDS = 5e-4  # half of a planner's period at 1 kHz; what takes longer would hold up its connection
 CHECK_TOLERANCE = 1e-7  # m and rad: as when a model file is read
 
 
@@ -102,7 +102,7 @@ class Model:
 
 
 def _is_quick(corrector: object) -> bool:
-    """Whether the fastest of five answers took less than half of a planner's period at 1 kHz."""
+    """Whether a fitted model gave the fastest of five answers in that time."""
     if not isinstance(corrector, CommandCorrector) or not len(corrector.check_queries):
         return False
     pose = corrector.check_queries[0, : 7 if corrector.has_orientation else 3]

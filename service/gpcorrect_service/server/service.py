@@ -1,4 +1,4 @@
-"""The server: zenoh callback -> bounded queue -> worker -> reply."""
+"""The server: zenoh callback -> bounded queue -> worker -> reply, or at once where nothing waits and it is quick."""
 
 from __future__ import annotations
 
@@ -46,7 +46,8 @@ LAST_MOMENT = 0.2  # s: handing a full queue to the refusals takes a millisecond
 class Server:
     """Serves the models of one arm; a context manager.
 
-    Queries enter through zenoh's callbacks, which only queue them. Every key has its own queue and thread,
+    Queries enter through zenoh's callbacks, which queue them, all but a single pose for a quick model that finds
+    nothing waiting: that is corrected there. Every key has its own queue and thread,
     so a long path does not delay a single pose and `health` answers while the others are flooded; refusals
     are sent by a thread of their own. A stopped server is not started again.
 
@@ -198,7 +199,7 @@ class Server:
         queue.start()
         self._queues[kind] = queue  # only now: a worker that does not run is a fault
         key = f"{s.arm}/{kind}"
-        # A direct callback runs on zenoh's thread: it only queues, and saves a change of threads.
+        # A direct callback runs on zenoh's thread, and saves a change of threads.
         callback = zenoh.handlers.Callback(self._receiver(kind, key, handler, refusal), indirect=False)
         self._queryables.enter_context(session.declare_queryable(key, callback, complete=True))
 
