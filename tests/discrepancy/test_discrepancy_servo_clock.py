@@ -122,8 +122,8 @@ def test_a_long_hole_begins_a_motion_anew() -> None:
     log = taken(np.delete(rows, slice(300, 500)))
     whole, cut = scene(taken(rows)), scene(log)
     assert len(np.unique(cut.run_of_row())) == len(np.unique(whole.run_of_row())) + 1
-    motors = np.isfinite(cut.observed[:, :3]).all(axis=1)
-    assert list(np.flatnonzero(~motors)) == list(range(300, 350))
+    compared, before = (np.isfinite(s.observed[:, :3]).all(axis=1) for s in (cut, whole))
+    assert list(np.flatnonzero(~compared & np.delete(before, slice(300, 500)))) == list(range(300, 350))
     assert np.isfinite(cut.observed[:, 3:]).all()
     assert (motor_errors(log) < motor_errors(taken(rows)) + SMALL).all()
 
@@ -136,16 +136,28 @@ def test_a_hole_in_which_the_arm_stands_ends_no_motion() -> None:
     assert len(np.unique(paused.run_of_row())) == len(np.unique(whole.run_of_row()))
 
 
-def test_motions_that_begin_on_the_move_are_compared_once_the_servo_has_settled() -> None:
-    """Whether the arm moved with the first command, or stood, is in no log: its motors count from half a second on."""
-    rows = even()
-    cut = fine().select(np.isin(np.arange(len(fine())), rows) & (np.arange(len(fine())) % 4000 > 1500))
-    built = scene(cut)
-    start = np.array([cut.time[cut.trajectory == k].min() for k in cut.trajectory])
-    compared = np.isfinite(built.observed[:, :3]).all(axis=1)
-    np.testing.assert_array_equal(compared, cut.time - start >= 0.5)
+@pytest.mark.parametrize("since", [0, 1500])
+def test_motors_are_compared_once_the_servo_has_settled(since: int) -> None:
+    """What a controller held as a motion began, from rest or on the move, is in no log: half a second is left out."""
+    number = np.arange(len(fine()))
+    log = fine().select(np.isin(number, even()) & (number % 4000 >= since))
+    start = np.array([log.time[log.trajectory == k].min() for k in log.trajectory])
+    settled = log.time - start >= 0.5
+    built = scene(log)
+    np.testing.assert_array_equal(np.isfinite(built.observed[:, :3]).all(axis=1), settled)
     assert np.isfinite(built.observed[:, 3:]).all()
-    assert np.isfinite(scene(taken(rows)).observed).all()
+    unmeasured = scene(replace(log, measured_jp=None))
+    np.testing.assert_array_equal(np.isfinite(unmeasured.observed[:, :3]).all(axis=1), settled)
+
+
+def test_of_motions_in_which_no_servo_settles_nothing_is_said_of_the_motors() -> None:
+    """Two fifths of a second of every second: no row of the motors can be compared, and it is not NONE for that."""
+    log = taken(even())
+    bits = log.select(log.time % 1.0 < 0.4 - SMALL)
+    built = scene(replace(bits, trajectory=np.floor(bits.time).astype(np.int64)))
+    assert built.plan is None
+    assert built.unclocked
+    assert any("no motion lasts" in remark for remark in built.remarks)
 
 
 def test_where_neither_clock_is_right_no_loop_is_run() -> None:

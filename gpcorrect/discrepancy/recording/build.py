@@ -58,7 +58,8 @@ def build_scene(
     driven = has_controller(model) and log.setpoint_jp is not None
     command = _joint_columns(log, "setpoint_jp", joints) if driven else None
     time = None if command is None else settled_stamps(log.time, label, command)
-    loop = time is not None
+    settling = _settling(log.time, label)
+    loop = time is not None and not settling.all()
     remarks = _loop_remarks(log, model, source, loop=loop)
     columns, chain = getattr(log, source).shape[1], machine.body.chain
     if chain is not None and columns > chain.dof:
@@ -74,8 +75,8 @@ def build_scene(
     channels, observed = _compared_channels(log, machine.body, source, loop=loop)
     plan, stamps = None, None
     if loop and command is not None:
-        of_motors = np.array([c.signal == "measured_jp" for c in channels], dtype=np.bool_)
-        observed[_begun_on_the_move(log, label, command)[:, None] & of_motors] = np.nan
+        of_loop = np.array([c.signal == "measured_jp" or source != "measured_jp" for c in channels], dtype=np.bool_)
+        observed[settling[:, None] & of_loop] = np.nan
         plan, stamps = commanded_plan(command, layout, motion, payload)
     scene = Scene(
         model=model,
@@ -225,17 +226,13 @@ def _continuous_runs(log: CalibrationLog, motor: FloatArray) -> IntArray:
     return np.concatenate([[0], np.cumsum(np.where(change, ~joined, hole & ~near))]).astype(np.int64)
 
 
-def _begun_on_the_move(log: CalibrationLog, label: IntArray, command: FloatArray) -> BoolArray:
-    """Say of which rows `(n,)` the servo's state is not known, for their motion begins with a command that moves.
+def _settling(time: FloatArray, label: IntArray) -> BoolArray:
+    """Say of which rows `(n,)` the servo's state is not known: those in which it may not have forgotten its start.
 
-    Whether the arm moved with it, or still stood, is in no log.
+    Where a controller's integral was, what it held against, and whether the arm moved are in no log.
     """
-    first, inside = np.flatnonzero(np.diff(label, prepend=-1)), np.diff(label, append=label[-1] + 1) == 0
-    speed = np.zeros(command.shape)
-    speed[inside] = (np.diff(command, axis=0) / np.diff(log.time)[:, None])[inside[:-1]]
-    usual = np.sqrt(np.mean(speed[inside] ** 2, axis=0))
-    moves = (np.abs(speed[first]) > CLOCK.moving * usual).any(axis=1) & inside[first]
-    return np.asarray(moves[label] & (log.time - log.time[first][label] < CLOCK.settles))
+    first = np.flatnonzero(np.diff(label, prepend=-1))
+    return np.asarray(time - time[first][label] < CLOCK.settles)
 
 
 def _loop_remarks(log: CalibrationLog, model: Model, source: str, *, loop: bool) -> list[str]:
@@ -247,7 +244,8 @@ def _loop_remarks(log: CalibrationLog, model: Model, source: str, *, loop: bool)
         remarks.append("the closed loop needs setpoint_jp: effects inside it cannot be named")
     elif not loop:
         rough = "stamps stand still, or are uneven and commands as rough on them as on an even clock"
-        remarks.append(f"{rough}: the closed loop is not run, effects inside it cannot be named")
+        brief = f"no motion lasts {CLOCK.settles:g} s"
+        remarks.append(f"{rough}, or {brief}: the closed loop is not run, effects inside it cannot be named")
     if source != "measured_jp":
         path = "those of the simulated servo loop" if loop else "taken to follow their commands exactly"
         remarks.append(f"the motors were not measured: they are {path}")

@@ -88,7 +88,7 @@ class Scene:
     trajectory: IntArray  # (n,) as the log numbers them
     session: IntArray  # (n,) from 0
     effort: FloatArray | None  # (n, k) N m or N
-    unclocked: bool = False  # a loop that is known was not run, for no clock of its commands could be found
+    unclocked: bool = False  # a loop that is known was not run: no clock of its commands, or motions too short
     stamps: Stamps | None = None  # where the log's samples lie on the loop's clock; None when it has their own
     tracker: Tracker | None = None
     measured: bool = True  # else the motors' path is what the closed loop makes of the commands, where it runs
