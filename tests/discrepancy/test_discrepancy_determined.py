@@ -78,6 +78,23 @@ def test_a_stretch_that_is_beyond_doubt_has_no_interval_that_holds_nothing(
     assert low < fit.candidate.coordinates[0].coordinate(stiffness) < high
 
 
+def test_an_encoder_that_is_late_alone_is_no_resonance() -> None:
+    """To slow motion it is one whose damping may be anything: an effect whose numbers are open has no name."""
+    noise = {"external_jp_white": [3e-4, 3e-4, 5e-5]}
+    model = model_from_dict({"arm": "dvrk_psm", "joints": [1, 2, 3], "log_rate_hz": 50, "noise": noise})
+    rng = np.random.default_rng(4)
+    segments = [Segment(swing(rng), np.full(500, k), 0, 10.0 * k, 0.2) for k in range(10)]
+    log = simulate(machine_of(model), plan_of(segments, 100.0), seed=1)
+    assert log.external_jp is not None
+    seen = log.external_jp.copy()
+    for k in range(10):
+        rows = np.flatnonzero(log.trajectory == k)
+        seen[rows, 1] = np.interp(log.time[rows] - 0.005, log.time[rows], seen[rows, 1])
+    found = find_discrepancy(model, replace(log, external_jp=seen, tracker_cp=None))
+    assert found.level == Level.UNKNOWN
+    assert not [e for e in found.effects if e.joint == 2 and e.level == Level.EXACT]
+
+
 def test_homings_of_which_a_tracker_knows_only_the_difference_are_not_nothing() -> None:
     """Their sum is a turn of the registration, so neither is known alone; rounding took that for both being nothing."""
     noise = {"tracker_white": 4e-4, "tracker_rotation_white": 4e-3}

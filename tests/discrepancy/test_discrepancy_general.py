@@ -12,9 +12,10 @@ from scipy.stats import multivariate_normal
 from gpcorrect.discrepancy import run as workflow
 from gpcorrect.discrepancy.naming.intervals import half_widths, without_idle_numbers
 from gpcorrect.discrepancy.naming.numbers import estimate_numbers
+from gpcorrect.discrepancy.naming.occam import LinearLaw
 from gpcorrect.discrepancy.naming.posterior import Named, name_effect
 from gpcorrect.discrepancy.naming.view import view_of
-from gpcorrect.discrepancy.naming.weigh import _Linear, own_gain
+from gpcorrect.discrepancy.naming.weigh import own_gain
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.prepared import PreparedData, prepare_data
@@ -107,13 +108,13 @@ def test_the_evidence_of_a_linear_model_is_what_is_left_of_the_data_once_its_num
         misfit = 0.5 * float((data - slopes @ numbers) @ (data - slopes @ numbers))
         marginal = multivariate_normal(cov=noisier * np.eye(40) + size * slopes @ slopes.T).logpdf(data)
         alone = -0.5 * 40 * np.log(2.0 * np.pi * noisier)
-        found = _Linear(slopes, numbers, misfit).evidence(slopes @ numbers, noisier)
+        found = LinearLaw(slopes, numbers, misfit).evidence(slopes @ numbers, noisier)
         assert found + alone == pytest.approx(marginal, rel=1e-5)
 
 
 def test_what_others_take_up_altogether_has_no_evidence() -> None:
     """A tracker whose axes are exchanged: a registration that takes up all that an effect changes ended the run."""
-    assert _Linear(np.zeros((5, 2)), np.zeros(2), 3.0).evidence(np.zeros(5), 1.0) == -np.inf
+    assert LinearLaw(np.zeros((5, 2)), np.zeros(2), 3.0).evidence(np.zeros(5), 1.0) == -np.inf
 
 
 def test_the_size_of_an_effect_is_whole_where_a_tolerance_takes_up_most_of_it() -> None:

@@ -55,13 +55,13 @@ def _weighed(
     beside: float = 0.0,
     instead: float = 0.0,
     shape_nats: float = np.inf,
+    more: int = 0,
 ) -> Weighed:
     fit = FittedEffect(rival, np.array(rival.start))
     nothing = np.zeros(0)
     gain = Own((), (nothing, nothing), np.array([own]), np.zeros(1), 1.0)
-    return Weighed(
-        gain, np.ones(2, dtype=np.bool_), (Rival(fit, nats, shape_nats=shape_nats),), Unknown(instead, beside)
-    )
+    rivals = (Rival(fit, nats, SETTINGS.search.complexity * more, shape_nats),)
+    return Weighed(gain, 0.0, np.ones(2, dtype=np.bool_), rivals, Unknown(instead, beside))
 
 
 def test_probabilities_sum_to_one_and_follow_the_evidence(catalogue: dict[str, Candidate]) -> None:
@@ -77,8 +77,9 @@ def test_of_two_that_explain_alike_the_simpler_is_more_probable(catalogue: dict[
     """Numbers beyond the first have a price, whatever else is still missing."""
     simple, flexible = catalogue["backlash"], catalogue["pulley_eccentricity"]
     assert flexible.extra > simple.extra
+    more = flexible.extra - simple.extra
     for beside in (0.0, 400.0):
-        mine, *_, rival = posterior(simple, _weighed(5000.0, flexible, 5000.2, beside=beside), COST)
+        mine, *_, rival = posterior(simple, _weighed(5000.0, flexible, 5000.2, beside=beside, more=more), COST)
         assert mine.probability > 0.95 > rival.probability
 
 
@@ -106,8 +107,7 @@ def test_a_fuller_law_whose_shape_the_data_leave_open_is_not_ruled_out_and_never
     """Numbers of which the data say nothing cost nothing, up to a draw; those that they say cost what is said."""
     own, fuller = catalogue["backlash"], catalogue["pulley_eccentricity"]
     for lead, shape_nats, odds in ((0.0, 0.5, -0.5), (3.0, 0.5, 0.0), (-1.0, 1.0, -2.0), (0.0, 60.0, -8.0)):
-        mine, *_, rival = posterior(own, _weighed(100.0, fuller, 100.0 + lead, shape_nats=shape_nats), COST)
-        assert fuller.extra - own.extra == 2
+        mine, *_, rival = posterior(own, _weighed(100.0, fuller, 100.0 + lead, shape_nats=shape_nats, more=2), COST)
         assert rival.probability / mine.probability == pytest.approx(np.exp(odds))
 
 

@@ -41,6 +41,18 @@ def test_friction_that_a_robot_file_lacks_is_named(nominal):
 
 
 @pytest.mark.slow
+def test_a_centre_of_mass_that_is_off_along_one_axis_is_one_number(nominal):
+    """Its idle ones cost nothing: what an arm carries too much, which has one number in all, does not lead for that."""
+    found = find_discrepancy(nominal, recorded(nominal, {"name": "centre_of_mass_error", "joint": 2, "x": 0.01}))
+    (effect,) = found.effects
+    assert (effect.name, effect.joint) == ("centre_of_mass_error", 2)
+    assert effect.probability > 0.9
+    low, high = effect.parameters["x"].ci95
+    assert low < 0.01 < high
+    assert (effect.parameters["y"].value, effect.parameters["z"].value) == (0.0, 0.0)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "hidden",
     [

@@ -78,10 +78,10 @@ class Laboratory:
         rivals = ()
         if fit.candidate.name in self.rivals:
             name, worth = self.rivals[fit.candidate.name]
-            rivals = (Rival(Part(Cause(name)), worth),)  # type: ignore[arg-type]
+            rivals = (Rival(Part(Cause(name)), worth, 0.0),)  # type: ignore[arg-type]
         names = [fit.candidate.name, *(r.candidate.name for r in rivals)]
         likely = [Alternative(Explanation.EFFECT, p, n, n) for n, p in zip(names, self.chances, strict=False)]
-        weighed = Weighed(own, np.ones(1, dtype=np.bool_), rivals, Unknown(0.0, 0.0))
+        weighed = Weighed(own, 0.0, np.ones(1, dtype=np.bool_), rivals, Unknown(0.0, 0.0))
         return Named(fit, level, self.chances[0], nats, tuple(likely), ()), weighed  # type: ignore[arg-type]
 
     def estimate_numbers(self, state: Found, start: Sequence[Part]) -> Numbers:

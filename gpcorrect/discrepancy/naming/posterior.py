@@ -15,7 +15,7 @@ from gpcorrect.discrepancy.naming.view import View
 from gpcorrect.discrepancy.naming.weigh import Own, Weighed, between_effects, weigh
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.state import Search, penalty
-from gpcorrect.discrepancy.settings import NAMING, SEARCH
+from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.types import BoolArray, FloatArray
 
 
@@ -168,8 +168,7 @@ def posterior(candidate: Candidate, weighed: Weighed, cost: float) -> list[Alter
     nats = np.array([own.nats, cost, _unknown_nats(weighed, cost), *(r.nats for r in rivals)]) - cost
     counts = np.full(len(nats), between_effects(own, weighed.unknown, cost))
     counts[1:3] = own.overdispersion
-    more = [0 if r.is_general else r.candidate.extra - candidate.extra for r in rivals]
-    price = SEARCH.complexity * np.array([0.0, -candidate.extra, -candidate.extra, *more])
+    price = np.array([weighed.price, 0.0, 0.0, *(r.price for r in rivals)]) - weighed.price
     lead = (nats - nats[0]) / counts
     least = np.array([0.0, 0.0, 0.0, *(min(c, r.shape_nats) for c, r in zip(price[3:], rivals, strict=True))])
     # A fuller law is charged for what the data say of its shape, no more than to a draw: it is not ruled out.

@@ -21,7 +21,7 @@ from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.prepared import PreparedData, in_pieces
 from gpcorrect.discrepancy.search.state import Search, Trace, penalty, start_search
 from gpcorrect.discrepancy.search.stepwise import search as search_on
-from gpcorrect.discrepancy.settings import BURSTS, NAMING, SEARCH
+from gpcorrect.discrepancy.settings import BURSTS, NAMING
 from gpcorrect.types import BoolArray, Progress
 
 TINY = 1e-12  # odds
@@ -136,8 +136,8 @@ class _ModelSelection:
     def _lead(self, fit: FittedEffect, rival: Rival) -> float:
         """Nats by which a rival explains more than a fit, or their log odds where it explains about as much."""
         named, weighed = self.assessments[id(fit)]
-        own, extra = weighed.own, rival.candidate.extra - fit.candidate.extra
-        gain = (rival.nats - own.nats) / own.overdispersion - (0.0 if rival.is_general else SEARCH.complexity * extra)
+        own = weighed.own
+        gain = (rival.nats - own.nats) / own.overdispersion - (rival.price - weighed.price)
         if own.nats - rival.nats < NAMING.shape_error**2 * own.nats:
             chance = next((a.probability for a in named.alternatives if a.label == rival.candidate.label), 0.0)
             if chance > named.probability:

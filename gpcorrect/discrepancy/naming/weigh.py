@@ -10,16 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.discrepancy.evidence.linear import solve
-from gpcorrect.discrepancy.naming.intervals import columns_of
+from gpcorrect.discrepancy.naming.occam import LinearLaw, factors_of, price_of, shape_evidence
 from gpcorrect.discrepancy.naming.smooth_model import smooth_columns, smooth_nats
 from gpcorrect.discrepancy.naming.spread import size_overdispersion
 from gpcorrect.discrepancy.naming.view import View
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
-from gpcorrect.discrepancy.search.linearisation import Linearisation, held_out, linearise
+from gpcorrect.discrepancy.search.linearisation import Linearisation, held_out
 from gpcorrect.discrepancy.search.state import Search, penalty
 from gpcorrect.discrepancy.search.stepwise import Ranked, rank
-from gpcorrect.discrepancy.settings import NAMING, SEARCH
+from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.types import BoolArray, FloatArray
 
 
@@ -31,9 +30,8 @@ class Rival:
     ----------
     nats : float
         Beyond the set without either.
-    is_general : bool
-        Whether the effect is a special case of it: its nats are then an evidence in which its further numbers are
-        paid for.
+    price : float
+        Nats that its further numbers cost, as :func:`~gpcorrect.discrepancy.naming.occam.price_of` has it.
     shape_nats : float
         What the data say of its shape, where it is a fuller law of the effect's family that says something else here;
         infinite elsewhere.
@@ -41,7 +39,7 @@ class Rival:
 
     fit: FittedEffect
     nats: float
-    is_general: bool = False
+    price: float
     shape_nats: float = np.inf
 
     @property
@@ -97,6 +95,8 @@ class Weighed:
 
     Parameters
     ----------
+    price : float
+        Nats that its further numbers cost.
     active : (b,) bool array
         Trajectories of discovery, then confirmation, in which it acts: a slip does not before it happens.
     rivals : tuple of Rival
@@ -104,6 +104,7 @@ class Weighed:
     """
 
     own: Own
+    price: float
     active: BoolArray
     rivals: tuple[Rival, ...]
     unknown: Unknown
@@ -140,14 +141,13 @@ def weigh(view: View, fit: FittedEffect, own: Own) -> Weighed:
     search, channels = view.search, _strongest_channels(view, fit)
     columns = smooth_columns(view, own.rest, channels)
     unknown = Unknown(*(smooth_nats(view, fitted, channels, columns) for fitted in (own.rest, search.fitted)))
-    general = _more_general(search, own, fit)
-    counts = between_effects(own, unknown, penalty(search.n_kinds))
+    margin = NAMING.hopeless * between_effects(own, unknown, penalty(search.n_kinds))
+    price = price_of(search, search.fitted, fit, own.overdispersion)
+    general = _more_general(search, own, fit, price)
     rivals = [
-        r
-        for r in _rivals(view, own, fit, NAMING.hopeless * counts)
-        if not any(r.candidate.called_like(g.candidate) for g in general)
+        r for r in _rivals(view, own, fit, margin) if not any(r.candidate.called_like(g.candidate) for g in general)
     ]
-    return Weighed(own, _active(view, fit), tuple(sorted([*rivals, *general], key=lambda r: -r.nats)), unknown)
+    return Weighed(own, price, _active(view, fit), tuple(sorted([*rivals, *general], key=lambda r: -r.nats)), unknown)
 
 
 def between_effects(own: Own, unknown: Unknown, cost: float) -> float:
@@ -220,9 +220,10 @@ def _rivals(view: View, own: Own, fit: FittedEffect, margin: float) -> list[Riva
         other = _change(view, own, fitted) - change
         differs = float(other @ other) > NAMING.shape_error**2 * float(change @ change)
         gains = _gains(view, own.reference, fitted, fitted[-1])
-        shape_nats = _shape_nats(search, fitted) if fuller and differs else np.inf
-        found.append(Rival(fitted[-1], float(gains[0].sum() + gains[1].sum()), shape_nats=shape_nats))
-    best = sorted(found, key=lambda r: min(SEARCH.complexity * r.candidate.extra, r.shape_nats) - r.nats)
+        shape_nats = shape_evidence(search, fitted) if fuller and differs else np.inf
+        price = price_of(search, fitted, fitted[-1], own.overdispersion)
+        found.append(Rival(fitted[-1], float(gains[0].sum() + gains[1].sum()), price, shape_nats))
+    best = sorted(found, key=lambda r: min(r.price, r.shape_nats) - r.nats)
     return [r for i, r in enumerate(best) if not any(r.candidate.called_like(b.candidate) for b in best[:i])]
 
 
@@ -257,35 +258,6 @@ def _is_fuller(rival: Candidate, candidate: Candidate) -> bool:
     return _is_kin(rival, candidate) and rival.extra > candidate.extra
 
 
-def _shape_nats(search: Search, fitted: Sequence[FittedEffect]) -> float:
-    """Return what the shape of a set's last effect costs in evidence: how much narrower the data make what it may be.
-
-    Occam's factor of a normal posterior (MacKay 2003, Information Theory, Inference and Learning, Eq. 28.6); sizes
-    beyond the first cost what they always do.
-    Infinite where the shape is at the end of its range, or does not show: there a fuller law says what its special case
-    says.
-    """
-    fit, candidate = fitted[-1], fitted[-1].candidate
-    near = search.parted(fitted, candidate)[1]
-    slopes = search.linearise_near(fitted, candidate).slopes
-    prior = np.array([c.prior_weight for f in near for c in f.candidate.coordinates])
-    known = np.linalg.pinv(slopes.T @ slopes + np.diag(prior**2), hermitian=True)
-    sizes = sum(places[0] in candidate.sizes for places in candidate.places.values())
-    nats, own = SEARCH.complexity * (sizes - 1), columns_of(near, fit)
-    for i, c in enumerate(candidate.coordinates):
-        if i in candidate.sizes:
-            continue
-        low, high = c.bounds
-        spread = float(np.sqrt(known[own[i], own[i]]))
-        if spread == 0.0 or not low + SEARCH.edge * (high - low) < fit.u[i] < high - SEARCH.edge * (high - low):
-            return np.inf
-        if c.prior_weight:  # normal, around what is typical
-            nats += 0.5 * (c.prior_weight * fit.u[i]) ** 2 - np.log(c.prior_weight * spread)
-        else:  # anything within its bounds
-            nats += max(0.0, np.log(c.width / (np.sqrt(2.0 * np.pi) * spread)))
-    return nats
-
-
 def _likeness(a: FloatArray, b: FloatArray, slopes: FloatArray) -> float:
     """Cosine of two whitened changes once the part along the others' tangents is taken off both."""
     if slopes.shape[1]:
@@ -294,7 +266,7 @@ def _likeness(a: FloatArray, b: FloatArray, slopes: FloatArray) -> float:
     return float(abs(a @ b) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-300))
 
 
-def _more_general(search: Search, own: Own, fit: FittedEffect) -> list[Rival]:
+def _more_general(search: Search, own: Own, fit: FittedEffect, price: float) -> list[Rival]:
     """Return look-alikes in the catalogue of which an effect is a special case.
 
     An error of the first row of a kinematic table is an error of the registration. No data rule such a one out, unless
@@ -305,7 +277,7 @@ def _more_general(search: Search, own: Own, fit: FittedEffect) -> list[Rival]:
     if not _is_linear(fit.candidate):
         return []
     alike, rest, noisier = fit.candidate.kind.about.neighbours, own.rest, own.overdispersion
-    narrow = _Linear.of(search, search.fitted, fit)
+    narrow = LinearLaw.of(search, search.fitted, fit)
     change = narrow.slopes @ fit.u
     alone = narrow.evidence(change, noisier)
     if not np.isfinite(alone):
@@ -317,50 +289,20 @@ def _more_general(search: Search, own: Own, fit: FittedEffect) -> list[Rival]:
         if not wider or other.key in found or any(other.key == m.candidate.key for m in rest):
             continue
         columns = search.whitener.whiten_columns(trace.change)
-        factors = _factors(columns, change)
+        factors = factors_of(columns, change)
         left = change - columns @ factors
         if left @ left > NAMING.general * (change @ change):
             continue
         fitted = search.refit((*rest, FittedEffect(other, other.scaled(factors))), other)
         if not fitted[-1].at_edge:
-            wide = _Linear.of(search, fitted, fitted[-1])
+            wide = LinearLaw.of(search, fitted, fitted[-1])
             nats = noisier * (wide.evidence(change, noisier) - alone)
-            found[other.key] = Rival(fitted[-1], own.nats + nats, is_general=True)
+            found[other.key] = Rival(fitted[-1], own.nats + nats, price)  # in the evidence, all numbers are paid for
     return list(found.values())
-
-
-@dataclass(frozen=True, eq=False)
-class _Linear:
-    """Whitened tangents `(M, p)` of an effect, less what others can take up, its numbers, and what its set leaves."""
-
-    slopes: FloatArray
-    numbers: FloatArray
-    misfit: float
-
-    @classmethod
-    def of(cls, search: Search, fitted: Sequence[FittedEffect], fit: FittedEffect) -> _Linear:
-        rest = [m for m in fitted if m is not fit]
-        slopes = linearise(search.whitener, [fit], rest).slopes
-        others = search.linearise_near(rest, fit.candidate).slopes
-        basis = np.linalg.qr(others)[0] if others.shape[1] else others
-        return cls(slopes - basis @ (basis.T @ slopes), fit.u, search.misfit(fitted))
-
-    def evidence(self, change: FloatArray, noisier: float) -> float:
-        """Log evidence with a normal prior of its numbers, of the mean square that their part in a change has."""
-        size = float(np.mean(_factors(self.slopes, change) ** 2))
-        if not size > 0.0:  # others take up all that it changes
-            return -np.inf
-        precision = self.slopes.T @ self.slopes / noisier + np.eye(self.slopes.shape[1]) / size
-        prior = 0.5 * float(self.numbers @ self.numbers) / size
-        return -self.misfit / noisier - prior - 0.5 * float(np.linalg.slogdet(size * precision)[1])
 
 
 def _is_linear(candidate: Candidate) -> bool:
     return all(c.amplitude and c.identity == 0.0 for c in candidate.coordinates)
-
-
-def _factors(columns: FloatArray, change: FloatArray) -> FloatArray:
-    return solve(columns.T @ columns, columns.T @ change)
 
 
 def _strongest_channels(view: View, fit: FittedEffect) -> BoolArray:

@@ -10,6 +10,7 @@ from gpcorrect.sim.effects import Parameter
 
 WIDEST = np.log(1e6)  # of a shape parameter's logarithm around its typical value
 PRIOR_LOG = np.log(3.0)  # standard deviation of a shape parameter's logarithm: a factor of three either way
+PRIOR_WIDTH = 2 * 1.96 * PRIOR_LOG  # of its 95 % interval
 
 
 @dataclass(frozen=True)
@@ -32,8 +33,10 @@ class Coordinate:
 
     @property
     def width(self) -> float:
-        """Width of what it may be, of a period at most."""
+        """Width of what it may be: of a period at most, and of its prior where a logarithm's range begins at zero."""
         low, high = self.bounds
+        if self.kind == "log" and self.low <= 0.0:
+            return float(min(high - low, PRIOR_WIDTH))
         period = self.parameter.period
         return high - low if period is None else min(high - low, period / self.typical)
 
