@@ -17,6 +17,7 @@ from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.tracker import Tracker, slack_of, table_slopes
 from gpcorrect.discrepancy.search.candidates import all_candidates
 from gpcorrect.discrepancy.search.needs import split_by_needs
+from gpcorrect.errors import DataError
 from gpcorrect.sim import machine_of, model_from_dict, simulate
 from gpcorrect.sim.effects import Delay, Effect, GravitySag
 from gpcorrect.sim.plan import Segment, plan_of
@@ -91,6 +92,25 @@ def test_every_outside_signal_is_compared() -> None:
     assert all(explained.values())
     alone = build_scene(replace(log, external_jp=None), MODEL, np.ones(len(log), dtype=np.bool_))
     assert {c.signal for c in alone.channels} == {"measured_jp", "tracker_cp", "tracker_rotation"}
+
+
+@pytest.mark.parametrize(
+    ("mixed", "words"),
+    [((1, -2, 3), "joint 2 moves the other way"), ((2, 1, 3), "joints 1 and 2 are exchanged"), ((1, 2, 3), "")],
+)
+def test_joints_that_are_mixed_up_are_refused_where_only_a_tracker_looks_on(
+    mixed: tuple[int, int, int], words: str
+) -> None:
+    """A wrong sign was outside the catalogue, without a word on what it is; a sag of a centimetre is no such thing."""
+    log = recording(GravitySag(2, 50.0))
+    assert log.measured_jp is not None
+    columns = np.sign(mixed) * log.measured_jp[:, np.abs(mixed) - 1]
+    given = replace(log, measured_jp=columns, setpoint_jp=None, external_jp=None)
+    if not words:
+        build_scene(given, MODEL, np.ones(len(log), dtype=np.bool_))
+        return
+    with pytest.raises(DataError, match=words):
+        build_scene(given, MODEL, np.ones(len(log), dtype=np.bool_))
 
 
 def noisy(*effects: Effect) -> CalibrationLog:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
@@ -18,9 +19,12 @@ from gpcorrect import se3
 from gpcorrect.arms import Chain
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.settings import NOISE
+from gpcorrect.sim.body import Body
 from gpcorrect.types import BoolArray, FloatArray
 
 STEP = 1e-5  # rad or m, for slopes
+PLAINLY = 0.25  # of the tracker's residual, that is left where columns of joints are mixed up; a definition
+ENOUGH = 2000  # rows to tell by: a mixed-up joint is no matter of noise
 ROW_TERMS = {"alpha": NOISE.table_angle, "a": NOISE.table_length, "d": NOISE.table_length, "theta": NOISE.table_angle}
 
 
@@ -162,3 +166,36 @@ def table_slopes(chain: Chain, q: FloatArray, T_tracker_base: FloatArray, tracke
             moved_base = T_tracker_base @ se3.exp(STEP * np.eye(6)[k])
             columns.append((tracker.predicted(moved_base @ tip) - nominal) * (size / STEP))
     return np.stack(columns, axis=2)
+
+
+def mixed_up(tracker: Tracker, body: Body, q: FloatArray, T_tracker_base: FloatArray) -> str:
+    """Return which joints' columns are mixed up: turned, or exchanged, they leave a small part of the residual.
+
+    Parameters
+    ----------
+    tracker : Tracker
+    body : Body, whose chain goes up to the marker
+    q : (n, k) array, its moving joints
+    T_tracker_base : (4, 4) array, as the model states it, or the identity
+
+    Returns
+    -------
+    str
+        Empty where none are.
+    """
+    some = slice(None, None, max(1, len(q) // ENOUGH))
+    tracker, q, k = replace(tracker, position=tracker.position[some], rows=tracker.rows[some]), q[some], q.shape[1]
+
+    def left(columns: FloatArray) -> float:
+        poses = body.forward(columns)
+        assert poses is not None
+        error = tracker.position - tracker.predicted(T_tracker_base @ poses)
+        return float(np.sqrt(np.nanmean(error[tracker.rows] ** 2)))
+
+    ways = {f"joint {j} moves the other way": q * np.where(np.arange(k) == i, -1, 1) for i, j in enumerate(body.joints)}
+    for a, b in combinations(range(k), 2):
+        if body.types[a] == body.types[b]:
+            order = [{a: b, b: a}.get(c, c) for c in range(k)]
+            ways[f"joints {body.joints[a]} and {body.joints[b]} are exchanged"] = q[:, order]
+    best, what = min((left(columns), what) for what, columns in ways.items())
+    return what if best < PLAINLY * left(q) else ""
