@@ -9,6 +9,7 @@ import pytest
 from discrepancy_core import NOISE, RUNS, SAMPLES, joint_log, motors
 from discrepancy_support import nominal
 
+from gpcorrect.discrepancy.naming.occam import price_of
 from gpcorrect.discrepancy.naming.posterior import (
     Alternative,
     Explanation,
@@ -111,10 +112,19 @@ def test_a_fuller_law_whose_shape_the_data_leave_open_is_not_ruled_out_and_never
         assert rival.probability / mine.probability == pytest.approx(np.exp(odds))
 
 
+def test_a_value_a_session_costs_as_much_as_one_for_all() -> None:
+    """A joint homed wrongly in one session of two has one number, and not one less for the session without."""
+    state, _ = _with_offset(joint_log(2, HomingOffset(joint=1, offset=(0.0, 20 * NOISE)), sessions=2), 20 * NOISE)
+    candidate = state.fitted[0].candidate
+    assert len(candidate.coordinates) == 2
+    fit = FittedEffect(candidate, np.array([0.0, candidate.coordinates[1].coordinate(20 * NOISE)]))
+    assert price_of(state, [fit], fit, 1.0) == SETTINGS.search.complexity * candidate.extra
+
+
 def _with_offset(log: CalibrationLog, offset: float) -> tuple[Search, FittedEffect]:
     dataset = prepare_data(log, nominal(), np.random.default_rng(0)).dataset
     candidate = next(c for c in all_candidates(dataset.scene) if c.name == "homing_offset" and c.joint == 1)
-    fit = FittedEffect(candidate, np.array([candidate.coordinates[0].coordinate(offset)]))
+    fit = FittedEffect(candidate, np.array([c.coordinate(offset) for c in candidate.coordinates]))
     state = start_search(dataset, [candidate])
     white = tuple(replace(n, white=NOISE, slow=0.0) for n in state.whitener.noises)
     return replace(state, fitted=(fit,), whitener=replace(state.whitener, noises=white)), fit

@@ -35,19 +35,23 @@ def price_of(search: Search, fitted: Sequence[FittedEffect], fit: FittedEffect, 
         By how much evidence counts less.
     """
     candidate = fit.candidate
-    sizes = [k for k in candidate.sizes if candidate.coordinates[k].prior_weight > 0.0]
+    sizes = [
+        places
+        for places in candidate.places.values()  # several where there is a value a session
+        if places[0] in candidate.sizes and candidate.coordinates[places[0]].prior_weight > 0.0
+    ]
     if len(sizes) < 2:
         return SEARCH.complexity * candidate.extra
     linear = LinearLaw.of(search, fitted, fit)
-    asked, change = list(range(len(fit.u))), linear.slopes @ fit.u
-    for idle in range(1, len(sizes)):
-        rest = [[m for m in asked if m != k] for k in sizes if k in asked]
+    asked, change = set(range(len(fit.u))), linear.slopes @ fit.u
+    idle = 0
+    while idle < len(sizes) - 1:
+        rest = [sorted(asked - set(places)) for places in sizes if asked >= set(places)]
         left = [change - linear.slopes[:, r] @ factors_of(linear.slopes[:, r], change) for r in rest]
         lost = [float(z @ z) for z in left]
-        if min(lost) > chi2.ppf(0.95, idle) * noisier:
+        if min(lost) > chi2.ppf(0.95, len(fit.u) - len(rest[0])) * noisier:
             break
-        asked = rest[int(np.argmin(lost))]
-    idle = len(fit.u) - len(asked)
+        idle, asked = idle + 1, set(rest[int(np.argmin(lost))])
     return SEARCH.complexity * (candidate.extra - idle) + float(np.log(comb(len(sizes), idle)))
 
 
