@@ -189,13 +189,8 @@ class Tracker:
         if len(images) != len(self.cameras):
             raise DataError(f"{len(self.cameras)} cameras are calibrated, {len(images)} pictures came.")
         for camera, image in zip(self.cameras, images, strict=True):
-            lens = camera.intrinsics
-            if image is not None and image.shape[:2] != (lens.height, lens.width):
-                raise DataError(
-                    f"camera {camera.name} was calibrated at {lens.width} x {lens.height}, its picture has "
-                    f"{image.shape[1]} x {image.shape[0]}.",
-                    hint="Record at the size of the calibration, or calibrate at the size of the recording.",
-                )
+            if image is not None:
+                camera.intrinsics.require_size(image, camera.name)
 
     def _follow(self, images: Sequence[Image | None], time: float) -> None:
         """Find every ball where a camera should see it by the time of its own picture."""

@@ -1,0 +1,88 @@
+"""What used to pass for good: pictures paired by number, idle cameras, balls that moved, pictures of another size."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from board_pictures import board_picture
+from command_line import CommandLine, Outcome, assert_refused
+from vision_support import board_before, cameras_of, path_of, record
+
+from gpcorrect.logs import read_log
+from gpcorrect.types import FloatArray
+from gpcorrect.vision import read_cameras, write_cameras
+from gpcorrect.vision.opencv import cv2
+from gpcorrect_studies.rendering import Stage, Studio, backdrop, four_cameras
+
+SEED, FRAMES, RATE = 411, 16, 30.0
+TARGET = """
+ball = [{{name = "green", place = [0.0, -0.038, 0.0]}}, {{name = "yellow", place = [0.038, 0.0, 0.0]}},
+        {{name = "red", place = [0.0, {red}, 0.0]}}]
+"""
+
+
+@pytest.fixture(scope="module")
+def stage() -> Stage:
+    """Return four cameras before a plain background."""
+    return Stage.standard(SEED, pieces=0)
+
+
+@pytest.fixture(scope="module")
+def poses() -> FloatArray:
+    """Return where the tool is, frame by frame."""
+    return path_of(SEED, FRAMES, RATE)
+
+
+@pytest.fixture(scope="module")
+def views(stage: Stage, poses: FloatArray, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """Return a folder a camera; the calibration is beside them."""
+    return record(tmp_path_factory.mktemp("doubts"), stage, poses)
+
+
+def _track(gpcorrect: CommandLine, views: Sequence[Path], output: Path, *more: object) -> Outcome:
+    return gpcorrect("vision", "track", *views, "--output", output, *more)
+
+
+def _named_by_time(views: Sequence[Path], folder: Path, lost: dict[int, int], late: float = 0.0) -> list[Path]:
+    """Copy pictures under the times at which they were taken; `lost`: frames of which a camera has none."""
+    for k, view in enumerate(views):
+        (folder / view.name).mkdir()
+        for i, file in enumerate(sorted(view.iterdir())):
+            if lost.get(k) != i:
+                shutil.copy(file, folder / view.name / f"{1000 + i / RATE + (late if k == 1 else 0.0):.6f}.png")
+    return [folder / view.name for view in views]
+
+
+def test_pictures_of_another_size_are_named_as_such(gpcorrect: CommandLine, views: list[Path], tmp_path: Path) -> None:
+    """A calibration at twice the size: the first look says so, and does not blame the calibration's places."""
+    double = [
+        replace(c, intrinsics=type(c.intrinsics)(1280, 960, np.diag([2.0, 2.0, 1.0]) @ c.intrinsics.matrix))
+        for c in read_cameras(views[0].parent / "cameras.json")
+    ]
+    write_cameras(double, tmp_path / "double.json")
+    outcome = _track(gpcorrect, views, tmp_path / "log.csv", "--cameras", tmp_path / "double.json")
+    assert_refused(outcome, "1280 x 960", "640 x 480")
+
+
+def test_calibrations_that_are_none_are_refused(gpcorrect: CommandLine, views: list[Path], tmp_path: Path) -> None:
+    """A matrix that is transposed, mirrored or skewed, and a place with a shear or a transposed one."""
+    plain = json.loads((views[0].parent / "cameras.json").read_text())
+    K, T = np.array(plain["cameras"][0]["matrix"]), np.array(plain["cameras"][0]["T_camera_tracker"])
+    shear = np.diag([1.05, 1.0 / 1.05, 1.0, 1.0])
+    for change, saying in (
+        ({"matrix": K.T.tolist()}, "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"),
+        ({"matrix": (np.diag([-1.0, 1.0, 1.0]) @ K).tolist()}, "above zero"),
+        ({"distortion": [float("nan"), 0.0, 0.0, 0.0]}, "finite"),
+        ({"T_camera_tracker": (T @ shear).tolist()}, "no rigid motion"),
+        ({"T_camera_tracker": T.T.tolist()}, "no rigid motion"),
+    ):
+        row = {**plain["cameras"][0], **change}
+        (tmp_path / "bad.json").write_text(json.dumps({**plain, "cameras": [row, *plain["cameras"][1:]]}))
+        words = ("--cameras", tmp_path / "bad.json")
+        assert_refused(_track(gpcorrect, views, tmp_path / "log.csv", *words), "bad.json", saying)
