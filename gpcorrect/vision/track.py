@@ -20,7 +20,7 @@ from gpcorrect.vision.filtering import STATUSES, Status
 from gpcorrect.vision.opencv import Image
 from gpcorrect.vision.search import REASONS, Reason
 from gpcorrect.vision.settings import DEFAULT, VisionSettings
-from gpcorrect.vision.sources import Source, frame_times, open_source
+from gpcorrect.vision.sources import Source, frame_times, pair_by_time
 from gpcorrect.vision.target import Target
 from gpcorrect.vision.tracker import Frame, Tracker
 
@@ -186,14 +186,16 @@ def track(
             hint="Give one video or folder for each camera, in this order.",
         )
     begun = time.perf_counter()
+    unpaired = pair_by_time(sources) if settings.fps is None else []
     count, names = max(source.count for source in sources), [source.path.name for source in sources]
+    times, rows = frame_times(sources, settings.fps, count), []
     if settings.first_look:
         last = min(source.count for source in sources) - 1
         some = np.unique(np.linspace(0, last, settings.vision.check.frames).astype(int))
         pictures = [[source.peek(int(i)) for source in sources] for i in some]
         check_fit(pictures, cameras, target, names, settings.vision)
-    times, rows = frame_times(sources, settings.fps, count), []
-    tracker = Tracker(cameras, target, settings.vision, settings.workers, _clocks(sources, cameras, target, settings))
+    clocks = _clocks(sources, times, cameras, target, settings)
+    tracker = Tracker(cameras, target, settings.vision, settings.workers, clocks)
     with tracker, ThreadPoolExecutor(1) as reader:
 
         def next_pictures() -> Future[list[Image | None]]:
@@ -211,7 +213,7 @@ def track(
                 on_frame(frame, images)
             progress.step("frames", (i + 1) / count)
     whole = Track(*(np.array(column) for column in zip(*rows, strict=True)))
-    remarks = _interruptions(sources, len(whole.time))
+    remarks = unpaired + _interruptions(sources, len(whole.time))
     found = zip(cameras, 1e3 * tracker.clocks.delays, 1e3 * tracker.clocks.stds, strict=True)
     late = [f"{c.name} {by:+.1f} ms (±{std:.1f})" for c, by, std in found if c.delay is None and abs(by) > 0.05]
     if late:
@@ -225,14 +227,17 @@ def track(
 
 
 def _clocks(
-    sources: Sequence[Source], cameras: Sequence[Camera], target: Target, settings: TrackSettings
+    sources: Sequence[Source],
+    times: FloatArray,
+    cameras: Sequence[Camera],
+    target: Target,
+    settings: TrackSettings,
 ) -> Clocks | None:
     """Learn delays from the beginning of the recordings, so that the first frames have them too."""
     look = settings.vision.clocks.look
     if not settings.first_look or min(source.count for source in sources) < look:
         return None
-    again = [open_source(source.path) for source in sources]
-    times = frame_times(sources, settings.fps, max(source.count for source in sources))
+    again = [source.again() for source in sources]
     with Tracker(cameras, target, settings.vision, settings.workers) as tracker:
         for time_ in times[:look]:
             tracker.step([source.read() for source in again], float(time_))

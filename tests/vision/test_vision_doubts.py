@@ -59,6 +59,46 @@ def _named_by_time(views: Sequence[Path], folder: Path, lost: dict[int, int], la
     return [folder / view.name for view in views]
 
 
+def test_images_named_by_their_times_are_paired_by_them(
+    gpcorrect: CommandLine, views: list[Path], poses: FloatArray, tmp_path: Path
+) -> None:
+    """Every camera but the first lost one picture, each another: still within 0.3 mm, and the frames are named."""
+    named = _named_by_time(views, tmp_path, {1: 4, 2: 7, 3: 10})
+    outcome = _track(gpcorrect, named, tmp_path / "log.csv", "--cameras", views[0].parent / "cameras.json", "--json")
+    assert outcome.code == 0, outcome.err
+    log = read_log(tmp_path / "log.csv")
+    assert log.tracker_cp is not None
+    error = np.linalg.norm(log.tracker_cp.position - poses[:, :3, 3], axis=1)
+    assert error.max() < 3e-4
+    for k in (1, 2, 3):
+        assert f"view{k} has no picture within 17 ms of view0's in 1 of 16 frames." in outcome.json["remarks"]
+
+
+def test_times_that_say_nothing_are_refused(gpcorrect: CommandLine, views: list[Path], tmp_path: Path) -> None:
+    """Two clocks that have nothing in common, videos of different rates, a table of too few times, no rate at all."""
+    cameras = ("--cameras", views[0].parent / "cameras.json")
+    (tmp_path / "named").mkdir()
+    apart = _named_by_time(views, tmp_path / "named", {}, late=60.0)
+    output = tmp_path / "log.csv"
+    assert_refused(_track(gpcorrect, apart, output, *cameras), "no picture of view1", "view0", "--fps")
+    videos = []
+    for k, view in enumerate(views):
+        videos.append(tmp_path / f"{view.name}.avi")
+        code = cv2.VideoWriter_fourcc(*"MJPG")
+        video = cv2.VideoWriter(str(videos[-1]), code, 25.0 if k == 0 else RATE, (640, 480))
+        for file in sorted(view.iterdir()):
+            video.write(cv2.imread(str(file)))
+        video.release()
+    assert_refused(_track(gpcorrect, videos, output, *cameras), "different frame rates", "view0.avi 25", "view1.avi 30")
+    assert_refused(_track(gpcorrect, videos, output, *cameras, "--fps", 0), "above zero")
+    (tmp_path / "film").mkdir()
+    for video_file in videos:
+        video_file.rename(tmp_path / "film" / video_file.name)
+    (tmp_path / "film" / "times.csv").write_text("view0\n" + "".join(f"{i / RATE}\n" for i in range(FRAMES - 2)))
+    assert_refused(_track(gpcorrect, [tmp_path / "film"], output, *cameras), "14 times of 16 frames")
+    assert not output.exists()
+
+
 def test_pictures_of_another_size_are_named_as_such(gpcorrect: CommandLine, views: list[Path], tmp_path: Path) -> None:
     """A calibration at twice the size: the first look says so, and does not blame the calibration's places."""
     double = [
