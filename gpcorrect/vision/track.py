@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -219,8 +220,12 @@ def track(
     if late:
         remarks.append(f"Cameras look later than {cameras[0].name}: {', '.join(late)}; taken into account.")
     remarks += _doubts(whole, cameras, target, settings.vision.check.often)
+    remarks += _misshapen(whole, target, settings.vision)
     if not (whole.status == 0).any():
-        hint = "Look at the pictures: every ball must be seen by two cameras at the same time."
+        hint = (
+            "Look at the pictures: every ball must be seen by two cameras at the same time. Where it is, the "
+            "calibration or the target file does not fit them."
+        )
         raise LogError(f"the tool was found in none of {len(whole.time)} frames. {' '.join(remarks)}", hint=hint)
     log = whole.log(target, remarks, ", ".join(names))
     return TrackResult(whole, log, tuple(remarks), time.perf_counter() - begun)
@@ -272,14 +277,19 @@ def _interruptions(sources: Sequence[Source], frames: int) -> list[str]:
 
 
 def _doubts(whole: Track, cameras: Sequence[Camera], target: Target, often: float) -> list[str]:
-    """Name cameras that contradict the others, and balls that were hardly seen."""
+    """Name cameras that contradict the others or add nothing, and balls that were hardly seen."""
     against = (whole.views == REASONS.index(Reason.AGAINST_OTHERS)).mean(axis=(0, 2))
     hidden = ((whole.views == 0).sum(axis=1) < 2).mean(axis=0)
-    remarks = [
-        f"Camera {camera.name} contradicts the others in {100 * part:.0f} % of its views: was it moved?"
-        for camera, part in zip(cameras, against, strict=True)
-        if part > often
-    ]
+    measured = whole.status == STATUSES.index(Status.MEASURED)
+    unused = (whole.views[measured] != 0).all(axis=2).sum(axis=0) / max(np.count_nonzero(measured), 1)
+    remarks = []
+    for camera, contrary, part in zip(cameras, against, unused, strict=True):
+        if contrary > often:
+            words = f"contradicts the others in {100 * contrary:.0f} % of its views: was it moved?"
+            remarks.append(f"Camera {camera.name} {words}")
+        elif part > often:
+            words = f"adds nothing to {100 * part:.0f} % of the measured frames"
+            remarks.append(f"Camera {camera.name} {words}: is it dark, late, or calibrated for another place?")
     remarks += [
         f"Ball {ball} is seen by fewer than two cameras in {100 * part:.0f} % of the frames."
         for ball, part in zip(target.names, hidden, strict=True)
@@ -288,4 +298,23 @@ def _doubts(whole: Track, cameras: Sequence[Camera], target: Target, often: floa
     lost = int(np.count_nonzero(whole.status == STATUSES.index(Status.LOST)))
     if lost:
         remarks.append(f"The tool is lost in {lost} of {len(whole.time)} frames; these rows are empty.")
+    return remarks
+
+
+def _misshapen(whole: Track, target: Target, settings: VisionSettings) -> list[str]:
+    """Name balls that are not as far apart as the target file says: such poses err more than they say."""
+    remarks, check, few = [], settings.check, int(settings.views.spread_memory)
+    for (i, first), (j, second) in itertools.combinations(enumerate(target.balls), 2):
+        apart = np.linalg.norm(whole.balls[:, i] - whole.balls[:, j], axis=1)
+        known = float(np.linalg.norm(np.subtract(first.place, second.place)))
+        rows = np.flatnonzero(np.isfinite(apart))
+        for stretch in np.array_split(rows, len(rows) // few) if len(rows) >= few else ():
+            usual, std = float(np.median(apart[stretch])), np.linalg.norm(whole.std[stretch, :3], axis=1)
+            if abs(usual - known) > max(check.misshapen * float(np.median(std)), check.misshapen_least):
+                remarks.append(
+                    f"Balls {first.name} and {second.name} are {1e3 * usual:.1f} mm apart in the pictures from "
+                    f"{whole.time[stretch[0]]:.1f} s on, {1e3 * known:.1f} mm in the target file: the poses are "
+                    "farther off than they say. Was a ball moved, or the calibration's board of another size?"
+                )
+                break
     return remarks

@@ -99,6 +99,37 @@ def test_times_that_say_nothing_are_refused(gpcorrect: CommandLine, views: list[
     assert not output.exists()
 
 
+def test_a_camera_that_adds_nothing_is_named(gpcorrect: CommandLine, views: list[Path], tmp_path: Path) -> None:
+    """One camera of four is dark all along: the log is right without it, and says so."""
+    dark = tmp_path / "dark"
+    dark.mkdir()
+    for file in views[2].iterdir():
+        cv2.imwrite(str(dark / file.name), np.zeros((480, 640, 3), np.uint8))
+    words = [*views[:2], dark, views[3]]
+    outcome = _track(
+        gpcorrect, words, tmp_path / "log.csv", "--cameras", views[0].parent / "cameras.json", "--fps", RATE, "--json"
+    )
+    assert outcome.code == 0, outcome.err
+    assert [remark for remark in outcome.json["remarks"] if remark.startswith("Camera")] == [
+        "Camera cam2 adds nothing to 100 % of the measured frames: is it dark, late, or calibrated for another place?"
+    ]
+
+
+@pytest.mark.parametrize("moved", [0.0, 0.002])
+def test_a_ball_that_is_not_where_the_target_says_is_named(
+    gpcorrect: CommandLine, views: list[Path], tmp_path: Path, moved: float
+) -> None:
+    """The red ball is 2 mm beside its place: the remark has the distance; where it is right, there is none."""
+    (tmp_path / "tool.toml").write_text(TARGET.format(red=0.038 - moved))
+    cameras = views[0].parent / "cameras.json"
+    words = ["--cameras", cameras, "--target", tmp_path / "tool.toml", "--fps", RATE, "--json"]
+    outcome = _track(gpcorrect, views, tmp_path / "log.csv", *words)
+    assert outcome.code == 0, outcome.err
+    said = [remark for remark in outcome.json["remarks"] if remark.startswith("Balls green and red")]
+    assert len(said) == (1 if moved else 0)
+    assert not moved or "76.0 mm apart in the pictures from 0.0 s on, 74.0 mm in the target file" in said[0]
+
+
 def test_pictures_of_another_size_are_named_as_such(gpcorrect: CommandLine, views: list[Path], tmp_path: Path) -> None:
     """A calibration at twice the size: the first look says so, and does not blame the calibration's places."""
     double = [
