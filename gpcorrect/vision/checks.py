@@ -83,7 +83,7 @@ def check_fit(
     if placed.fraction >= check.enough:
         _check_sizes(candidates, cameras, target, settings)
     order, best = _best_order(candidates, cameras, target, settings)
-    if best.agreeing > check.better * placed.agreeing + 2 and best.fraction >= check.some:
+    if best.agreeing > check.better * placed.agreeing + 2 and best.fraction >= check.enough:
         moved = [f"{names[i]} shows what camera {cameras[k].name} sees" for i, k in enumerate(order) if i != k]
         right = " ".join(names[order.index(k)] for k in range(len(order)))
         hint = f"Give them in the calibration's order: {right}"

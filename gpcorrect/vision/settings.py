@@ -117,9 +117,11 @@ class CheckSettings:
     """When a recording is refused before tracking, and what is remarked on after it."""
 
     frames: int = 7  # spread over the recording; the balls may be hidden in some
-    enough: float = 0.75  # of the views agree: no reason to doubt
+    # Of the views agree: no reason to doubt. Less makes no other order of the cameras the true one: among 24 orders of
+    # four cameras there is often one in which two of them, half of the views, agree on every ball by chance.
+    enough: float = 0.75
     better: float = 1.25  # times as many agreeing views (and two more) make another order of the cameras the true one
-    some: float = 0.34  # of the views must agree in the best order
+    some: float = 0.34  # of the views must agree
     few_views: float = 1.5  # cameras a ball and frame, on average: with fewer, nothing speaks against the calibration
     most_ordered: int = 5  # cameras of which all orders (120) are tried; of more, only swaps of two
     order_frames: int = 3  # frames with which orders are compared,

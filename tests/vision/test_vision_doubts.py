@@ -157,3 +157,14 @@ def test_calibrations_that_are_none_are_refused(gpcorrect: CommandLine, views: l
         (tmp_path / "bad.json").write_text(json.dumps({**plain, "cameras": [row, *plain["cameras"][1:]]}))
         words = ("--cameras", tmp_path / "bad.json")
         assert_refused(_track(gpcorrect, views, tmp_path / "log.csv", *words), "bad.json", saying)
+
+
+def test_a_wrong_lens_accuses_no_camera_of_being_swapped(
+    gpcorrect: CommandLine, stage: Stage, views: list[Path], tmp_path: Path
+) -> None:
+    """The middles of all pictures are 12 px off: no order of the cameras is said to be the true one."""
+    off = np.array([[0.0, 0.0, 12.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    wrong = [replace(c, intrinsics=replace(c.intrinsics, matrix=c.intrinsics.matrix + off)) for c in cameras_of(stage)]
+    write_cameras(wrong, tmp_path / "wrong.json")
+    outcome = _track(gpcorrect, views, tmp_path / "log.csv", "--cameras", tmp_path / "wrong.json")
+    assert_refused(outcome, "the calibration does not fit the pictures")
