@@ -168,3 +168,40 @@ def test_a_wrong_lens_accuses_no_camera_of_being_swapped(
     write_cameras(wrong, tmp_path / "wrong.json")
     outcome = _track(gpcorrect, views, tmp_path / "log.csv", "--cameras", tmp_path / "wrong.json")
     assert_refused(outcome, "the calibration does not fit the pictures")
+
+
+def test_a_log_s_place_is_checked_before_the_work(gpcorrect: CommandLine, views: list[Path], tmp_path: Path) -> None:
+    """A description of another log under the name of the new one's is found before any picture is read."""
+    (tmp_path / "log.toml").write_text("")
+    outcome = _track(
+        gpcorrect, [tmp_path / "none"], tmp_path / "log.csv", "--cameras", views[0].parent / "cameras.json"
+    )
+    assert_refused(outcome, "log.toml is there already")
+
+
+def test_the_picture_of_the_place_is_the_one_that_counts(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """A blurred `place` is not replaced by a picture of other moments; without any, the picture taken is named.
+
+    Nor is one believed that has another size than the boards.
+    """
+    rng = np.random.default_rng(SEED)
+    lenses = four_cameras(rng)[:2]
+    for k, lens in enumerate(lenses):
+        (tmp_path / f"cam{k}").mkdir()
+        studio = Studio(lens, backdrop(lens.size, rng, pieces=0), noise=1.0, rng=rng)
+        for i in range(3):
+            cv2.imwrite(str(tmp_path / f"cam{k}" / f"{i}.png"), board_picture(studio, board_before(lens, rng)))
+    folders = [tmp_path / "cam0", tmp_path / "cam1"]
+    outcome = gpcorrect("vision", "rig", *folders, "--square", 15, "--output", tmp_path / "rig.toml")
+    assert outcome.code == 0
+    assert "0 of every folder is taken for one moment" in outcome.said
+    big = cv2.resize(cv2.imread(str(folders[1] / "0.png")), None, fx=2.0, fy=2.0)
+    cv2.imwrite(str(tmp_path / "big.png"), big)
+    text = (tmp_path / "rig.toml").read_text()
+    (tmp_path / "rig.toml").write_text(text.replace('picture = "cam1/0.png"', 'picture = "big.png"'))
+    refused = gpcorrect("vision", "calibrate", tmp_path / "rig.toml", "--output", tmp_path / "c.json")
+    assert_refused(refused, "camera cam1", "1280 x 960")
+    for folder in folders:
+        cv2.imwrite(str(folder / "place.png"), np.full((480, 640, 3), 90, np.uint8))
+    again = gpcorrect("vision", "rig", *folders, "--square", 15, "--output", tmp_path / "second.toml")
+    assert_refused(again, "no picture place in which all of 2 cameras see the board")
