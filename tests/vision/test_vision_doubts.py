@@ -16,9 +16,10 @@ from vision_support import board_before, cameras_of, path_of, record
 
 from gpcorrect.logs import read_log
 from gpcorrect.types import FloatArray
-from gpcorrect.vision import read_cameras, write_cameras
+from gpcorrect.vision import Tracker, read_cameras, write_cameras
+from gpcorrect.vision import single_ball as single_target
 from gpcorrect.vision.opencv import cv2
-from gpcorrect_studies.rendering import Stage, Studio, backdrop, four_cameras
+from gpcorrect_studies.rendering import Ball, Stage, Studio, backdrop, four_cameras, single_ball
 
 SEED, FRAMES, RATE = 411, 16, 30.0
 TARGET = """
@@ -128,6 +129,23 @@ def test_a_ball_that_is_not_where_the_target_says_is_named(
     said = [remark for remark in outcome.json["remarks"] if remark.startswith("Balls green and red")]
     assert len(said) == (1 if moved else 0)
     assert not moved or "76.0 mm apart in the pictures from 0.0 s on, 74.0 mm in the target file" in said[0]
+
+
+def test_of_two_lone_balls_that_move_none_is_taken() -> None:
+    """Another red ball of the size moves too: none is reported while both are seen, and the one that stays is."""
+    stage = Stage.standard(SEED, single_ball("red"), pieces=0)
+    path, other = path_of(SEED, 14, 15.0), path_of(SEED + 1, 14, 15.0)
+    away, found = np.array([0.0, -0.09, 0.02]), []
+    with Tracker(cameras_of(stage), single_target("red")) as tracker:
+        for i in range(14):
+            balls = stage.balls(path[i])
+            decoy = Ball(other[i][:3, 3] + away, stage.radius, (200.0, 35.0, 35.0))
+            shown = [studio.photograph([*balls, decoy] if i < 8 else balls) for studio in stage.studios]
+            frame = tracker.step(shown, i / 15.0)
+            found.append(frame.measured is not None)
+            assert not found[-1] or np.linalg.norm(frame.pose.T_tracker_tool[:3, 3] - path[i][:3, 3]) < 1e-3
+    assert not any(found[:8])
+    assert found[-1]
 
 
 def test_pictures_of_another_size_are_named_as_such(gpcorrect: CommandLine, views: list[Path], tmp_path: Path) -> None:
