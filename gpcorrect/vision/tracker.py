@@ -153,9 +153,9 @@ class Tracker:
                 self._views = followed if predicted is not None else before
         self._wait = 0 if fit is not None else (self._wait or self.settings.views.patience) - 1
         trusted = [sum(views[b].effective for views in self._views) for b in range(len(self.target.balls))]
-        # A jump that three cameras agree on for every ball is one.
+        # A jump that three cameras agree on for every ball is one; of two cameras it must show again.
         measured = (None, None) if fit is None else (fit.T_tracker_tool, fit.covariance)
-        pose = self._filter.step(time, *measured, found_anew=anew or min(trusted) >= 3)
+        pose = self._filter.step(time, *measured, sure=min(trusted) >= 3)
         views = self.settings.views
         for memory, seeing in zip(self._memory, trusted, strict=True):
             factor = views.widen if seeing < 2 else 1.0 / views.widen

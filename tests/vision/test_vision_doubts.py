@@ -16,7 +16,7 @@ from vision_support import board_before, cameras_of, path_of, record
 
 from gpcorrect.logs import read_log
 from gpcorrect.types import FloatArray
-from gpcorrect.vision import Tracker, read_cameras, write_cameras
+from gpcorrect.vision import END_EFFECTOR, Tracker, read_cameras, write_cameras
 from gpcorrect.vision import single_ball as single_target
 from gpcorrect.vision.opencv import cv2
 from gpcorrect_studies.rendering import Ball, Stage, Studio, backdrop, four_cameras, single_ball
@@ -146,6 +146,23 @@ def test_of_two_lone_balls_that_move_none_is_taken() -> None:
             assert not found[-1] or np.linalg.norm(frame.pose.T_tracker_tool[:3, 3] - path[i][:3, 3]) < 1e-3
     assert not any(found[:8])
     assert found[-1]
+
+
+def test_a_jump_that_two_cameras_see_must_show_again(stage: Stage, poses: FloatArray) -> None:
+    """The tool is 2 cm away in one picture: no measured row says so; where it stays away, it is followed there."""
+    away = np.array([0.0, 0.02, 0.0])
+    states = []
+    with Tracker(cameras_of(stage)[:2], END_EFFECTOR) as tracker:
+        for i in range(FRAMES):
+            pose = np.array(poses[i])
+            pose[:3, 3] += away if i == 6 or i >= 9 else 0.0
+            frame = tracker.step([studio.photograph(stage.balls(pose)) for studio in stage.studios[:2]], i / RATE)
+            states.append(frame.pose.status.value)
+            wrong = np.linalg.norm(frame.pose.T_tracker_tool[:3, 3] - pose[:3, 3])
+            assert states[-1] != "measured" or wrong < 1e-3
+    assert states[6] == "coasting"
+    assert states[7:9] == ["measured", "measured"]
+    assert states[13:] == ["measured"] * (FRAMES - 13)
 
 
 def test_pictures_of_another_size_are_named_as_such(gpcorrect: CommandLine, views: list[Path], tmp_path: Path) -> None:
