@@ -35,6 +35,7 @@ class Source:
     files : tuple of Path or None, the images; empty for a video, None for a frame without a picture
     read_so_far : int, pictures that were read, or tried
     unreadable : list of int, those that could not be read
+    repeated : int, those that are the one before again
     """
 
     path: Path
@@ -45,6 +46,8 @@ class Source:
     _video: Any = field(default=None, repr=False)
     read_so_far: int = 0
     unreadable: list[int] = field(default_factory=list)
+    repeated: int = 0
+    _last: Image | None = field(default=None, repr=False)
 
     @property
     def ended(self) -> bool:
@@ -64,6 +67,9 @@ class Source:
                 image, self.count = None, self.read_so_far + 1
         if there and image is None:
             self.unreadable.append(self.read_so_far)
+        if image is not None:  # no sensor's noise is the same twice
+            self.repeated += self._last is not None and np.array_equal(image, self._last)
+            self._last = image
         self.read_so_far += 1
         return image
 

@@ -264,7 +264,7 @@ def _row(frame: Frame) -> tuple[object, ...]:
 
 
 def _interruptions(sources: Sequence[Source], frames: int) -> list[str]:
-    """Name recordings that ended early, and pictures that could not be read."""
+    """Name recordings that ended early, and pictures that could not be read or are no new ones."""
     remarks = []
     for source in sources:
         bad = [i for i in source.unreadable if i < source.count - 1 or source.files]
@@ -273,6 +273,9 @@ def _interruptions(sources: Sequence[Source], frames: int) -> list[str]:
             remarks.append(f"{source.path.name} ends after {readable} of {frames} frames; the others go on without it.")
         if bad:
             remarks.append(f"{source.path.name}: {len(bad)} pictures cannot be read, the first is number {bad[0] + 1}.")
+        if source.repeated:
+            words = "are the one before again: what they show was earlier than their times say."
+            remarks.append(f"{source.path.name}: {source.repeated} of {readable} pictures {words}")
     return remarks
 
 

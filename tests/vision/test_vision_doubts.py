@@ -116,6 +116,22 @@ def test_a_camera_that_adds_nothing_is_named(gpcorrect: CommandLine, views: list
     ]
 
 
+def test_pictures_that_come_twice_are_named(gpcorrect: CommandLine, views: list[Path], tmp_path: Path) -> None:
+    """A recorder that writes every picture of a slow camera twice: the log says so, for that camera alone."""
+    slow = tmp_path / "slow"
+    slow.mkdir()
+    for i, file in enumerate(sorted(views[1].iterdir())[::2]):
+        for k in (0, 1):
+            shutil.copy(file, slow / f"{2 * i + k:04d}.png")
+    cameras = views[0].parent / "cameras.json"
+    words = [views[0], slow, *views[2:]]
+    outcome = _track(gpcorrect, words, tmp_path / "log.csv", "--cameras", cameras, "--fps", RATE, "--json")
+    assert outcome.code == 0, outcome.err
+    assert [remark for remark in outcome.json["remarks"] if "before again" in remark] == [
+        "slow: 8 of 16 pictures are the one before again: what they show was earlier than their times say."
+    ]
+
+
 @pytest.mark.parametrize("moved", [0.0, 0.002])
 def test_a_ball_that_is_not_where_the_target_says_is_named(
     gpcorrect: CommandLine, views: list[Path], tmp_path: Path, moved: float
