@@ -288,11 +288,14 @@ def _doubts(whole: Track, cameras: Sequence[Camera], target: Target, often: floa
     remarks = []
     for camera, contrary, part in zip(cameras, against, unused, strict=True):
         if contrary > often:
-            words = f"contradicts the others in {100 * contrary:.0f} % of its views: was it moved?"
-            remarks.append(f"Camera {camera.name} {words}")
+            words = (
+                f"contradicts the others in {100 * contrary:.0f} % of its views: was it moved, or is a picture missing?"
+            )
         elif part > often:
-            words = f"adds nothing to {100 * part:.0f} % of the measured frames"
-            remarks.append(f"Camera {camera.name} {words}: is it dark, late, or calibrated for another place?")
+            words = f"adds nothing to {100 * part:.0f} % of the measured frames: is it dark, late, or placed wrongly?"
+        else:
+            continue
+        remarks.append(f"Camera {camera.name} {words}")
     remarks += [
         f"Ball {ball} is seen by fewer than two cameras in {100 * part:.0f} % of the frames."
         for ball, part in zip(target.names, hidden, strict=True)

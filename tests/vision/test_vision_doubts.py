@@ -112,7 +112,7 @@ def test_a_camera_that_adds_nothing_is_named(gpcorrect: CommandLine, views: list
     )
     assert outcome.code == 0, outcome.err
     assert [remark for remark in outcome.json["remarks"] if remark.startswith("Camera")] == [
-        "Camera cam2 adds nothing to 100 % of the measured frames: is it dark, late, or calibrated for another place?"
+        "Camera cam2 adds nothing to 100 % of the measured frames: is it dark, late, or placed wrongly?"
     ]
 
 
