@@ -81,10 +81,15 @@ def rig(
 
     Example: gpcorrect vision rig front/ left/ back/ right/ --square 19.9 --output rig.toml
     """
-    from gpcorrect.vision import Chessboard, rig_text
+    from gpcorrect.vision import Chessboard, read_rig, rig_text
 
     require_new(output)
     write_file(output, rig_text(folders, Chessboard(columns, rows, 1e-3 * square), output.parent))
+    at = read_rig(output).cameras[0].board_at
+    if at is not None and at.stem != "place":
+        console.note(
+            f"no folder has a picture place: {at.stem} of every folder is taken for one moment, the board at rest"
+        )
     words = f"rig: {output}   next: gpcorrect vision calibrate {output}"
     console.print_result({"output": str(output), "cameras": [folder.name for folder in folders]}, words, as_json=json)
 
@@ -203,16 +208,15 @@ def track(
 
     gpcorrect vision track cam0/ cam1/ --ball red --fps 25 --annotated look.mp4 --report quality.html
     """
-    from gpcorrect.logs import write_log
+    from gpcorrect.logs import require_writable, write_log
     from gpcorrect.vision import AnnotatedVideo, TrackSettings, open_sources, read_cameras
     from gpcorrect.vision import annotated as draw
     from gpcorrect.vision import track as track_sources
 
-    for path in filter(None, (output, annotated)):
-        require_folder(path)
+    require_writable(output)
+    if annotated is not None:
+        require_folder(annotated)
     page = opt.report_page(report)
-    if output.suffix not in (".csv", ".parquet"):
-        raise DataError(f"a log ends in .csv or .parquet; got {output.name}.")
     followed, known = _target(target, ball), read_cameras(cameras)
     sources = open_sources(videos, [camera.name for camera in known])
     settings = TrackSettings(fps=fps, first_look=first_look, workers=workers)

@@ -111,7 +111,7 @@ class LoneBall:
     """Finds a target of one ball again, which has no shape by which it could be known from a thing like it.
 
     Where it was expected, it is the ball. Elsewhere, or where several places are possible from the start, it is
-    believed when it moves: what lies still is not on the tool.
+    believed when it alone moves: what lies still is not on the tool.
     """
 
     def __init__(self, settings: AgreementSettings) -> None:
@@ -139,12 +139,12 @@ class LoneBall:
         if not self._tracked and len(seen) == 1:
             self._tracked = True
             return seen[0]
-        for h in seen:
-            moved = min((float(np.linalg.norm(h.position - e.position)) for e in earlier), default=np.inf)
-            if settings.still < moved < settings.fastest * since:
-                self._tracked = True
-                return h
-        return None
+        moved = [min((float(np.linalg.norm(h.position - e.position)) for e in earlier), default=np.inf) for h in seen]
+        moving = [h for h, by in zip(seen, moved, strict=True) if settings.still < by < settings.fastest * since]
+        if len(moving) != 1:  # of two that move, nothing says which is the ball
+            return None
+        self._tracked = True
+        return moving[0]
 
 
 def acquire(

@@ -177,8 +177,8 @@ def _opencv(corners: Sequence[FloatArray], board: Chessboard, size: tuple[int, i
 def rig_text(folders: Sequence[Path], board: Chessboard, beside: Path) -> str:
     """Return a rig file (TOML) for cameras that each have a folder of pictures of the board.
 
-    The tracker frame is that of the board in the picture `place` of every folder; without one, in the first picture
-    whose name all folders share and in which every camera sees the board.
+    The tracker frame is that of the board in the picture `place` of every folder; where no folder has one, in the first
+    picture whose name all folders share and in which every camera sees the board.
 
     Parameters
     ----------
@@ -204,13 +204,15 @@ def rig_text(folders: Sequence[Path], board: Chessboard, beside: Path) -> str:
         if not pictures[-1]:
             hint = "Give one folder of pictures of the board a camera."
             raise DataError(f"there are no pictures in {folder}.", hint=hint)
-    shared = sorted(set.intersection(*(set(one) for one in pictures)), key=lambda name: (name != PLACE, name))
-    for name in shared:
+    placed = any(PLACE in one for one in pictures)  # then another picture is of other moments
+    shared = {PLACE} if placed else set.intersection(*(set(one) for one in pictures))
+    for name in sorted(name for name in shared if all(name in one for one in pictures)):
         if all(find_corners(read_image(one[name]), board) is not None for one in pictures):
             break
     else:
         raise DataError(
-            f"there is no picture of one name in which all of {len(folders)} cameras see the board.",
+            f"there is no picture {PLACE if placed else 'of one name'} in which all of {len(folders)} cameras see the "
+            "board.",
             hint="Lay the board where every camera sees it, and save that moment as place.png in each folder.",
         )
     lines = ["[board]", f"columns = {board.columns}", f"rows = {board.rows}", f"square = {board.square}"]

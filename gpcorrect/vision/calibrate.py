@@ -137,7 +137,9 @@ def _calibrated(row: RigCamera, rig: Rig) -> CameraReport:
         intrinsics, without, corner_rms, used, given = row.lens, (), None, 0, 0
     # First phase: where the board at its known place says that the camera stands.
     at = None if row.board_at is None else row.T_tracker_board
-    rough = [] if at is None else poses_from_board(_place_corners(row, rig.board), rig.board, at, intrinsics)
+    rough = (
+        [] if at is None else poses_from_board(_place_corners(row, rig.board, intrinsics), rig.board, at, intrinsics)
+    )
     seen = _markers(row, rig, intrinsics, rough)
     if not seen and not rough:
         hint = "Give board_at or markers in the rig file."
@@ -149,7 +151,7 @@ def _calibrated(row: RigCamera, rig: Rig) -> CameraReport:
         placement = _placed(points, pixels, intrinsics, rough)
     else:  # the corners of the board at its place are known points
         assert at is not None
-        points, pixels = rig.board.points @ at[:3, :3].T + at[:3, 3], _place_corners(row, rig.board)
+        points, pixels = rig.board.points @ at[:3, :3].T + at[:3, 3], _place_corners(row, rig.board, intrinsics)
         placement = refine_pose(points, pixels, intrinsics, rough[:1])
     if row.lens is None:
         bundle = adjust(lens, rig.board, points, pixels, placement)
@@ -182,10 +184,12 @@ def _lens(row: RigCamera, board: Chessboard) -> tuple[LensCalibration, tuple[str
     return calibrate_lens(corners, board, sizes.pop()), tuple(without)
 
 
-def _place_corners(row: RigCamera, board: Chessboard) -> FloatArray:
+def _place_corners(row: RigCamera, board: Chessboard, lens: Intrinsics) -> FloatArray:
     """Corners of the board at its known place."""
     assert row.board_at is not None
-    corners = find_corners(read_image(row.board_at), board)
+    image = read_image(row.board_at)
+    lens.require_size(image, row.name)
+    corners = find_corners(image, board)
     if corners is None:
         raise LogError(
             f"camera {row.name}: no chessboard of {board.columns} x {board.rows} inner corners in the picture of its "
@@ -204,6 +208,7 @@ def _markers(row: RigCamera, rig: Rig, lens: Intrinsics, rough: Sequence[FloatAr
         hint = "Give board_at in the rig file."
         raise LogError(f"camera {row.name}: markers can only be looked for near a rough place.", hint=hint)
     image = read_image(row.markers_in)
+    lens.require_size(image, row.name)
     blobs = find_blobs(image)
     tried = [_found_from(image, blobs, rig, Camera(row.name, lens, T)) for T in rough]
     found = sorted((one for one in tried if one), key=lambda one: (-int(one[0].used.sum()), one[0].rms_px))

@@ -9,7 +9,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, frozen_array
-from gpcorrect.vision.opencv import cv2
+from gpcorrect.vision.opencv import Image, cv2
 
 IN_FRONT = 1e-6  # m: a point nearer to the plane of the lens has no pixel
 
@@ -40,6 +40,34 @@ class Intrinsics:
                 f"a camera has a 3 x 3 matrix and 4 or 5 distortion numbers; got {self.matrix.shape} and {given.size}."
             )
         object.__setattr__(self, "distortion", frozen_array(np.pad(given, (0, 5 - given.size))))
+        (fx, _, cx), (_, fy, cy), _ = self.matrix
+        finite = np.isfinite(self.matrix).all() and np.isfinite(given).all()
+        if not finite or min(fx, fy) <= 0 or not np.allclose(self.matrix, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]):
+            raise DataError(
+                f"a camera's matrix is [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with fx and fy above zero, all numbers "
+                f"finite; got {self.matrix.tolist()} and distortion {given.tolist()}."
+            )
+
+    def require_size(self, image: Image, name: str) -> None:
+        """Check that a picture has the size that the lens is known for: at another one, pixels mean other rays.
+
+        Parameters
+        ----------
+        image : (height, width, ...) uint8 array
+        name : str
+            Of the camera, for the message.
+
+        Raises
+        ------
+        DataError
+            It has another size.
+        """
+        if image.shape[:2] != (self.height, self.width):
+            raise DataError(
+                f"camera {name} was calibrated at {self.width} x {self.height}, its picture has {image.shape[1]} x "
+                f"{image.shape[0]}.",
+                hint="Record at the size of the calibration, or calibrate at the size of the recording.",
+            )
 
     @property
     def focal(self) -> float:
@@ -104,7 +132,7 @@ class Camera:
 
     def __post_init__(self) -> None:
         T = np.asarray(self.T_camera_tracker, dtype=np.float64)
-        if T.shape != (4, 4) or not np.isfinite(T).all() or abs(np.linalg.det(T[:3, :3]) - 1.0) > 1e-3:
+        if T.shape != (4, 4) or not _is_rigid(T):
             raise DataError(f"camera {self.name}: T_camera_tracker is no rigid motion, or not 4 x 4.")
         object.__setattr__(self, "T_camera_tracker", frozen_array(T))
         if self.covariance is not None:
@@ -144,3 +172,10 @@ class Camera:
         """
         d: FloatArray = np.asarray(local).reshape(-1, 3) @ self.T_camera_tracker[:3, :3]
         return np.asarray(d / np.linalg.norm(d, axis=1, keepdims=True))
+
+
+def _is_rigid(T: FloatArray) -> bool:
+    """Whether a matrix turns and moves, to the three decimals that people write: no scale, no shear, no mirror."""
+    R = T[:3, :3]
+    square = np.allclose(R @ R.T, np.eye(3), rtol=0.0, atol=1e-3) and np.linalg.det(R) > 0
+    return bool(np.isfinite(T).all() and square and np.allclose(T[3], [0.0, 0.0, 0.0, 1.0], rtol=0.0))

@@ -55,11 +55,16 @@ def check_fit(
 
     Raises
     ------
+    DataError
+        A picture has another size than its camera's calibration.
     LogError
         A ball's colour is nowhere, the cameras are in the wrong order, the calibration is of another set of cameras,
         or the balls are larger or farther apart than the target says.
     """
     check = settings.check
+    for camera, image in itertools.chain.from_iterable(zip(cameras, images, strict=True) for images in frames):
+        if image is not None:
+            camera.intrinsics.require_size(image, camera.name)
     candidates: list[Candidates] = [
         [
             [[] if image is None else detect_everywhere(image, camera, ball, settings) for ball in target.balls]
@@ -78,7 +83,7 @@ def check_fit(
     if placed.fraction >= check.enough:
         _check_sizes(candidates, cameras, target, settings)
     order, best = _best_order(candidates, cameras, target, settings)
-    if best.agreeing > check.better * placed.agreeing + 2 and best.fraction >= check.some:
+    if best.agreeing > check.better * placed.agreeing + 2 and best.fraction >= check.enough:
         moved = [f"{names[i]} shows what camera {cameras[k].name} sees" for i, k in enumerate(order) if i != k]
         right = " ".join(names[order.index(k)] for k in range(len(order)))
         hint = f"Give them in the calibration's order: {right}"

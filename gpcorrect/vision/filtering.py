@@ -92,7 +92,7 @@ class PoseFilter:
         T_tracker_tool: FloatArray | None = None,
         covariance: FloatArray | None = None,
         *,
-        found_anew: bool = False,
+        sure: bool = False,
     ) -> Filtered:
         """Move to `time`, take in a pose if there is one, and return the estimate.
 
@@ -102,8 +102,8 @@ class PoseFilter:
         T_tracker_tool : (4, 4) array, optional, the measured pose
         covariance : (6, 6) array, optional
             Of position and rotation vector; a tenth of a millimetre and 3 mrad when absent.
-        found_anew : bool
-            The pose comes from a search without prediction: when it is far off, the past is forgotten.
+        sure : bool
+            The pose is one whatever was expected: when it is far off, the past is forgotten.
 
         Raises
         ------
@@ -122,14 +122,14 @@ class PoseFilter:
             variances = np.diag([self.settings.acceleration**2] * 3 + [self.settings.angular_acceleration**2] * 3)
             self._kalman.predict(F=F, Q=np.kron(Q_discrete_white_noise(dim=2, dt=dt, var=1.0), variances))
             self._fold(self._kalman)
-        if T_tracker_tool is not None and self._believed(T_tracker_tool, noise, found_anew):
+        if T_tracker_tool is not None and self._believed(T_tracker_tool, noise, sure):
             self._seen = time
             return self._estimate(Status.MEASURED)
         if time - self._seen > self.settings.coast:
             self._kalman = None
         return self._estimate(Status.COASTING)
 
-    def _believed(self, T: FloatArray, noise: FloatArray, found_anew: bool) -> bool:
+    def _believed(self, T: FloatArray, noise: FloatArray, sure: bool) -> bool:
         """Take a measurement in, unless it is too far off to be true; a refusal that repeats starts the filter anew."""
         if self._kalman is None:
             self._start(T, noise)
@@ -139,7 +139,7 @@ class PoseFilter:
         distance = float(off @ np.linalg.solve(self._kalman.P[:POSE, :POSE] + noise, off))
         if distance > self.settings.gate:
             self._refused += 1
-            if self._refused < self.settings.stubborn and not found_anew:
+            if self._refused < self.settings.stubborn and not sure:
                 return False
             self._start(T, noise)
             return True

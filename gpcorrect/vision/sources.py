@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,19 +32,22 @@ class Source:
     fps : float or None, pictures a second, where it says so
     times : (count,) array or None
         Seconds, where the names of the images are times.
-    files : tuple of Path, the images; empty for a video
+    files : tuple of Path or None, the images; empty for a video, None for a frame without a picture
     read_so_far : int, pictures that were read, or tried
     unreadable : list of int, those that could not be read
+    repeated : int, those that are the one before again
     """
 
     path: Path
     count: int
     fps: float | None = None
     times: FloatArray | None = None
-    files: tuple[Path, ...] = ()
+    files: tuple[Path | None, ...] = ()
     _video: Any = field(default=None, repr=False)
     read_so_far: int = 0
     unreadable: list[int] = field(default_factory=list)
+    repeated: int = 0
+    _last: Image | None = field(default=None, repr=False)
 
     @property
     def ended(self) -> bool:
@@ -55,14 +58,18 @@ class Source:
         """Return the next picture, or None when it cannot be read or none is left."""
         if self.ended:
             return None
+        there = True
         if self._video is None:
-            image = cv2.imread(str(self.files[self.read_so_far]))
+            image, there = self.peek(self.read_so_far), self.files[self.read_so_far] is not None
         else:
             good, image = self._video.read()
             if not good:  # a video cannot be read beyond a break: the rest of what its header says is not there
                 image, self.count = None, self.read_so_far + 1
-        if image is None:
+        if there and image is None:
             self.unreadable.append(self.read_so_far)
+        if image is not None:  # no sensor's noise is the same twice
+            self.repeated += self._last is not None and np.array_equal(image, self._last)
+            self._last = image
         self.read_so_far += 1
         return image
 
@@ -74,12 +81,17 @@ class Source:
         index : int, from 0
         """
         if self._video is None:
-            return cv2.imread(str(self.files[index])) if index < len(self.files) else None
+            file = self.files[index] if index < len(self.files) else None
+            return None if file is None else cv2.imread(str(file))
         other = cv2.VideoCapture(str(self.path))
         other.set(cv2.CAP_PROP_POS_FRAMES, index)
         good, image = other.read()
         other.release()
         return image if good else None
+
+    def again(self) -> Source:
+        """Return the same recording, to be read from its beginning."""
+        return replace(open_source(self.path), count=self.count, times=self.times, files=self.files)
 
 
 def open_source(path: str | Path) -> Source:
@@ -170,6 +182,53 @@ def read_image(path: Path) -> Image:
     return image
 
 
+def pair_by_time(sources: Sequence[Source]) -> list[str]:
+    """Pair images that are named by their times: at each of the first camera's, the nearest of every other's.
+
+    By their numbers, one picture that a recorder lost would put its camera a frame behind from there on.
+
+    Parameters
+    ----------
+    sources : sequence of Source
+        Changed in place; those without times in their names stay as they are.
+
+    Returns
+    -------
+    list of str
+        Which frames lack pictures, in words.
+
+    Raises
+    ------
+    LogError
+        The times of two recordings have nothing in common.
+    """
+    stamped = [(s, s.times) for s in sources if s.files and s.times is not None]
+    if len(stamped) < 2 or stamped[0][0].count < 2:
+        return []
+    (first, times), *others = stamped
+    remarks, reach = [], 0.5 * float(np.median(np.diff(times)))  # what is farther belongs to another frame
+    for source, own in others:
+        files: list[Path | None] = [None] * len(times)
+        nearest = np.searchsorted(0.5 * (times[1:] + times[:-1]), own)
+        for k in np.argsort(-np.abs(own - times[nearest])):  # the nearest last: it stays
+            if abs(own[k] - times[nearest[k]]) <= reach:
+                files[nearest[k]] = source.files[k]
+        lacking = files.count(None)
+        if lacking == len(files):
+            raise LogError(
+                f"no picture of {source.path.name} was taken at the time of one of {first.path.name}, by their names: "
+                f"{own[0]:.3f} to {own[-1]:.3f} s, and {times[0]:.3f} to {times[-1]:.3f} s.",
+                hint="Name them by the same clock; or pair them by number, with --fps.",
+            )
+        if lacking:
+            remarks.append(
+                f"{source.path.name} has no picture within {1e3 * reach:.0f} ms of {first.path.name}'s in {lacking} of "
+                f"{len(files)} frames."
+            )
+        source.files, source.times, source.count = tuple(files), times, len(files)
+    return remarks
+
+
 def frame_times(sources: Sequence[Source], fps: float | None, count: int) -> FloatArray:
     """Return the times of the frames `(count,)`, s, from the images' names where these are times, else from a rate.
 
@@ -178,10 +237,26 @@ def frame_times(sources: Sequence[Source], fps: float | None, count: int) -> Flo
     sources : sequence of Source
     fps : float or None, frames a second; the videos' own, or 30, when None
     count : int
+
+    Raises
+    ------
+    LogError
+        The rate is none, or nothing says it: times that are too few or do not increase, videos of different rates.
     """
+    hint = "Say the frames a second with --fps: pictures are then paired by number."
     if fps is None:
-        stamped = next((s.times for s in sources if s.times is not None and len(s.times) == count), None)
-        if stamped is not None and bool((np.diff(stamped) > 0).all()):
-            return stamped
-        fps = next((s.fps for s in sources if s.fps), USUAL_FPS)
+        stamped = [s.times for s in sources if s.times is not None]
+        if stamped:
+            times = next((t for t in stamped if len(t) == count), stamped[0])
+            if len(times) != count or not (np.diff(times) > 0).all():
+                raise LogError(f"the {len(times)} times of {count} frames are too few, or do not increase.", hint=hint)
+            return times
+        rates = {s.path.name: s.fps for s in sources if s.fps}
+        # Paired by number, the last pictures are then more than half a frame apart.
+        if rates and count * (1.0 - min(rates.values()) / max(rates.values())) > 0.5:
+            said = ", ".join(f"{name} {rate:g}" for name, rate in rates.items())
+            raise LogError(f"the videos have different frame rates: {said}. Convert them to one.", hint=hint)
+        fps = next(iter(rates.values()), USUAL_FPS)
+    if not (np.isfinite(fps) and fps > 0):
+        raise LogError(f"frames a second are a number above zero; got {fps:g}.")
     return np.arange(count) / fps

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -20,7 +21,7 @@ from gpcorrect.vision.filtering import STATUSES, Status
 from gpcorrect.vision.opencv import Image
 from gpcorrect.vision.search import REASONS, Reason
 from gpcorrect.vision.settings import DEFAULT, VisionSettings
-from gpcorrect.vision.sources import Source, frame_times, open_source
+from gpcorrect.vision.sources import Source, frame_times, pair_by_time
 from gpcorrect.vision.target import Target
 from gpcorrect.vision.tracker import Frame, Tracker
 
@@ -186,14 +187,16 @@ def track(
             hint="Give one video or folder for each camera, in this order.",
         )
     begun = time.perf_counter()
+    unpaired = pair_by_time(sources) if settings.fps is None else []
     count, names = max(source.count for source in sources), [source.path.name for source in sources]
+    times, rows = frame_times(sources, settings.fps, count), []
     if settings.first_look:
         last = min(source.count for source in sources) - 1
         some = np.unique(np.linspace(0, last, settings.vision.check.frames).astype(int))
         pictures = [[source.peek(int(i)) for source in sources] for i in some]
         check_fit(pictures, cameras, target, names, settings.vision)
-    times, rows = frame_times(sources, settings.fps, count), []
-    tracker = Tracker(cameras, target, settings.vision, settings.workers, _clocks(sources, cameras, target, settings))
+    clocks = _clocks(sources, times, cameras, target, settings)
+    tracker = Tracker(cameras, target, settings.vision, settings.workers, clocks)
     with tracker, ThreadPoolExecutor(1) as reader:
 
         def next_pictures() -> Future[list[Image | None]]:
@@ -211,28 +214,35 @@ def track(
                 on_frame(frame, images)
             progress.step("frames", (i + 1) / count)
     whole = Track(*(np.array(column) for column in zip(*rows, strict=True)))
-    remarks = _interruptions(sources, len(whole.time))
+    remarks = unpaired + _interruptions(sources, len(whole.time))
     found = zip(cameras, 1e3 * tracker.clocks.delays, 1e3 * tracker.clocks.stds, strict=True)
     late = [f"{c.name} {by:+.1f} ms (±{std:.1f})" for c, by, std in found if c.delay is None and abs(by) > 0.05]
     if late:
         remarks.append(f"Cameras look later than {cameras[0].name}: {', '.join(late)}; taken into account.")
     remarks += _doubts(whole, cameras, target, settings.vision.check.often)
+    remarks += _misshapen(whole, target, settings.vision)
     if not (whole.status == 0).any():
-        hint = "Look at the pictures: every ball must be seen by two cameras at the same time."
+        hint = (
+            "Look at the pictures: every ball must be seen by two cameras at the same time. Where it is, the "
+            "calibration or the target file does not fit them."
+        )
         raise LogError(f"the tool was found in none of {len(whole.time)} frames. {' '.join(remarks)}", hint=hint)
     log = whole.log(target, remarks, ", ".join(names))
     return TrackResult(whole, log, tuple(remarks), time.perf_counter() - begun)
 
 
 def _clocks(
-    sources: Sequence[Source], cameras: Sequence[Camera], target: Target, settings: TrackSettings
+    sources: Sequence[Source],
+    times: FloatArray,
+    cameras: Sequence[Camera],
+    target: Target,
+    settings: TrackSettings,
 ) -> Clocks | None:
     """Learn delays from the beginning of the recordings, so that the first frames have them too."""
     look = settings.vision.clocks.look
     if not settings.first_look or min(source.count for source in sources) < look:
         return None
-    again = [open_source(source.path) for source in sources]
-    times = frame_times(sources, settings.fps, max(source.count for source in sources))
+    again = [source.again() for source in sources]
     with Tracker(cameras, target, settings.vision, settings.workers) as tracker:
         for time_ in times[:look]:
             tracker.step([source.read() for source in again], float(time_))
@@ -254,7 +264,7 @@ def _row(frame: Frame) -> tuple[object, ...]:
 
 
 def _interruptions(sources: Sequence[Source], frames: int) -> list[str]:
-    """Name recordings that ended early, and pictures that could not be read."""
+    """Name recordings that ended early, and pictures that could not be read or are no new ones."""
     remarks = []
     for source in sources:
         bad = [i for i in source.unreadable if i < source.count - 1 or source.files]
@@ -263,18 +273,29 @@ def _interruptions(sources: Sequence[Source], frames: int) -> list[str]:
             remarks.append(f"{source.path.name} ends after {readable} of {frames} frames; the others go on without it.")
         if bad:
             remarks.append(f"{source.path.name}: {len(bad)} pictures cannot be read, the first is number {bad[0] + 1}.")
+        if source.repeated:
+            words = "are the one before again: what they show was earlier than their times say."
+            remarks.append(f"{source.path.name}: {source.repeated} of {readable} pictures {words}")
     return remarks
 
 
 def _doubts(whole: Track, cameras: Sequence[Camera], target: Target, often: float) -> list[str]:
-    """Name cameras that contradict the others, and balls that were hardly seen."""
+    """Name cameras that contradict the others or add nothing, and balls that were hardly seen."""
     against = (whole.views == REASONS.index(Reason.AGAINST_OTHERS)).mean(axis=(0, 2))
     hidden = ((whole.views == 0).sum(axis=1) < 2).mean(axis=0)
-    remarks = [
-        f"Camera {camera.name} contradicts the others in {100 * part:.0f} % of its views: was it moved?"
-        for camera, part in zip(cameras, against, strict=True)
-        if part > often
-    ]
+    measured = whole.status == STATUSES.index(Status.MEASURED)
+    unused = (whole.views[measured] != 0).all(axis=2).sum(axis=0) / max(np.count_nonzero(measured), 1)
+    remarks = []
+    for camera, contrary, part in zip(cameras, against, unused, strict=True):
+        if contrary > often:
+            words = (
+                f"contradicts the others in {100 * contrary:.0f} % of its views: was it moved, or is a picture missing?"
+            )
+        elif part > often:
+            words = f"adds nothing to {100 * part:.0f} % of the measured frames: is it dark, late, or placed wrongly?"
+        else:
+            continue
+        remarks.append(f"Camera {camera.name} {words}")
     remarks += [
         f"Ball {ball} is seen by fewer than two cameras in {100 * part:.0f} % of the frames."
         for ball, part in zip(target.names, hidden, strict=True)
@@ -283,4 +304,23 @@ def _doubts(whole: Track, cameras: Sequence[Camera], target: Target, often: floa
     lost = int(np.count_nonzero(whole.status == STATUSES.index(Status.LOST)))
     if lost:
         remarks.append(f"The tool is lost in {lost} of {len(whole.time)} frames; these rows are empty.")
+    return remarks
+
+
+def _misshapen(whole: Track, target: Target, settings: VisionSettings) -> list[str]:
+    """Name balls that are not as far apart as the target file says: such poses err more than they say."""
+    remarks, check, few = [], settings.check, int(settings.views.spread_memory)
+    for (i, first), (j, second) in itertools.combinations(enumerate(target.balls), 2):
+        apart = np.linalg.norm(whole.balls[:, i] - whole.balls[:, j], axis=1)
+        known = float(np.linalg.norm(np.subtract(first.place, second.place)))
+        rows = np.flatnonzero(np.isfinite(apart))
+        for stretch in np.array_split(rows, len(rows) // few) if len(rows) >= few else ():
+            usual, std = float(np.median(apart[stretch])), np.linalg.norm(whole.std[stretch, :3], axis=1)
+            if abs(usual - known) > max(check.misshapen * float(np.median(std)), check.misshapen_least):
+                remarks.append(
+                    f"Balls {first.name} and {second.name} are {1e3 * usual:.1f} mm apart in the pictures from "
+                    f"{whole.time[stretch[0]]:.1f} s on, {1e3 * known:.1f} mm in the target file: the poses are "
+                    "farther off than they say. Was a ball moved, or the calibration's board of another size?"
+                )
+                break
     return remarks

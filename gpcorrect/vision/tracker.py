@@ -153,9 +153,9 @@ class Tracker:
                 self._views = followed if predicted is not None else before
         self._wait = 0 if fit is not None else (self._wait or self.settings.views.patience) - 1
         trusted = [sum(views[b].effective for views in self._views) for b in range(len(self.target.balls))]
-        # A jump that three cameras agree on for every ball is one.
+        # A jump that three cameras agree on for every ball is one; of two cameras it must show again.
         measured = (None, None) if fit is None else (fit.T_tracker_tool, fit.covariance)
-        pose = self._filter.step(time, *measured, found_anew=anew or min(trusted) >= 3)
+        pose = self._filter.step(time, *measured, sure=min(trusted) >= 3)
         views = self.settings.views
         for memory, seeing in zip(self._memory, trusted, strict=True):
             factor = views.widen if seeing < 2 else 1.0 / views.widen
@@ -189,13 +189,8 @@ class Tracker:
         if len(images) != len(self.cameras):
             raise DataError(f"{len(self.cameras)} cameras are calibrated, {len(images)} pictures came.")
         for camera, image in zip(self.cameras, images, strict=True):
-            lens = camera.intrinsics
-            if image is not None and image.shape[:2] != (lens.height, lens.width):
-                raise DataError(
-                    f"camera {camera.name} was calibrated at {lens.width} x {lens.height}, its picture has "
-                    f"{image.shape[1]} x {image.shape[0]}.",
-                    hint="Record at the size of the calibration, or calibrate at the size of the recording.",
-                )
+            if image is not None:
+                camera.intrinsics.require_size(image, camera.name)
 
     def _follow(self, images: Sequence[Image | None], time: float) -> None:
         """Find every ball where a camera should see it by the time of its own picture."""

@@ -155,6 +155,6 @@ def test_the_filter_disbelieves_one_jump_and_takes_a_repeated_one() -> None:
     assert tracked.step(20 / 30.0, off).status == "coasting"
     assert tracked.step(21 / 30.0, off).status == "coasting"
     assert tracked.step(22 / 30.0, off).status == "measured"
-    assert tracked.step(23 / 30.0, _moving(0.7), found_anew=True).status == "measured"
+    assert tracked.step(23 / 30.0, _moving(0.7), sure=True).status == "measured"
     with pytest.raises(DataError, match="order of time"):
         tracked.step(0.1)
