@@ -25,7 +25,6 @@ from gpcorrect.logs.sync import match_clocks
 from gpcorrect.one_thread import on_one_thread
 from gpcorrect.types import BoolArray, CalibrationLog, Progress
 
-METHODS = CommandCorrector.METHODS
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 
 
