@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import Generic, TypeVar
 
@@ -148,16 +149,14 @@ class Job(msgspec.Struct, frozen=True, eq=False):
     refuse: Callable[[Request, ServiceError, str], Response] = refusal
 
 
+@dataclass(frozen=True)
 class Dispatcher:
     """Answers and counts jobs; used by worker threads only, for replying may wait for the network."""
 
-    def __init__(
-        self, settings: ServerSettings, counters: Counters, logger: Logger, monotonic: Callable[[], float]
-    ) -> None:
-        self._settings = settings
-        self._counters = counters
-        self._logger = logger
-        self._monotonic = monotonic
+    settings: ServerSettings
+    counters: Counters
+    logger: Logger
+    monotonic: Callable[[], float]
 
     def answer(self, job: Job) -> None:
         """Send what the job's handler returns.
@@ -178,11 +177,11 @@ class Dispatcher:
         """
         busy = ServiceError(
             "BUSY",
-            f"{self._settings.queue_capacity} requests are waiting already, or the server is stopping.",
+            f"{self.settings.queue_capacity} requests are waiting already, or the server is stopping.",
             hint="Ask again later, or add a replica.",
         )
         with job.query as query:
-            self._send(query, job, job.refuse(_request(query, job.arrived), busy, self._settings.replica))
+            self._send(query, job, job.refuse(_request(query, job.arrived), busy, self.settings.replica))
 
     def drop(self, job: Job) -> None:
         """Let the query go without an answer, so that its client does not wait for one.
@@ -191,13 +190,13 @@ class Dispatcher:
         ----------
         job : Job
         """
-        self._counters.add(job.kind, "DROPPED")
+        self.counters.add(job.kind, "DROPPED")
         with job.query:
             pass
 
     def _send(self, query: zenoh.Query, job: Job, response: Response) -> None:
-        seconds = self._monotonic() - job.arrived
-        self._counters.add(job.kind, response.status, seconds, response.rows, response.outside)
+        seconds = self.monotonic() - job.arrived
+        self.counters.add(job.kind, response.status, seconds, response.rows, response.outside)
         try:
             if response.is_error:
                 query.reply_err(response.payload, encoding=response.encoding)
@@ -205,7 +204,7 @@ class Dispatcher:
                 # A queryable answers on its own concrete key.
                 query.reply(job.key, response.payload, encoding=response.encoding, attachment=response.attachment)
         except zenoh.ZError as error:
-            self._logger.warning("reply not sent", kind=job.kind, status=response.status, cause=str(error))
+            self.logger.warning("reply not sent", kind=job.kind, status=response.status, cause=str(error))
 
 
 def _request(query: zenoh.Query, arrived: float) -> Request:
