@@ -72,15 +72,6 @@ class GPMap:
         mean, std, novelty = self.predictor.mean_std_batch(X[:, self.columns])
         return (mean if self.linear is None else self.linear.mean(X) + mean), std, novelty
 
-    def mean(self, X: FloatArray) -> FloatArray:
-        """Return means `(n, m)` at inputs `(n, d)`.
-
-        Parameters
-        ----------
-        X : (n, d) array, inputs
-        """
-        return self.predict(X)[0]
-
     def predict_one(self, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         """Return mean and standard deviation `(m,)` and novelty at one input `(d,)`: the hot path of streams.
 
