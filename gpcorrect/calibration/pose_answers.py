@@ -328,7 +328,5 @@ class PoseStream:
 
 def _step(first: PoseSignal, second: PoseSignal) -> FloatArray:
     """Return the step `(k,)` between two poses of one row each, see :func:`gpcorrect.calibration.memory.steps`."""
-    quaternions = [pose.quaternion for pose in (first, second) if pose.quaternion is not None]
-    both = PoseSignal(np.vstack([first.position, second.position]), np.vstack(quaternions) if quaternions else None)
-    step: FloatArray = steps(both)[1]
+    step: FloatArray = steps(PoseSignal.of(np.vstack([first.table, second.table])))[1]
     return step
