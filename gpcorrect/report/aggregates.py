@@ -8,6 +8,7 @@ import numpy as np
 from scipy.stats import norm
 
 from gpcorrect.calibration import Corrector, Measured, PartErrors, part_errors
+from gpcorrect.calibration.dataset import evenly_spread
 from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
 from gpcorrect.report.page import Section, TableData
 from gpcorrect.report.paths import METHOD_ROLES, METHOD_WORDS, Shown
@@ -93,7 +94,7 @@ def distribution_chart(errors: Sequence[tuple[str, Mapping[str, FloatArray]]], r
         series = []
         for (name, size), role in zip(sizes.items(), roles, strict=True):
             known = np.sort(size[np.isfinite(size)])
-            place = np.unique(np.linspace(0, len(known) - 1, min(LEVELS, len(known))).astype(int))
+            place = evenly_spread(len(known), LEVELS)
             series.append(Series(name, Mark.LINE, role, known[place], 100 * (place + 1) / len(known)))
         panels.append(Panel(label, "samples below [%]", series, log_x=True, y_range=(0, 100), height=220))
     return Chart("Fraction of samples with an error below the value on the axis.", panels, columns=2)
