@@ -70,6 +70,21 @@ class PoseSignal:
                 raise DataError(f"quaternions must have shape ({len(position)}, 4), got {quaternion.shape}.")
             object.__setattr__(self, "quaternion", quaternion)
 
+    @classmethod
+    def of(cls, table: FloatArray) -> Self:
+        """Return the poses of a table.
+
+        Parameters
+        ----------
+        table : (n, 7) or (n, 3) array, positions and quaternions; positions alone
+        """
+        return cls(table[:, :3], table[:, 3:] if table.shape[1] > 3 else None)
+
+    @property
+    def table(self) -> FloatArray:
+        """(n, 7) array, positions and quaternions; (n, 3) without orientation."""
+        return self.position if self.quaternion is None else np.hstack([self.position, self.quaternion])
+
     def __len__(self) -> int:
         return len(self.position)
 

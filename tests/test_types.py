@@ -57,3 +57,10 @@ def test_a_missing_number_makes_the_sample_not_finite() -> None:
     position[1, 2] = quaternion[2, 0] = np.nan
     assert PoseSignal(position, quaternion).finite.tolist() == [True, False, False]
     assert PoseSignal(position).finite.tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize("columns", [3, 7])
+def test_a_table_of_poses_and_back_is_the_same(columns: int) -> None:
+    """Poses with and without orientation are the table that they came from."""
+    table = np.arange(4.0 * columns).reshape(4, columns)
+    np.testing.assert_array_equal(PoseSignal.of(table).table, table)

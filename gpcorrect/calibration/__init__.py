@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.drift import Ageing, Detection, detect, estimate_ageing
     from gpcorrect.calibration.evaluate import (
         COMPONENTS,
-        METHODS,
         Evaluation,
         Experiment,
         evaluate_model,
@@ -40,7 +39,7 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.history import HeldOut, PartErrors, Step, command_line, last_measured, now, versions
     from gpcorrect.calibration.joints import JointCorrector
     from gpcorrect.calibration.learners import LEARNERS, learner_named
-    from gpcorrect.calibration.metrics import ErrorTable, JointErrors, error_table, joint_units, spread
+    from gpcorrect.calibration.metrics import JointErrors, error_table, joint_units, spread
     from gpcorrect.calibration.model_file import load, load_any, load_with_hash, model_hash, require_model_place, save
     from gpcorrect.calibration.model_store import Entry, ModelStore, refuse_other_use
     from gpcorrect.calibration.pose_answers import PoseStream
@@ -59,8 +58,7 @@ __getattr__ = imported_on_demand(
         "cartesian": "CommandCorrector",
         "dataset": "HoldOut folds_of",
         "drift": "Ageing Detection detect estimate_ageing",
-        "evaluate": "COMPONENTS METHODS Evaluation Experiment evaluate_model part_errors position_reductions "
-        "run_experiment",
+        "evaluate": "COMPONENTS Evaluation Experiment evaluate_model part_errors position_reductions run_experiment",
         "excitation": "DIRECTIONS Direction TimedPath direction_named random_sinusoids random_sweeps timed zigzag",
         "explore": "Proposal propose",
         "fit": "FitResult fit_corrector fit_model",
@@ -68,7 +66,7 @@ __getattr__ = imported_on_demand(
         "history": "HeldOut PartErrors Step command_line last_measured now versions",
         "joints": "JointCorrector",
         "learners": "LEARNERS learner_named",
-        "metrics": "ErrorTable JointErrors error_table joint_units spread",
+        "metrics": "JointErrors error_table joint_units spread",
         "model_file": "load load_any load_with_hash model_hash require_model_place save",
         "model_store": "Entry ModelStore refuse_other_use",
         "pose_answers": "PoseStream",
@@ -86,7 +84,6 @@ __all__ = [
     "COMPONENTS",
     "DIRECTIONS",
     "LEARNERS",
-    "METHODS",
     "PURPOSES",
     "Ageing",
     "CommandCorrector",
@@ -95,7 +92,6 @@ __all__ = [
     "Difference",
     "Direction",
     "Entry",
-    "ErrorTable",
     "Evaluation",
     "Experiment",
     "FitResult",

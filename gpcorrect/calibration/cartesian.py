@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from gpcorrect.calibration import queries
 from gpcorrect.calibration.arm_kinematics import ArmKinematics
 from gpcorrect.calibration.dataset import Samples, folds_of, path_starts
 from gpcorrect.calibration.joint_route import JointRoute
@@ -202,7 +201,7 @@ class CommandCorrector(PoseAnswers):
         poses, twist = self.check_queries[:, :size], self.check_queries[:, POSE:]
         alone = Correction.stack([self.correct(*query) for query in zip(poses, twist, strict=True)])
         found = [alone.numbers(alone.std)]
-        desired = queries.poses_of(poses)
+        desired = PoseSignal.of(poses)
         if self.memory is not None:
             new = np.arange(len(poses)) == 0
             recalled = self.correct_observed(desired, twist, self.rigid.apply(desired), new)

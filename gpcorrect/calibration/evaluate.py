@@ -25,7 +25,6 @@ from gpcorrect.logs.sync import match_clocks
 from gpcorrect.one_thread import on_one_thread
 from gpcorrect.types import BoolArray, CalibrationLog, Progress
 
-METHODS = CommandCorrector.METHODS
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 
 
@@ -256,8 +255,7 @@ def part_errors(corrector: Corrector, measured: Measured) -> tuple[PartErrors, .
     return tuple(
         PartErrors(method, part.name, part.unit, **spread(part.sizes(measured.of(method))))
         for method in corrector.METHODS
-        for part in corrector.parts(measured.raw.shape[1])
-        if np.isfinite(measured.raw[:, part.columns]).any()
+        for part in corrector.measured_parts(measured)
     )
 
 

@@ -56,7 +56,7 @@ def reached(corrector: CommandCorrector, commands: ArrayLike, twist: ArrayLike |
             f" and {np.count_nonzero(~np.isfinite(moving))} numbers that are not finite.",
             hint="vx vy vz in m/s and wx wy wz in rad/s of every command.",
         )
-    target = queries.poses_of(rows)
+    target = PoseSignal.of(rows)
     rigid, poses = corrector.rigid, corrector.rigid.inverse(target)
     corrector.trained.refuse_far(poses.position)
     for _ in range(STEPS):

@@ -201,7 +201,8 @@ class JointCorrector(ViewCorrector):
                 f"new zeros need at least {LEAST_RUN_SECONDS:g} s of motion with external_jp, got {seconds:.1f} s.",
                 hint="Record a minute over the whole range.",
             )
-        law = self.law.rezeroed(np.median(measured.corrected, axis=0)[self.view.moving])
+        shift = np.median(measured.corrected, axis=0)[self.view.moving]
+        law = replace(self.law, zero=self.law.zero + shift)
         return replace(self, law=law, history=(*self.history, step_now("rezero", log)))
 
     def zeros(self, log: CalibrationLog, measured: Measured) -> list[dict[str, Any]]:

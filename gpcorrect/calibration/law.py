@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Self
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -147,12 +146,3 @@ class Law:
         codes = np.where(cut, int(Reason.LIMITED), 0) | np.where(inside, 0, int(Reason.OUTSIDE))
         reasons: IntArray = np.where(rows, codes, int(Reason.MISSING)).astype(np.int64)
         return Prediction(residual + self.zero, std, self.intervals.interval95(std), reasons)
-
-    def rezeroed(self, shift: FloatArray) -> Self:
-        """Return the law with its zeros moved by `shift` (m,).
-
-        Parameters
-        ----------
-        shift : (m,) array, m or rad
-        """
-        return replace(self, zero=self.zero + shift)

@@ -162,7 +162,7 @@ class PoseAnswers(Corrector):
         self.trained.refuse_far(rows[:, :POSITION])
         self.trained.refuse_slow(rows[:, :POSITION], seconds)
         labels = np.zeros(len(rows), dtype=np.int64)
-        desired, replaced = self.possible(queries.poses_of(rows), seconds, labels)
+        desired, replaced = self.possible(PoseSignal.of(rows), seconds, labels)
         twist = np.nan_to_num(twists(seconds, desired.position, rotations_of(desired), labels))
         if self.memory is None:
             answer = self.correct_observed(desired, twist)
@@ -171,8 +171,7 @@ class PoseAnswers(Corrector):
                 answer = self.joined(in_joints, answer)
             return answer.because(Reason.BRIDGED, replaced)
         stream = self.stream()  # memory is of the commands, which are known one after the other
-        pose_rows = [desired.position] if desired.quaternion is None else [desired.position, desired.quaternion]
-        rows_of_path = zip(seconds, np.hstack(pose_rows), twist, strict=True)
+        rows_of_path = zip(seconds, desired.table, twist, strict=True)
         return Correction.stack([stream.correct(*row) for row in rows_of_path]).because(Reason.BRIDGED, replaced)
 
     def possible(self, desired: PoseSignal, time: FloatArray, labels: IntArray) -> tuple[PoseSignal, BoolArray]:
@@ -329,7 +328,5 @@ class PoseStream:
 
 def _step(first: PoseSignal, second: PoseSignal) -> FloatArray:
     """Return the step `(k,)` between two poses of one row each, see :func:`gpcorrect.calibration.memory.steps`."""
-    quaternions = [pose.quaternion for pose in (first, second) if pose.quaternion is not None]
-    both = PoseSignal(np.vstack([first.position, second.position]), np.vstack(quaternions) if quaternions else None)
-    step: FloatArray = steps(both)[1]
+    step: FloatArray = steps(PoseSignal.of(np.vstack([first.table, second.table])))[1]
     return step

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from gpcorrect.calibration.one_pose import LARGEST
 from gpcorrect.errors import DataError
-from gpcorrect.types import QUATERNION_TOLERANCE, FloatArray, IntArray, PoseSignal
+from gpcorrect.types import QUATERNION_TOLERANCE, FloatArray, IntArray
 
 POSE, POSITION, TWIST = 7, 3, 6
 
@@ -40,16 +40,6 @@ def pose_numbers(pose: ArrayLike, *, orientation: bool) -> FloatArray:
     if values.shape != (POSE,) and (orientation or values.shape != (POSITION,)):
         checked_poses(values[None], orientation=orientation)
     return values
-
-
-def poses_of(rows: FloatArray) -> PoseSignal:
-    """Return rows `(n, 7)`, or `(n, 3)` without orientation, as poses.
-
-    Parameters
-    ----------
-    rows : (n, 7) or (n, 3) array, m and unit quaternions wxyz
-    """
-    return PoseSignal(rows[:, :POSITION], rows[:, POSITION:] if rows.shape[1] > POSITION else None)
 
 
 def twist_numbers(twist: ArrayLike | None) -> FloatArray:

@@ -37,6 +37,11 @@ class Part(NamedTuple):
     columns: tuple[int, ...]
     scale: float
 
+    @property
+    def label(self) -> str:
+        """Name and unit."""
+        return f"{self.name} [{self.unit}]"
+
     def sizes(self, errors: FloatArray) -> FloatArray:
         """Return the lengths `(n,)` of this part of errors, in its unit.
 
@@ -233,6 +238,16 @@ class Corrector(ABC):
         """
         position = Part("position", "mm", (0, 1, 2), 1e3)
         return (position,) if m == 3 else (position, Part("rotation", "deg", (3, 4, 5), float(np.rad2deg(1.0))))
+
+    def measured_parts(self, measured: Measured) -> list[Part]:
+        """Return the parts of errors that were measured.
+
+        Parameters
+        ----------
+        measured : Measured
+        """
+        parts = self.parts(measured.raw.shape[1])
+        return [part for part in parts if np.isfinite(measured.raw[:, part.columns]).any()]
 
     def refuse_misread(self, log: CalibrationLog) -> None:
         """Refuse a log whose stamps cannot be seconds, or that in its middle is where no arm of the training can be.

@@ -126,13 +126,17 @@ class _Deferred(TyperCommand):
 
     def load(self) -> Any:
         """Import the command's module and return the command."""
+        from gpcorrect.cli.options import takes_groups  # what every command's module reads too
+
         module, _, attribute = self.target.partition(":")
         found = getattr(import_module(module), attribute)
         one = _program()
         if isinstance(found, typer.Typer):
+            for part in found.registered_commands:
+                part.callback = part.callback and takes_groups(part.callback)
             one.add_typer(found, name=self.name)
         else:
-            one.command(self.name)(found)
+            one.command(self.name)(takes_groups(found))
         return typer.main.get_group(one).commands[str(self.name)]
 
 

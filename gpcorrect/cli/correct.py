@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gpcorrect.cli.console import out, print_json
-from gpcorrect.cli.options import AlwaysJson, Json, ModelFile, ServicePlace, one_of, takes_groups
+from gpcorrect.cli.options import AlwaysJson, Json, ModelFile, ServicePlace, one_of
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
@@ -66,7 +66,6 @@ def correct(
 
 
 @query_app.command("correct")
-@takes_groups
 def query_correct(
     pose: Pose = None,
     position: Position = None,
@@ -95,7 +94,6 @@ def _question(show: Callable[[CorrectionClient], None]) -> Callable[[CorrectionC
     """Make a command, with the name and the docstring of `show`, that finds a service and prints its JSON."""
 
     @query_app.command(show.__name__, help=show.__doc__)
-    @takes_groups
     def _command(place: ServicePlace, timeout: Timeout = 0.5, json: AlwaysJson = True) -> None:
         with _client(place, timeout) as client:
             show(client)
@@ -116,7 +114,6 @@ def health(client: CorrectionClient) -> None:
 
 
 @query_app.command()
-@takes_groups
 def metrics(place: ServicePlace, timeout: Timeout = 0.5) -> None:
     """Print the numbers of the service (OpenMetrics text)."""
     with _client(place, timeout) as client:

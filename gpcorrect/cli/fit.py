@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from gpcorrect.cleaning import Segment
 
 
-@opt.takes_groups
 def fit(
     logs: opt.Logs,
     output: opt.ModelOutput,
@@ -86,7 +85,6 @@ def fit(
         _show(experiment, result, output, page)
 
 
-@opt.takes_groups
 def evaluate(
     model: opt.ModelFile,
     logs: opt.Logs,
@@ -170,7 +168,6 @@ def _show(experiment: Experiment, result: dict[str, Any], output: Path, page: Pa
     console.out.print(f"model: {output}" + (f"   report: {page}" if page else ""))
 
 
-@opt.takes_groups
 def compare(
     one: opt.AnyModel,
     other: opt.AnyModel,

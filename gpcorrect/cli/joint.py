@@ -33,7 +33,6 @@ Model = Annotated[Path, typer.Argument(help="Model file that `gpcorrect joint fi
 
 
 @joint_app.command()
-@opt.takes_groups
 def fit(
     logs: opt.Logs,
     output: opt.ModelOutput,
@@ -97,7 +96,6 @@ def fit(
 
 
 @joint_app.command()
-@opt.takes_groups
 def evaluate(model: Model, logs: opt.Logs, reading: Reading, report: opt.Report = None, json: opt.Json = False) -> None:
     """Measure a joint model on recordings it has not seen.
 
@@ -131,7 +129,6 @@ def evaluate(model: Model, logs: opt.Logs, reading: Reading, report: opt.Report 
 
 
 @joint_app.command()
-@opt.takes_groups
 def compare(
     logs: opt.Logs,
     reading: Reading,
@@ -169,7 +166,6 @@ def compare(
 
 
 @joint_app.command()
-@opt.takes_groups
 def rezero(model: Model, logs: opt.Logs, output: opt.ModelOutput, reading: Reading, json: opt.Json = False) -> None:
     """Set the zeros of a model anew from a short run, as after a homing: a minute instead of a calibration.
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gpcorrect.cli.console import note, out, plain_table, print_json, print_result
-from gpcorrect.cli.options import SERVICE, AnyModel, ArmName, Config, Json, KeyRoot, ServicePlace, one_of, takes_groups
+from gpcorrect.cli.options import SERVICE, AnyModel, ArmName, Config, Json, KeyRoot, ServicePlace, one_of
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
@@ -136,7 +136,6 @@ class Place:
 
 
 @models_app.command("list")
-@takes_groups
 def list_models(place: Place, json: Json = False) -> None:
     """List the models, oldest first.
 
@@ -169,7 +168,6 @@ def add(
 
 
 @models_app.command()
-@takes_groups
 def activate(model: Name, place: Place, json: Json = False) -> None:
     """Make a model the active one: in the folder for the next start, or in every running server at once.
 
@@ -186,7 +184,6 @@ def activate(model: Name, place: Place, json: Json = False) -> None:
 
 
 @models_app.command()
-@takes_groups
 def rollback(place: Place, kind: Kind = "pose", json: Json = False) -> None:
     """Go back to the model that was active before.
 
@@ -239,7 +236,6 @@ def diff(
 
 
 @models_app.command()
-@takes_groups
 def state(
     state: Annotated[str, typer.Argument(help="ENABLED or PAUSED.")], place: ServicePlace, json: Json = False
 ) -> None:

@@ -178,12 +178,16 @@ def report_page(report: Path | None) -> Path | None:
 def takes_groups(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command an option for every field of each parameter that is a dataclass of options, as `Reading` is.
 
+    The program does that to each of its commands.
+
     Parameters
     ----------
     command : callable
     """
     hints = get_type_hints(command, include_extras=True)
     groups: dict[str, Any] = {name: hint for name, hint in hints.items() if is_dataclass(hint)}
+    if not groups:
+        return command
     keywords = []
     for name, parameter in inspect.signature(command).parameters.items():
         if name in groups:

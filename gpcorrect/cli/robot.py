@@ -29,7 +29,6 @@ DEGREE = np.deg2rad(1.0)
 
 
 @robot_app.command()
-@opt.takes_groups
 def state(place: opt.RobotPlace, json: opt.AlwaysJson = True) -> None:
     """Print the robot's operating state, joints and tool pose (JSON).
 
@@ -43,7 +42,6 @@ def state(place: opt.RobotPlace, json: opt.AlwaysJson = True) -> None:
 
 
 @robot_app.command()
-@opt.takes_groups
 def operate(
     command: Annotated[
         str, typer.Argument(help="enable, disable, pause, resume, home, unhome; ready: enable and home.")
@@ -66,7 +64,6 @@ def operate(
 
 
 @robot_app.command()
-@opt.takes_groups
 def goto(
     joints: Annotated[str, typer.Argument(help="Joint positions: degrees, and mm for sliding joints, with commas.")],
     sliding: Sliding = "3",
@@ -87,7 +84,6 @@ def goto(
 
 
 @robot_app.command()
-@opt.takes_groups
 def random(
     limits: opt.Limits = opt.BLOCK,
     speed: opt.Speed = opt.FASTEST,
@@ -110,7 +106,6 @@ def random(
 
 
 @robot_app.command()
-@opt.takes_groups
 def follow(
     trajectory: Annotated[Path, typer.Argument(help="Joint paths to drive, as `gpcorrect zigzag` writes them.")],
     place: opt.RobotPlace,
@@ -137,7 +132,6 @@ def follow(
 
 
 @robot_app.command()
-@opt.takes_groups
 def draw(
     model: Annotated[Path | None, typer.Option(help="Draw in the middle of what this model knows.")] = None,
     centre: Annotated[
@@ -169,7 +163,6 @@ def draw(
 
 
 @robot_app.command()
-@opt.takes_groups
 def record(
     output: opt.LogOutput,
     mcap: Mcap = None,

@@ -178,7 +178,7 @@ def serve(
     role: Literal["hub", "client"] = "hub" if config is None else "client"  # behind a secured site's router
     settings = BusSettings(endpoint, arm, namespace, role, ros_domain, distro, allow_remote, config_file=config)
     with Bus(settings, node=f"gpcorrect_sim_{arm}") as bus:
-        server = ArmServer(robot, bus, ArmServerSettings(rate, 100.0, time_scale, corrected), time.time())
+        server = ArmServer(robot, bus, ArmServerSettings(rate, time_scale, corrected), time.time())
         err.print(
             f"{known.arm} lives as {bus.settings.namespace}/{arm} on {settings.where} at {rate:g} Hz; stop with Ctrl-C"
         )

@@ -11,7 +11,7 @@ import typer
 
 from gpcorrect.atomic import require_own, write_file
 from gpcorrect.cli.console import err, note, out, print_json, progress_bar, show_errors, styled
-from gpcorrect.cli.options import Columns, Holdout, Json, Logs, ModelFile, Report, renamed, report_page, takes_groups
+from gpcorrect.cli.options import Columns, Holdout, Json, Logs, ModelFile, Report, renamed, report_page
 from gpcorrect.cli.reading import Reading
 from gpcorrect.errors import DataError
 
@@ -25,7 +25,6 @@ POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
 
 
-@takes_groups
 def update(
     model: ModelFile,
     logs: Logs,
@@ -55,8 +54,7 @@ def update(
     corrector = load(model)
     log, clocks = corrector.on_one_clock(reading.log(logs), reading.clock_left)
     for sentence in (*clocks.notes, *corrector.cautions(log)):
-        if sentence:
-            note(sentence)
+        note(sentence)
     with progress_bar(quiet=json) as progress:
         found = update_model(corrector, log, holdout=holdout, progress=progress)
     written = force or not found.worse
@@ -100,7 +98,6 @@ def _show_update(found: Update, target: Path, *, written: bool) -> None:
     out.print(f"model: {target}" if written else "nothing was written; write all the same with --force")
 
 
-@takes_groups
 def drift(
     model: Annotated[Path, typer.Argument(help="Model file that `gpcorrect fit` or `gpcorrect joint fit` wrote.")],
     logs: Logs,
@@ -140,8 +137,7 @@ def drift(
         log = reading.joint_log([path]) if isinstance(corrector, JointCorrector) else reading.log([path])
         matched, clocks = corrector.on_one_clock(log, reading.clock_left)
         for sentence in (*clocks.notes, *corrector.cautions(log)):
-            if sentence:
-                note(f"{path}: {sentence}")
+            note(f"{path}: {sentence}")
         parts.append(corrector.measure(matched, corrector.clean_afresh(matched).keep).scores)
         recorded += sum(float(np.ptp(log.time[rows])) for _, rows in log.trajectories()) / 3600
         ages.append(recorded if age is None else age[i])

@@ -104,7 +104,6 @@ def topics(
     typer.echo(found.mapping, nl=False)
 
 
-@opt.takes_groups
 def convert(
     log: Annotated[Path, typer.Argument(help="Recording to read.")],
     output: Annotated[Path, typer.Argument(help="Native log to write: CSV or Parquet by its ending.")],

@@ -95,7 +95,6 @@ def rig(
 
 
 @vision_app.command()
-@opt.takes_groups
 def record(
     cameras: Annotated[
         list[str], typer.Argument(help="Numbers of cameras (0 1 2 3) or their devices, or video files instead.")
@@ -162,7 +161,6 @@ def calibrate(
 
 
 @vision_app.command()
-@opt.takes_groups
 def track(
     videos: Annotated[
         list[Path],

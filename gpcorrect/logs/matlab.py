@@ -18,7 +18,7 @@ import numpy as np
 from gpcorrect.errors import LogError, MissingExtraError
 from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.logs.orientation import CONVERTERS
-from gpcorrect.logs.table import Table, log_from_table, orientation_names, position_names
+from gpcorrect.logs.table import Table, log_from_table, pose_names
 from gpcorrect.types import CalibrationLog, FloatArray
 
 HDF5 = b"\x89HDF\r\n\x1a\n"  # first bytes of every such file
@@ -142,7 +142,7 @@ def _named(name: str, rows: FloatArray) -> dict[str, FloatArray]:
         if rows.ndim == 3:  # homogeneous transforms
             turned = CONVERTERS["matrix"](rows[:, :3, :3].reshape(len(rows), 9))
             rows = np.hstack([rows[:, :3, 3], turned])
-        return dict(zip((*position_names(name), *orientation_names(name)), rows.T, strict=False))
+        return dict(zip(pose_names(name), rows.T, strict=False))
     flat = rows.reshape(len(rows), -1)
     if flat.shape[1] == 1 and name not in CalibrationLog.JOINTS:
         return {name: flat[:, 0]}

@@ -17,6 +17,7 @@ from gpcorrect.logs.orientation import CONVERTERS
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal
 
 INDEX = ("time", "trajectory", "session")
+POSE_PARTS = ("x", "y", "z", "qw", "qx", "qy", "qz")
 CLOCK = r"time|stamp|clock|^t$|^sec|second"  # a column of such a name may be the time of a table that names none
 # A remark on tables of single poses.
 STATIC = "there is no time: static poses without a clock, each row a motion of its own."
@@ -146,24 +147,14 @@ def _extra(table: Table, found: ColumnMap) -> tuple[dict[str, FloatArray], list[
     return {name: values for name, values in rest.items() if name not in clash}, remarks
 
 
-def position_names(signal: str) -> tuple[str, str, str]:
-    """Columns of a pose signal's position.
+def pose_names(signal: str) -> tuple[str, ...]:
+    """Columns of a pose signal: three of its position, then four of its quaternion.
 
     Parameters
     ----------
     signal : str, such as "tracker_cp"
     """
-    return f"{signal}_x", f"{signal}_y", f"{signal}_z"
-
-
-def orientation_names(signal: str) -> tuple[str, str, str, str]:
-    """Columns of a pose signal's quaternion.
-
-    Parameters
-    ----------
-    signal : str, such as "tracker_cp"
-    """
-    return f"{signal}_qw", f"{signal}_qx", f"{signal}_qy", f"{signal}_qz"
+    return tuple(f"{signal}_{part}" for part in POSE_PARTS)
 
 
 def _joint_names(signal: str, dof: int) -> tuple[str, ...]:
@@ -182,10 +173,7 @@ def signal_columns(log: CalibrationLog) -> dict[str, FloatArray]:
     for name in log.signals:
         values = getattr(log, name)
         if isinstance(values, PoseSignal):
-            columns |= zip(position_names(name), values.position.T, strict=True)
-            columns |= (
-                {} if values.quaternion is None else zip(orientation_names(name), values.quaternion.T, strict=True)
-            )
+            columns |= zip(pose_names(name), values.table.T, strict=False)
         elif values.ndim == 1:
             columns[name] = values
         else:
@@ -198,7 +186,7 @@ def _signal_of(column: str) -> str | None:
     if column in (*INDEX, *CalibrationLog.SCALARS):
         return column
     signal, _, part = column.rpartition("_")
-    if signal in CalibrationLog.POSES and part in ("x", "y", "z", "qw", "qx", "qy", "qz"):
+    if signal in CalibrationLog.POSES and part in POSE_PARTS:
         return signal
     if signal in CalibrationLog.JOINTS and re.fullmatch(r"[1-9]\d*", part):
         return signal
@@ -228,9 +216,9 @@ def complete(mapping: ColumnMap, names: Collection[str]) -> tuple[ColumnMap, lis
 
 
 def _pose(signal: str, names: Collection[str], remarks: list[str]) -> PoseColumns | None:
-    position, orientation = position_names(signal), orientation_names(signal)
-    missing = [n for n in position if n not in names]
-    turned = [n for n in orientation if n not in names]
+    x, y, z, qw, qx, qy, qz = columns = pose_names(signal)
+    missing = [n for n in columns[:3] if n not in names]
+    turned = [n for n in columns[3:] if n not in names]
     if len(missing) == 3 and len(turned) == 4:
         return None
     if missing:
@@ -238,7 +226,7 @@ def _pose(signal: str, names: Collection[str], remarks: list[str]) -> PoseColumn
         return None
     if turned and len(turned) < 4:
         remarks.append(f"{signal} is read as positions only: its quaternion lacks {', '.join(turned)}.")
-    return PoseColumns(position=position, quat_wxyz=None if turned else orientation)
+    return PoseColumns(position=(x, y, z), quat_wxyz=None if turned else (qw, qx, qy, qz))
 
 
 def _joints(signal: str, names: Collection[str], remarks: list[str]) -> ArrayColumns | None:

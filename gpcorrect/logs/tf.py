@@ -124,6 +124,6 @@ class Tree:
         if frame in self.still:
             return np.broadcast_to(se3.from_parts(rows[-1, :3], rows[-1, 3:]), (len(stamp), 4, 4))
         origin = int(stamp[0])
-        stream = Stream("tf", (np.array(recorded.stamp) - origin) / 1e9, PoseSignal(rows[:, :3], rows[:, 3:]))
+        stream = Stream("tf", (np.array(recorded.stamp) - origin) / 1e9, PoseSignal.of(rows))
         pose = cast(PoseSignal, interpolate(stream, (stamp - origin) / 1e9))
         return se3.from_parts(pose.position, np.asarray(pose.quaternion))

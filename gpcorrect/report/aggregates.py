@@ -8,10 +8,11 @@ import numpy as np
 from scipy.stats import norm
 
 from gpcorrect.calibration import Corrector, Measured, PartErrors, part_errors
+from gpcorrect.calibration.dataset import evenly_spread
 from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
 from gpcorrect.report.page import Section, TableData
 from gpcorrect.report.paths import METHOD_ROLES, METHOD_WORDS, Shown
-from gpcorrect.report.trajectories import LEAVES, leaves, measured_parts
+from gpcorrect.report.trajectories import LEAVES, leaves
 from gpcorrect.rigid.registration import evenly_spaced
 from gpcorrect.types import BoolArray, FloatArray
 
@@ -59,7 +60,7 @@ def _by_axis(shown: Shown) -> list[TableData]:
     if len(shown.corrector.parts(measured.raw.shape[1])) == measured.raw.shape[1]:
         return []
     rows = [
-        [METHOD_WORDS[m], *(_mean_sd(axis.scale * measured.of(m)[:, axis.column]) for axis in axes)]
+        [METHOD_WORDS[m], *(_mean_sd(axis.scale * measured.of(m)[:, axis.columns]) for axis in axes)]
         for m in shown.corrector.METHODS
     ]
     note = "Mean absolute error and its SD, per axis of the base frame."
@@ -75,7 +76,7 @@ def _sizes(corrector: Corrector, measured: Measured) -> list[tuple[str, dict[str
     """Return label of each measured part, and by method the sizes of its errors (n,)."""
     return [
         (f"{part.name} error [{part.unit}]", {METHOD_WORDS[m]: part.sizes(measured.of(m)) for m in corrector.METHODS})
-        for part in measured_parts(corrector, measured)
+        for part in corrector.measured_parts(measured)
     ]
 
 
@@ -93,7 +94,7 @@ def distribution_chart(errors: Sequence[tuple[str, Mapping[str, FloatArray]]], r
         series = []
         for (name, size), role in zip(sizes.items(), roles, strict=True):
             known = np.sort(size[np.isfinite(size)])
-            place = np.unique(np.linspace(0, len(known) - 1, min(LEVELS, len(known))).astype(int))
+            place = evenly_spread(len(known), LEVELS)
             series.append(Series(name, Mark.LINE, role, known[place], 100 * (place + 1) / len(known)))
         panels.append(Panel(label, "samples below [%]", series, log_x=True, y_range=(0, 100), height=220))
     return Chart("Fraction of samples with an error below the value on the axis.", panels, columns=2)
@@ -190,13 +191,13 @@ def intervals_section(shown: Shown) -> Section:
     shown : Shown
     """
     measured, axes = shown.measured, shown.axes
-    covered = [f"{100 * measured.coverage95[axis.column]:.1f} %" for axis in axes]
+    covered = [f"{100 * measured.coverage95[axis.columns[0]]:.1f} %" for axis in axes]
     table = TableData(["95 % interval", *(axis.name for axis in axes)], [["observed", *covered]])
     levels = np.linspace(0.05, 0.99, 40)
     percent, ends = 100 * levels, np.array([0.0, 100.0])
     series = [Series("honest", Mark.DASH, Role.QUIET, ends, ends)]
     for n, axis in enumerate(axes):
-        error, half = np.abs(measured.corrected[:, axis.column]), measured.interval95[:, axis.column]
+        error, half = np.abs(measured.corrected[:, axis.columns]), measured.interval95[:, axis.columns]
         known = np.isfinite(error) & np.isfinite(half)
         observed = [100 * np.mean(error[known] <= half[known] * norm.ppf(0.5 + v / 2) / Z95) for v in levels]
         series.append(Series(axis.name, Mark.LINE, SIX[n % len(SIX)], percent, np.array(observed)))

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gpcorrect.calibration import COMPONENTS, CommandCorrector, Corrector, JointCorrector, Measured, joint_units
+from gpcorrect.calibration import COMPONENTS, CommandCorrector, Corrector, JointCorrector, Measured
 from gpcorrect.calibration.joint_view import directed
+from gpcorrect.calibration.task import Part
 from gpcorrect.cleaning import CleaningReport, Reason
 from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series, runs
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
@@ -77,20 +78,6 @@ MOST_SAMPLES = 6000  # drawn on a page: of seven joints and two models they take
 MOST_TRAJECTORIES = 300  # in the table and the charts; the page names how many there are; chosen by hand
 
 
-class Axis(NamedTuple):
-    """A component of errors: its column, name and unit, and what one m or rad is in it."""
-
-    column: int
-    name: str
-    unit: str
-    scale: float
-
-    @property
-    def label(self) -> str:
-        """Name and unit."""
-        return f"{self.name} [{self.unit}]"
-
-
 class Line(NamedTuple):
     """Errors `(n, m)` of one method, m or rad, how they are drawn, and the half widths of their 95 % intervals.
 
@@ -115,15 +102,15 @@ class Shown:
     log: CalibrationLog  # all of them
 
     @property
-    def axes(self) -> list[Axis]:
-        """Components of errors that were measured."""
-        if isinstance(self.corrector, JointCorrector):
-            names, factors = joint_units(self.corrector.types)
-            axes = [Axis(j, f"joint {j + 1}", names[j], float(factors[j])) for j in range(len(names))]
-        else:
-            axes = [Axis(i, n, *(("mm", 1e3) if i < 3 else ("deg", np.rad2deg(1.0)))) for i, n in enumerate(COMPONENTS)]
+    def axes(self) -> list[Part]:
+        """Components of errors that were measured, each as a part of one column."""
         corrected = self.measured.corrected
-        return [a for a in axes if a.column < corrected.shape[1] and np.isfinite(corrected[:, a.column]).any()]
+        axes = [
+            Part(part.name if len(part.columns) == 1 else COMPONENTS[i], part.unit, (i,), part.scale)
+            for part in self.corrector.parts(corrected.shape[1])
+            for i in part.columns
+        ]
+        return [axis for axis in axes if np.isfinite(corrected[:, axis.columns]).any()]
 
     def groups(self) -> dict[str, IntArray]:
         """Return the measured samples of each trajectory, by its number; of static poses all together."""
@@ -194,13 +181,13 @@ def _chosen(shown: Shown, key: str, index: IntArray) -> _Chosen:
 def _panels(
     shown: Shown, chosen: _Chosen, target: FloatArray, paths: Sequence[Line], errors: Sequence[Line]
 ) -> tuple[list[Panel], list[Panel], list[Panel]]:
-    axes = [axis for axis in shown.axes if axis.column < target.shape[1]]
+    axes = [axis for axis in shown.axes if axis.columns[0] < target.shape[1]]
     mark, along = (Mark.DOTS, "pose") if shown.log.static else (Mark.DASH, "time [s]")
     zero = Line(words_of(shown.corrector).reference, mark, Role.INK, np.zeros(shown.measured.raw.shape))
     time, drawn = chosen.time, []
     for line in (zero, *paths):
-        columns = [a.scale * (target[:, a.column] - line.errors[:, a.column]) for a in axes]
-        drawn.append((line, [_taken(column, chosen.index) for column in columns]))
+        path = target - line.errors[:, : target.shape[1]]
+        drawn.append((line, [_taken(a.scale * path[:, a.columns[0]], chosen.index) for a in axes]))
     over_time = []
     for i, axis in enumerate(axes):
         series = [Series(line.name, line.mark, line.role, time, columns[i]) for line, columns in drawn]
@@ -213,9 +200,9 @@ def _panels(
     return space, over_time, _errors(shown.axes, along, chosen, errors)
 
 
-def _errors(axes: Sequence[Axis], along: str, chosen: _Chosen, lines: Sequence[Line]) -> list[Panel]:
+def _errors(axes: Sequence[Part], along: str, chosen: _Chosen, lines: Sequence[Line]) -> list[Panel]:
     panels = []
-    for i, name, unit, scale in axes:
+    for name, unit, (i,), scale in axes:
         series = []
         for line in lines:
             if line.interval95 is not None:

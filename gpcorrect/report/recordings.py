@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gpcorrect.calibration import FitResult
+from gpcorrect.calibration.dataset import evenly_spread
 from gpcorrect.cleaning import CleaningReport, Reason
 from gpcorrect.logs.sync import Clocks
 from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series, runs
@@ -91,7 +92,7 @@ def _path(log: CalibrationLog) -> list[Panel]:
     """Return the outside sensor's positions over the samples; nothing for recordings without any."""
     if log.tracker_cp is None:
         return []
-    shown = np.unique(np.linspace(0, len(log) - 1, min(MOST_POINTS, len(log))).astype(int))
+    shown = evenly_spread(len(log), MOST_POINTS)
     series = [
         Series(axis, Mark.LINE, role, shown, 100 * log.tracker_cp.position[shown, i])
         for i, (axis, role) in enumerate(zip("xyz", (Role.CORRECTED, Role.GOOD, Role.RIGID), strict=True))

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gpcorrect.calibration import Corrector, Measured, PartErrors
-from gpcorrect.calibration.task import Part
+from gpcorrect.calibration import Measured, PartErrors
 from gpcorrect.report.charts import Mark, Role
 from gpcorrect.report.page import Section, TableData
 from gpcorrect.report.paths import METHOD_ROLES, METHOD_WORDS, Line, Shown, path_charts, words_of
@@ -68,18 +67,6 @@ def listed(shown: Shown) -> str:
     return f"Choose a row to see that trajectory below; column names sort.{more}"
 
 
-def measured_parts(corrector: Corrector, measured: Measured) -> list[Part]:
-    """Return the parts of errors that were measured.
-
-    Parameters
-    ----------
-    corrector : Corrector
-    measured : Measured
-    """
-    parts = corrector.parts(measured.raw.shape[1])
-    return [part for part in parts if np.isfinite(measured.raw[:, part.columns]).any()]
-
-
 def leaves(row: PartErrors) -> list[str]:
     """Return what tables show of the errors of a part, in the order of `LEAVES`.
 
@@ -106,7 +93,7 @@ def inside95(measured: Measured, index: IntArray) -> str:
 
 def _table(shown: Shown, groups: Mapping[str, IntArray]) -> TableData:
     measured, corrector = shown.measured, shown.corrector
-    parts = measured_parts(corrector, measured)
+    parts = corrector.measured_parts(measured)
     methods = corrector.METHODS if len(parts) <= WIDE_TABLE else (corrector.METHODS[0], corrector.METHODS[2])
     head = ["trajectory", "samples", "rejected", "s"]
     head += [f"{part.name} {METHOD_WORDS[method]} [{part.unit}]" for part in parts for method in methods]

@@ -232,6 +232,6 @@ def _frames(count: int) -> IntArray:
 
 def _spans(time: FloatArray, inside: np.ndarray, why: str) -> list[tuple[float, float, str]]:
     """Return from when to when a mask holds, s from the start."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(int))).reshape(-1, 2)
     half = float(np.median(np.diff(time))) / 2 if len(time) > 1 else 0.5
-    return [(float(time[a] - time[0] - half), float(time[b - 1] - time[0] + half), why) for a, b in edges]
+    ends = [(run[0], run[-1]) for run in runs(inside) if inside[run[0]]]
+    return [(float(time[a] - time[0] - half), float(time[b] - time[0] + half), why) for a, b in ends]

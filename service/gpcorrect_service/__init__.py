@@ -14,8 +14,7 @@ for _module, _library in (
         raise MissingExtraError(_library, extra="service", purpose="the correction service")
 
 # Only now, so that a missing library is named before a module stumbles over it.
-from gpcorrect_service.client.asynchronous import AsyncCorrectionClient  # noqa: E402
-from gpcorrect_service.client.blocking import CorrectionClient  # noqa: E402
+from gpcorrect_service.client.clients import AsyncCorrectionClient, CorrectionClient  # noqa: E402
 from gpcorrect_service.client.replies import Reply  # noqa: E402
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError  # noqa: E402
 from gpcorrect_service.protocol.settings import ClientSettings, ServerSettings  # noqa: E402

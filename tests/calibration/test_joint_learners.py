@@ -22,7 +22,7 @@ from gpcorrect.calibration import (
     save,
 )
 from gpcorrect.calibration.dataset import Layout
-from gpcorrect.calibration.learners.gp import _left_out, _terms
+from gpcorrect.calibration.learners.gp import _left_out
 from gpcorrect.calibration.learners.network import NetworkMap
 from gpcorrect.calibration.learners.polynomial import PolynomialMap, Scaler
 from gpcorrect.errors import DataError, DegenerateError, LogError
@@ -69,7 +69,9 @@ def test_left_out_predictions_are_those_of_law_and_regression_of_the_other_folds
     layout = Layout((1, 1), None, np.array([0, 1]), np.full((3, 2), 1e-6), np.zeros(3), 40, np.zeros(0, dtype=np.int64))
     linear = PolynomialMap.fit(X, Y, 1, layout.penalties)
     regressor = SparseGPR(40, 20, output_groups=(1, 1))
-    regressor.fit_by_parts(X[:, :2], Y - linear.mean(X), folds, _terms(linear, X))
+    regressor.fit_by_parts(
+        X[:, :2], Y - linear.mean(X), folds, np.column_stack([np.ones(len(X)), linear.scaler.apply(X)])
+    )
     left_out, of_law = _left_out(regressor, linear, X, Y, layout, folds)
     out = folds == 2
     law = PolynomialMap.fit(X[~out], Y[~out], 1, layout.penalties)

@@ -179,7 +179,7 @@ def test_a_file_is_asked_what_its_joints_answer(learned: FitResult, tmp_path: Pa
 def test_models_that_differ_in_their_joints_alone_are_not_the_same(learned: FitResult) -> None:
     """Commands of paths are compared as well: single poses are answered without joints."""
     route = learned.corrector.route
-    law = route.joints.law.rezeroed(np.full(6, 0.01))
+    law = replace(route.joints.law, zero=route.joints.law.zero + 0.01)
     other = replace(learned.corrector, route=replace(route, joints=replace(route.joints, law=law)))
     assert compare(learned.corrector, learned.corrector)["commands"]["max_mm"] == 0.0
     assert compare(learned.corrector, other)["commands"]["max_mm"] > 0.1

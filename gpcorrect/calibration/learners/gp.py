@@ -72,15 +72,6 @@ class GPMap:
         mean, std, novelty = self.predictor.mean_std_batch(X[:, self.columns])
         return (mean if self.linear is None else self.linear.mean(X) + mean), std, novelty
 
-    def mean(self, X: FloatArray) -> FloatArray:
-        """Return means `(n, m)` at inputs `(n, d)`.
-
-        Parameters
-        ----------
-        X : (n, d) array, inputs
-        """
-        return self.predict(X)[0]
-
     def predict_one(self, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         """Return mean and standard deviation `(m,)` and novelty at one input `(d,)`: the hot path of streams.
 
@@ -109,13 +100,14 @@ def learn_gp(samples: Samples, layout: Layout, settings: FitSettings, progress: 
     X, Y = samples.learnable()
     trajectory, time = samples.trajectory[samples.rows], samples.time[samples.rows]
     level, linear, groups = np.zeros(Y.shape), None, trajectory
-    zero = None
+    zero = terms = None
     if layout.penalties is not None:
         first = PolynomialMap.fit(X, Y, 1, layout.penalties)
         unlevelled = Y - first.mean(X)
         level, zero = _local_level(unlevelled, trajectory)
         linear = PolynomialMap.fit(X, Y - level, 1, layout.penalties)
         groups = _stretches(trajectory)
+        terms = np.column_stack([np.ones(len(X)), linear.scaler.apply(X)])
     left = Y - level - (0.0 if linear is None else linear.mean(X))
     inducing = settings.inducing or layout.inducing
     regressor = SparseGPR(
@@ -127,7 +119,7 @@ def learn_gp(samples: Samples, layout: Layout, settings: FitSettings, progress: 
     )
     regressor.set_params(n_learn=settings.search_samples or regressor.n_learn)
     chosen = X[:, layout.smooth]
-    folds, terms = folds_of(trajectory), None if linear is None else _terms(linear, X)
+    folds = folds_of(trajectory)
     stride = ALIKE if linear is None and len(X) >= ALIKE * ENOUGH_SUMMED else 1
     regressor.fit_by_parts(chosen, left, folds, terms, stride=stride, groups=groups, times=time, progress=progress)
     if linear is None:
@@ -171,11 +163,6 @@ def _left_out(
         of_law[out] = Y[out] - law.mean(X[out])
         errors[out] = of_law[out] - mean
     return LeftOut(errors, std, novelty), of_law
-
-
-def _terms(linear: PolynomialMap, X: FloatArray) -> FloatArray:
-    """Return the terms `(n, 1 + d)` of a linear law at inputs `(n, d)`."""
-    return np.column_stack([np.ones(len(X)), linear.scaler.apply(X)])
 
 
 def _foretold(errors: FloatArray, trajectory: IntArray, folds: IntArray, zero: FloatArray) -> FloatArray:

@@ -143,11 +143,7 @@ class Evidence:
         found: dict[str, FloatArray] = {}
         for name in self.log.signals:
             value = getattr(self.log, name)
-            if isinstance(value, PoseSignal):
-                parts = [value.position] if value.quaternion is None else [value.position, value.quaternion]
-                found[name] = np.hstack(parts)
-            else:
-                found[name] = value.reshape(len(value), -1)
+            found[name] = value.table if isinstance(value, PoseSignal) else value.reshape(len(value), -1)
         return found
 
     @cached_property

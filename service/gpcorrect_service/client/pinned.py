@@ -5,8 +5,6 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, PoseSignal
 from gpcorrect_service.protocol.errors import ServiceError
@@ -114,10 +112,8 @@ class PinnedModels:
         held, known = self._hashes.get("pose"), self._registration
         if known is None or known[0] != held or known[1] is None:
             return None
-        rows = poses.reshape(-1, poses.shape[-1])
         try:
-            mapped = known[1].apply(PoseSignal(rows[:, :3], rows[:, 3:] if rows.shape[1] > 3 else None))
+            mapped = known[1].apply(PoseSignal.of(poses.reshape(-1, poses.shape[-1])))
         except DataError:  # a lever arm, and no orientation to turn it with
             return None
-        parts = [mapped.position] if mapped.quaternion is None else [mapped.position, mapped.quaternion]
-        return np.hstack(parts).reshape(poses.shape)
+        return mapped.table.reshape(poses.shape)

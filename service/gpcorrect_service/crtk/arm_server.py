@@ -25,6 +25,8 @@ from gpcorrect_service.protocol.limits import checked_stamp
 
 STATE_HZ = 10.0  # chosen by hand: fast enough for people
 BEAT_HZ = 2.0  # chosen by hand: who listens notices within a second that it ended
+TRACKER_HZ = 100.0  # of the tracker and the outside encoders
+BASE, TRACKER = "base", "tracker"  # names of the frames that poses are in
 BEHIND = 0.5  # chosen by hand: s of wall time after which lost ticks are given up instead of caught up with
 
 
@@ -36,25 +38,17 @@ class ArmServerSettings:
     ----------
     rate_hz : float
         State messages a second of the arm's clock.
-    tracker_hz : float
-        Of the tracker and the outside encoders.
     time_scale : float
         Seconds of the arm's clock in one of the wall's: above 1 a simulated arm runs faster than a real one.
     corrected : bool
         Take Cartesian commands from the pre-filter (`corrected/servo_cp`) and not from planners (`servo_cp`).
-    frame : str
-        Name of the arm's base frame.
-    tracker_frame : str
     command_age : float
         s of wall time after which a corrected pose no longer moves the arm.
     """
 
     rate_hz: float = 100.0
-    tracker_hz: float = 100.0
     time_scale: float = 1.0
     corrected: bool = False
-    frame: str = "base"
-    tracker_frame: str = "tracker"
     command_age: float = OLDEST
 
 
@@ -146,17 +140,17 @@ class ArmServer:
 
     def _publish(self, tick: int) -> None:
         bus, arm, settings, stamp = self._bus, self._arm, self._settings, self._stamp()
-        tracked = self._every(tick, settings.tracker_hz)
+        tracked = self._every(tick, TRACKER_HZ)
         seen, setpoint = arm.read(tracked=tracked), arm.setpoint
         bus.publish("measured_js", JointState(stamp, _row(seen.position), _row(seen.velocity), _row(seen.effort)))
         bus.publish("setpoint_js", JointState(stamp, _row(setpoint)))
         poses = arm.poses_of(np.stack([seen.position, setpoint]))
         if poses is not None:
-            self._publish_pose("measured_cp", stamp, poses[0], settings.frame)
-            self._publish_pose("setpoint_cp", stamp, poses[1], settings.frame)
+            self._publish_pose("measured_cp", stamp, poses[0], BASE)
+            self._publish_pose("setpoint_cp", stamp, poses[1], BASE)
         if tracked:
             bus.publish("external_js", JointState(stamp, _row(seen.external)))
-            self._publish_pose("tracker_cp", stamp, seen.tracker, settings.tracker_frame)
+            self._publish_pose("tracker_cp", stamp, seen.tracker, TRACKER)
         if self._every(tick, STATE_HZ):
             bus.publish("operating_state", OperatingState(stamp, arm.state, arm.is_homed, arm.is_busy))
         if self._every(tick, BEAT_HZ):

@@ -113,8 +113,7 @@ class Recording:
                 continue
             stamp, messages = axis(came), [c.message for c in came]
             if name not in SIGNALS:
-                pose = np.array([m.pose for m in messages])
-                yield Stream(name, stamp, PoseSignal(pose[:, :3], pose[:, 3:]))
+                yield Stream(name, stamp, PoseSignal.of(np.array([m.pose for m in messages])))
                 continue
             missing = (None,) * len(messages[0].position)
             for field, signal in SIGNALS[name].items():

@@ -90,12 +90,19 @@ class Counters:
         yield from (answers, latency, poses, outside)
 
 
-class _Collector:
-    """What the health answer says at each scrape, and the counters."""
+class Metrics(CollectorRegistry):
+    """A server's metrics, collected anew whenever they are asked for: what its health answer says, and its counters.
+
+    Parameters
+    ----------
+    report : callable
+        Gives the health answer of the moment.
+    counters : Counters
+    """
 
     def __init__(self, report: Callable[[], HealthAnswer], counters: Counters) -> None:
-        self._report = report
-        self._counters = counters
+        super().__init__()
+        self._report, self._counters = report, counters
 
     def collect(self) -> Iterator[Any]:
         """Yield all metric families."""
@@ -113,30 +120,11 @@ class _Collector:
         yield GaugeMetricFamily("gpcorrect_uptime_seconds", "Since the start.", value=report.uptime, unit="seconds")
         yield from self._counters.families()
 
-
-def metrics_of(report: Callable[[], HealthAnswer], counters: Counters) -> CollectorRegistry:
-    """Return a server's metrics, collected anew whenever they are asked for.
-
-    Parameters
-    ----------
-    report : callable
-        Gives the health answer of the moment.
-    counters : Counters
-    """
-    registry = CollectorRegistry()
-    registry.register(_Collector(report, counters))
-    return registry
-
-
-def exposition(registry: CollectorRegistry) -> bytes:
-    """Return the OpenMetrics text of this moment.
-
-    Parameters
-    ----------
-    registry : CollectorRegistry
-    """
-    text: bytes = generate_latest(registry)  # type: ignore[no-untyped-call]
-    return text
+    @property
+    def text(self) -> bytes:
+        """The OpenMetrics text of this moment."""
+        text: bytes = generate_latest(self)  # type: ignore[no-untyped-call]
+        return text
 
 
 HOST, PATH = "127.0.0.1", "/metrics"

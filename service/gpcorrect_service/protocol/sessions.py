@@ -71,11 +71,7 @@ def server_config(settings: ServerSettings) -> zenoh.Config:
     ----------
     settings : ServerSettings
     """
-    if settings.config_file is None:
-        config = make_config({**COMMON, "listen/endpoints": [settings.endpoint]})
-    else:
-        config = read_config(settings.config_file)
-    config.insert_json5("namespace", json.dumps(namespace_of(config, settings.namespace)))
+    config = _config(settings.config_file, {"listen/endpoints": [settings.endpoint]}, settings.namespace)
     for endpoint in listen_endpoints(config):
         check_loopback(endpoint, allow_remote=settings.allow_remote)
     return config
@@ -113,11 +109,13 @@ def client_config(settings: ClientSettings) -> zenoh.Config:
     ----------
     settings : ClientSettings
     """
-    if settings.config_file is None:
-        config = make_config({**COMMON, **CLIENT, "connect/endpoints": list(settings.endpoints)})
-    else:
-        config = read_config(settings.config_file)
-    config.insert_json5("namespace", json.dumps(namespace_of(config, settings.namespace)))
+    return _config(settings.config_file, {**CLIENT, "connect/endpoints": list(settings.endpoints)}, settings.namespace)
+
+
+def _config(file: Path | None, own: dict[str, Any], namespace: str) -> zenoh.Config:
+    """Return the configuration of a file, else the common one with what is `own` to a role; with its namespace."""
+    config = make_config({**COMMON, **own}) if file is None else read_config(file)
+    config.insert_json5("namespace", json.dumps(namespace_of(config, namespace)))
     return config
 
 

@@ -41,9 +41,6 @@ class ServerSettings:
         CRTK name of the arm, the second part of every key.
     namespace : str
         zenoh namespace, the first part of every key.
-    workers : int
-        Threads that answer `correct`. One answers fastest: corrections hold the interpreter, a second
-        thread only trades places with the first (0.05 ms a query).
     queue_capacity : int
         Requests that may wait for a worker; the next one is answered BUSY.
     drain_seconds : float
@@ -79,7 +76,6 @@ class ServerSettings:
     endpoint: str = DEFAULT_ENDPOINT
     arm: str = "arm1"
     namespace: str = DEFAULT_NAMESPACE
-    workers: int = 1
     queue_capacity: int = 64
     drain_seconds: float = 1.5
     replica: str = ""
@@ -107,7 +103,6 @@ class ServerSettings:
         _check_names(self.arm, self.namespace)
         for name in ("max_rate", "stream_max_age", "stream_rate"):
             _at_least(name, getattr(self, name), 1e-6)
-        _at_least("workers", self.workers, 1)
         _at_least("queue_capacity", self.queue_capacity, 1)
         _at_least("drain_seconds", self.drain_seconds, 0)
         refuse_two_places(self.config_file, given=self.endpoint != DEFAULT_ENDPOINT)

@@ -7,7 +7,7 @@ from typing import Any
 
 from gpcorrect.calibration import Entry, ModelStore, last_measured, refuse_other_use
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
-from gpcorrect_service.ops.metrics import OPENMETRICS, Counters, exposition, metrics_of
+from gpcorrect_service.ops.metrics import OPENMETRICS, Counters, Metrics
 from gpcorrect_service.protocol import messages
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.server.models import JointModel, Model, check_arm, load_joint_model, load_model
@@ -96,13 +96,13 @@ class Health:
     def __init__(self, parser: RequestParser, counters: Counters, queues: Mapping[str, WorkerQueue[Any]]) -> None:
         self._parser, self._counters, self._queues = parser, counters, queues
         self._started = parser.clock.monotonic()
-        self.metrics = metrics_of(self.report, counters)
+        self.metrics = Metrics(self.report, counters)
 
     def handlers(self) -> dict[messages.Kind, Handler]:
         """Return which key is answered by what; metrics are, whatever the request holds."""
         return {
             "health": self._parser.handler("health", lambda parsed: plain_response(parsed, "health", self.report())),
-            "metrics": lambda _: Response(exposition(self.metrics), OPENMETRICS),
+            "metrics": lambda _: Response(self.metrics.text, OPENMETRICS),
         }
 
     def report(self) -> messages.HealthAnswer:

@@ -85,10 +85,7 @@ class Model:
         poses : (n, 7) or (n, 3) array
         """
         rigid = getattr(self.corrector, "rigid", None)
-        if rigid is None:
-            return poses
-        mapped = rigid.apply(PoseSignal(poses[:, :3], poses[:, 3:] if poses.shape[1] == 7 else None))
-        return mapped.position if mapped.quaternion is None else np.hstack([mapped.position, mapped.quaternion])
+        return poses if rigid is None else rigid.apply(PoseSignal.of(poses)).table
 
     def reference_position(self, pose: FloatArray) -> list[float]:
         """Return where registration alone commands one pose to be, m.

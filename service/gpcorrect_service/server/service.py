@@ -93,7 +93,7 @@ class Server:
         self._queues: dict[str, WorkerQueue[Any]] = {}
         self._dispatcher = Dispatcher(self.settings, self._counters, self._logger, self._clock.monotonic)
         refuse, drop = self._dispatcher.refuse, self._dispatcher.drop
-        self._refusals = WorkerQueue("refusals", refuse, drop, workers=1, capacity=REFUSALS, logger=self._logger)
+        self._refusals = WorkerQueue("refusals", refuse, drop, capacity=REFUSALS, logger=self._logger)
         self._throttle = Throttle(self.settings.max_rate)
         self._token: Any = None
         self._queryables = ExitStack()
@@ -191,7 +191,6 @@ class Server:
             kind,
             self._dispatcher.answer,
             self._refusals.offer,
-            workers=s.workers if kind == "correct" else 1,
             capacity=s.queue_capacity,
             logger=self._logger,
             at_once=self._answers_at_once if kind == "correct" else lambda: False,

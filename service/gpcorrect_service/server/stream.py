@@ -160,6 +160,6 @@ def stream_queue(
         estimator.counters.add("estimate", "DROPPED")
 
     queue: WorkerQueue[Request] = WorkerQueue(
-        "estimate", _publish, _dropped, workers=1, capacity=SAMPLES_WAITING, logger=estimator.logger
+        "estimate", _publish, _dropped, capacity=SAMPLES_WAITING, logger=estimator.logger
     )
     return queue, _receive
