@@ -230,7 +230,7 @@ def _own_laws(drive: Drive) -> tuple[list[tuple[int, int, FrictionLaw]], list[tu
     viscous = still if drive.damping is None else drive.damping
     soft = np.zeros((2, len(still))) if drive.onset is None else drive.onset
     numbers = zip(dry.tolist(), viscous.tolist(), *soft.tolist(), strict=True)
-    laws = [FrictionLaw.creeping(torque, v, time, damping) for torque, damping, v, time in numbers]
+    laws = [FrictionLaw(torque, damping=damping).softened(v, time) for torque, damping, v, time in numbers]
     frictions = [(j, MOTOR, law) for j, law in enumerate(laws) if law.torque > 0 or law.damping > 0]
     limits = [] if drive.limit is None else [(j, TorqueLaw(limit=float(limit))) for j, limit in enumerate(drive.limit)]
     return frictions, [law for law in limits if np.isfinite(law[1].limit)]

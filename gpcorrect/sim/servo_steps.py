@@ -15,6 +15,7 @@ from gpcorrect.types import FloatArray, IntArray
 Sides = tuple[float, float]  # before the transmission and behind it
 Frictions = tuple[Sides, Sides, Sides, Sides, float, float]  # of one joint in one step, as `_frictions` returns them
 MOTOR, JOINT = 0, 1  # the order of `SIDES`
+TINY = 1e-300  # N m or N: keeps the ratio of two frictions defined where there is none
 
 
 class Given(NamedTuple):
@@ -143,12 +144,12 @@ def _frictions(laws: Laws, j: int, q: float, v: float, load: float, gain: float,
     for a in range(laws.friction_of[j], laws.friction_of[j + 1]):
         behind = laws.friction_side[a] == JOINT
         damping = _added(damping, laws.friction[a, 7], behind)
+        up, down = resisting(laws.friction, a, q, v, load)
         if laws.friction[a, 8] > 0.0:
-            soft = _added(soft, laws.friction[a, 0], behind)
+            soft = _added(soft, up, behind)
             slope += laws.friction[a, 8]
             inertia += laws.friction[a, 9]
         else:
-            up, down = resisting(laws.friction, a, q, v, load)
             forward, backward = _added(forward, up, behind), _added(backward, down, behind)
     ahead = 1.0
     if slope > 0.0:
@@ -175,7 +176,7 @@ def _braked(v: float, gain: float, driving: float, frictions: Frictions) -> tupl
         taken = min(max(free - gain * stopped, floor), ceiling)
         implicit = slope / (1.0 + slope * ahead * gain)
         creeping = min(max(implicit * (v + ahead * (free - taken - v)), -limit), limit)
-        behind = soft[JOINT] / limit * creeping
+        behind = soft[JOINT] / max(limit, TINY) * creeping
         speed = free - taken - gain * creeping
     else:
         taken = min(max(free, floor), ceiling)

@@ -64,6 +64,15 @@ def test_a_centre_of_mass_that_is_off_along_one_axis_is_one_number(nominal):
         {"name": "payload", "joint": "all", "mass": -0.3},
         {"name": "command_delay", "joint": 1, "delay": 0.004},
         {"name": "coulomb_friction", "joint": 1, "torque": 3.0, "onset": 0.03, "rest": "soft", "side": "motor"},
+        {
+            "name": "stribeck_friction",
+            "joint": 1,
+            "torque": 3.0,
+            "static_torque": 5.0,
+            "speed": 0.1,
+            "rest": "soft",
+            "onset": 0.01,
+        },
         {"name": "missing_friction", "joint": 2, "part": 0.6, "term": "dry"},
     ],
     ids=[
@@ -75,6 +84,7 @@ def test_a_centre_of_mass_that_is_off_along_one_axis_is_one_number(nominal):
         "light tool",
         "one late command",
         "soft friction",
+        "soft friction that falls",
         "less friction",
     ],
 )

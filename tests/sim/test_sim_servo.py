@@ -1,12 +1,13 @@
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.signal import StateSpace, cont2discrete, lsim
 from sim_machines import INERTIA, RATE_HZ, constant_speed, drive, hold, moves, raven, weightless
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim import Segment, plan_of, run
 from gpcorrect.sim.body import Drive
-from gpcorrect.sim.effects import CableStretch, CoulombFriction, ViscousFriction
+from gpcorrect.sim.effects import CableStretch, CoulombFriction, StribeckFriction, ViscousFriction
 from gpcorrect.sim.plan import minimum_jerk
 from gpcorrect.sim.servo import Clock, Loop, Reference, ServoPath, follow
 
@@ -137,9 +138,10 @@ def test_coulomb_oscillator_loses_two_fc_over_kp_each_half_swing():
     [
         CoulombFriction(1, torque=0.05),
         CoulombFriction(1, torque=0.05, rest="soft", onset=0.05, onset_time=0.0),
+        StribeckFriction(1, torque=0.04, static_torque=0.08, speed=0.1, rest="soft", onset=0.02, onset_time=0.0),
         ViscousFriction(1, damping=0.05),
     ],
-    ids=["coulomb", "soft", "viscous"],
+    ids=["coulomb", "soft", "soft stribeck", "viscous"],
 )
 def test_friction_is_passive(friction):
     """Friction never feeds energy: what spring and mass hold together only falls, and without it stays."""
@@ -172,6 +174,19 @@ def test_soft_friction_creeps_in_proportion_to_the_load(onset_time):
     """Under half its limit a joint creeps at half the onset, and under more than the limit it is off."""
     np.testing.assert_allclose(pushed(0.2, soft(0.4, 0.01, onset_time))[-1], 0.005, rtol=1e-6)
     np.testing.assert_allclose(pushed(0.5, soft(0.4, 0.01, onset_time))[-1], 2.0 * 0.1 / 0.1, rtol=0.02)
+
+
+@pytest.mark.parametrize("push", [0.5, 0.7])
+def test_soft_friction_falls_with_speed_as_its_law_says(push):
+    """It creeps up to the static limit and runs away past it, as an integrator of the law alone has it."""
+    law = {"torque": 0.3, "static_torque": 0.6, "speed": 0.05}
+    friction = StribeckFriction(1, **law, rest="soft", onset=0.01, onset_time=0.0)
+
+    def faster(_, v):
+        return (push - min(60.0 * v[0], 0.3 + 0.3 * np.exp(-((v[0] / 0.05) ** 2)))) / 0.1
+
+    wanted = solve_ivp(lambda t, v: [faster(t, v)], (0.0, 0.1), [0.0], rtol=1e-9, atol=1e-12, max_step=1e-4).y[0, -1]
+    np.testing.assert_allclose(pushed(push, friction, seconds=0.1)[-1], wanted, rtol=0.03)
 
 
 def test_soft_frictions_on_one_joint_add_up():

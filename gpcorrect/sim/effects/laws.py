@@ -21,8 +21,8 @@ class FrictionLaw(NamedTuple):
     `|tau| (exp(wrap) - 1)` against the load or `|tau| (1 - exp(-wrap))` with it; `damping v` comes on top
     (Armstrong-Helouvry, Dupont, Canudas de Wit 1994; Euler and Eytelwein's belt).
 
-    With a `slope` it is soft instead: `slope v + inertia v'`, up to `torque` either way, and the damping (the friction
-    loss of MuJoCo: its documentation, Computation, constraint model).
+    With a `slope` it is soft instead: `slope v + inertia v'`, up to that limit, and the damping (the friction loss of
+    MuJoCo: its documentation, Computation, constraint model).
 
     Parameters
     ----------
@@ -47,21 +47,20 @@ class FrictionLaw(NamedTuple):
     slope: float = 0.0
     inertia: float = 0.0
 
-    @classmethod
-    def creeping(cls, torque: float, onset: float, onset_time: float, damping: float = 0.0) -> FrictionLaw:
-        """Return friction that is soft, or dry where the onset is 0.
+    def softened(self, onset: float, onset_time: float) -> FrictionLaw:
+        """Return the same friction where it creeps before it slips; dry as it is where the onset is 0.
 
         Parameters
         ----------
-        torque, damping : float, as above
         onset : float, speed over which it grows, rad/s or m/s
         onset_time : float
             Time constant with which it brings to rest, or to its creep, what it can hold, s; a step of the loop counts
             when it is less.
         """
         if onset == 0.0:
-            return cls(torque=torque, damping=damping)
-        return cls(torque=torque, damping=damping, slope=torque / onset, inertia=torque / onset * onset_time)
+            return self
+        slope = max(self.torque, self.static) / onset
+        return self._replace(slope=slope, inertia=slope * onset_time)
 
 
 class TorqueLaw(NamedTuple):

@@ -28,6 +28,7 @@ SPEED = Range("rad/s", 1e-4, 2.0, 0.05), Range("m/s", 1e-5, 0.2, 0.005)
 RESTS = ("dry", "soft")  # it sticks, or creeps
 ONSET = Range("rad/s", 0.0, 0.5, 0.05), Range("m/s", 0.0, 0.05, 0.005)
 MUJOCO_TIME = 0.0095  # s: half of MuJoCo's default time constant times the largest impedance that is its default
+CREEP = Parameter("onset", "speed over which it grows", *ONSET, ladder=Ladder(Per.PRIOR, (0.1,)), only=("rest", "soft"))
 SWING = Range("N m", -20.0, 20.0, 0.2), Range("N", -100.0, 100.0, 2.0)
 WAVES = Range("1", 0.1, 300.0, 6.0), Range("rad/m", 1.0, 5000.0, 60.0)
 
@@ -58,18 +59,35 @@ class Backlash(JointEffect):
 
 
 @dataclass(frozen=True)
-class CoulombFriction(FrictionEffect):
-    """Friction of fixed size: by a proportional gain an error of torque / kp that changes sign at reversals.
+class _RestingFriction(FrictionEffect):
+    """Friction that sticks at rest, or creeps.
 
     Of one that creeps before it slips, as in a greased bearing and in simulators that regularise friction, the rest is
     "soft", and `onset` the speed over which it grows. It is MuJoCo's: what it can hold it brings to rest, or to its
     creep, with a time constant of `onset_time`, which is no parameter to be found: by default that of MuJoCo.
     """
 
-    torque: float = field(kw_only=True)
     onset: float = field(default=0.0, kw_only=True)
     onset_time: float = field(default=MUJOCO_TIME, kw_only=True)
     rest: str = field(default="dry", kw_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.onset_time >= 0:
+            raise DataError(f"effect {self.about.name}: onset_time must be >= 0, got {self.onset_time!r}.")
+
+    def _at_rest(self, law: FrictionLaw) -> FrictionLaw:
+        return law if self.rest == "dry" else law.softened(self.onset, self.onset_time)
+
+
+@dataclass(frozen=True)
+class CoulombFriction(_RestingFriction):
+    """Friction of fixed size: by a proportional gain an error of torque / kp that changes sign at reversals.
+
+    Dry, or soft at rest: :class:`_RestingFriction`.
+    """
+
+    torque: float = field(kw_only=True)
 
     about = Description(
         name="coulomb_friction",
@@ -81,13 +99,7 @@ class CoulombFriction(FrictionEffect):
         "MuJoCo's documentation, Computation, constraint model",
         parameters=(
             Parameter("torque", "size of the friction", *TORQUE),
-            Parameter(
-                "onset",
-                "speed over which it grows",
-                *ONSET,
-                ladder=Ladder(Per.PRIOR, (0.1,)),
-                only=("rest", "soft"),
-            ),
+            CREEP,
         ),
         needs=TORQUES,
         neighbours=("viscous_friction", "delay", "backlash"),
@@ -95,16 +107,9 @@ class CoulombFriction(FrictionEffect):
         choices=(("side", SIDES), ("rest", RESTS)),
     )
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.onset_time >= 0:
-            raise DataError(f"effect coulomb_friction: onset_time must be >= 0, got {self.onset_time!r}.")
-
     def law(self) -> FrictionLaw:
         """Return the limit, and what it is approached by."""
-        if self.rest == "dry":
-            return FrictionLaw(torque=self.torque)
-        return FrictionLaw.creeping(self.torque, self.onset, self.onset_time)
+        return self._at_rest(FrictionLaw(torque=self.torque))
 
 
 @dataclass(frozen=True)
@@ -132,8 +137,11 @@ class ViscousFriction(FrictionEffect):
 
 
 @dataclass(frozen=True)
-class StribeckFriction(FrictionEffect):
-    """Dry friction that falls from a static to a kinetic value as the joint picks up speed."""
+class StribeckFriction(_RestingFriction):
+    """Friction that falls from a static to a kinetic value as the joint picks up speed.
+
+    Dry, or soft at rest: :class:`_RestingFriction`.
+    """
 
     torque: float = field(kw_only=True)
     static_torque: float = field(kw_only=True)
@@ -143,7 +151,7 @@ class StribeckFriction(FrictionEffect):
         name="stribeck_friction",
         number=17,
         family=Family.REVERSAL,
-        equation="F = (torque + (static_torque - torque) exp(-(v / speed)^2)) sign v",
+        equation="F = (torque + (static_torque - torque) exp(-(v / speed)^2)) sign v; soft: as of Coulomb's",
         source="Bo and Pavelescu 1982, Wear 82(3); Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
         parameters=(
             Parameter("torque", "friction at speed", *TORQUE),
@@ -151,16 +159,17 @@ class StribeckFriction(FrictionEffect):
             Parameter(
                 "speed", "speed over which the one becomes the other", *SPEED, ladder=Ladder(Per.PRIOR, (0.2, 1.0, 5.0))
             ),
+            CREEP,
         ),
         needs=TORQUES,
         neighbours=("coulomb_friction", "viscous_friction"),
         separating_runs=(Run.SPEED_LADDER, Run.GAIN_CHANGE),
-        choices=(("side", SIDES),),
+        choices=(("side", SIDES), ("rest", RESTS)),
     )
 
     def law(self) -> FrictionLaw:
-        """Return both limits and the speed between them."""
-        return FrictionLaw(torque=self.torque, static=self.static_torque, speed=self.speed)
+        """Return both limits, the speed between them, and what they are approached by."""
+        return self._at_rest(FrictionLaw(torque=self.torque, static=self.static_torque, speed=self.speed))
 
 
 @dataclass(frozen=True)
