@@ -10,6 +10,7 @@ import pytest
 
 from gpcorrect.discrepancy import find_discrepancy
 from gpcorrect.discrepancy.outcome.sentences import verdict_sentences
+from gpcorrect.discrepancy.recording import scene as scene_module
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.recording.commanded import with_joint_paths
 from gpcorrect.discrepancy.recording.scene import Scene
@@ -19,7 +20,16 @@ from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.discrepancy.search.state import start_search
 from gpcorrect.errors import DataError
 from gpcorrect.sim import machine_of, model_from_dict, simulate
-from gpcorrect.sim.effects import CommandDelay, CoulombFriction, Effect, GainError, InertiaError, ViscousFriction
+from gpcorrect.sim.effects import (
+    CableStretch,
+    CommandDelay,
+    CoulombFriction,
+    Effect,
+    GainError,
+    InertiaError,
+    ViscousFriction,
+)
+from gpcorrect.sim.effects.base import SIDES
 from gpcorrect.sim.plan import Segment, plan_of
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
@@ -158,6 +168,22 @@ def test_of_motions_in_which_no_servo_settles_nothing_is_said_of_the_motors() ->
     assert built.plan is None
     assert built.unclocked
     assert any("no motion lasts" in remark for remark in built.remarks)
+
+
+def test_friction_is_simulated_once_for_both_sides_where_nothing_behind_feels_which(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Behind a cable that stretches it is another thing on either side of it."""
+    built, runs = scene(taken(even())), []
+    simulated = scene_module.follow_command
+    monkeypatch.setattr(scene_module, "follow_command", lambda *given: runs.append(given) or simulated(*given))
+    motor, joint = (CoulombFriction(1, torque=0.5, side=side) for side in SIDES)
+    np.testing.assert_array_equal(built.predict([motor]), built.predict([joint]))
+    assert len(runs) == 1
+    stretch = CableStretch(1, 500.0)
+    apart = built.predict([motor, stretch]) - built.predict([joint, stretch])
+    assert len(runs) == 2  # that of the motor was made
+    assert np.abs(apart).max() == pytest.approx(0.5 / 500.0, rel=0.1)
 
 
 def test_where_neither_clock_is_right_no_loop_is_run() -> None:

@@ -22,6 +22,7 @@ from gpcorrect.discrepancy.recording.servo_clock import Stamps
 from gpcorrect.discrepancy.recording.tracker import Slack, Tracker
 from gpcorrect.sim.dynamics import JointPath, link_load
 from gpcorrect.sim.effects import Effect, PathEffect, Stage, in_order, of_kind
+from gpcorrect.sim.effects.base import SIDES, FrictionEffect
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion
@@ -266,5 +267,8 @@ class Scene:
 
 
 def _inside(machine: Machine) -> tuple[Effect, ...]:
-    """Effects that act inside the closed loop."""
-    return tuple(e for e in machine.effects if e.stage in LOOP_STAGES)
+    """Effects that act inside the closed loop, all friction at the motor where nothing behind feels on which side."""
+    inside = tuple(e for e in machine.effects if e.stage in LOOP_STAGES)
+    if len(inside) < len(machine.effects):
+        return inside
+    return tuple(replace(e, side=SIDES[0]) if isinstance(e, FrictionEffect) else e for e in inside)
