@@ -284,8 +284,8 @@ def fit(
     settings = FitSettings(method=method, extra=console.split_names(extra or ""), seed=seed, **paper)
     log = read_logs(logs, columns, learned=STATE)
     experiment = console.fitted(log, settings, output, page, quiet=json, task=PositionEstimator, holdout=holdout)
-    for remark in experiment.fit.remarks:
-        console.note(remark)
+    for sentence in (*experiment.fit.remarks, *(experiment.evaluation.cautions if experiment.evaluation else ())):
+        console.note(sentence)
     figures = {**experiment.to_dict(), "method": method, **position_reductions(experiment.evaluation)}
     if json:
         console.print_json(figures)
@@ -332,6 +332,7 @@ def _show_estimator(figures: dict[str, Any]) -> None:
         table.add_row(name, f"{row['rms_mm']:.3f}", f"{row['sd_mm']:.3f}", axes)
     console.out.print(table)
     console.out.print(f"RMS less by {figures['rms_reduction']:.1f} %, SD by {figures['sd_reduction']:.1f} %")
+    console.out.print(console.certainty(figures))
 
 
 def _target(path: Path | None, ball: str | None) -> Target:
