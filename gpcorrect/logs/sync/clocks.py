@@ -111,11 +111,15 @@ def match_clocks(
         return log, Clocks(found, 0.0, f"the time offset of {name} is not observable: {found.reason}")
     middle, low, high = (1e3 * seconds for seconds in (found.offset, *found.ci95))
     what = REFERENCES.get(reference, "what the robot reports")
-    size = f"{name} runs {middle:.1f} ms behind {what} (95 %: {low:.1f} to {high:.1f})"
+    drift = "" if found.drift is None else f", and its clock {found.drift.ppm:+.0f} ppm against theirs"
+    size = f"{name} runs {middle:.1f} ms behind {what} (95 %: {low:.1f} to {high:.1f}){drift}"
     inside = np.diff(log.trajectory) == 0
     step = float(np.median(np.diff(log.time)[inside])) if inside.any() else 0.0  # less is not worth an interpolation
     if plausible_lag[0] - step <= found.ci95[1] and found.ci95[0] <= plausible_lag[1] + step:
-        return log, Clocks(found, 0.0, f"{size}, as a servo may: left to the velocity features")
+        kept = "as a servo may: left to the velocity features"
+        if drift:
+            kept += ", which cannot follow a clock: align the log first (gpcorrect.logs.align with log_offset)"
+        return log, Clocks(found, 0.0, f"{size}, {kept}", to_note=bool(drift))
     doubt = _doubt(log, found, float(np.clip(found.offset, *plausible_lag)))
     if doubt:
         remark = f"{size}, but {doubt}: left alone; if it is the clock, give the seconds"
