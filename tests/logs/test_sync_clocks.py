@@ -117,3 +117,13 @@ def test_a_clock_that_drifts_within_a_plausible_lag_is_said():
         assert same is log
         assert clocks.to_note == said
         assert ("ppm against theirs" in clocks.remark) == said
+
+
+def test_a_sensor_behind_what_is_reported_is_said(rng):
+    """Of a lag behind the commands nobody need hear; behind the reported pose it may be a camera's delay."""
+    log = poses(0.05, rng)
+    for reference, said in (("setpoint_cp", False), ("measured_cp", True)):
+        same, clocks = match_clocks(log, "tracker_cp", reference, "auto")
+        assert same is log
+        assert clocks.to_note == said
+    assert not match_clocks(poses(0.0, rng), "tracker_cp", "measured_cp", "auto")[1].to_note
