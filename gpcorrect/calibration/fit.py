@@ -149,12 +149,12 @@ def fit_model(
 
 
 def _refuse_still(log: CalibrationLog, pair: Pair) -> None:
-    """Refuse a log whose command or outside measurement never changes: errors of a constant are learned as nothing."""
-    for name in (pair.command, pair.observed):
-        signal = getattr(log, name)
-        parts = (signal.position, signal.quaternion) if isinstance(signal, PoseSignal) else (signal,)
-        table = np.hstack([part for part in parts if part is not None])
-        table = table[np.isfinite(table).all(axis=1)]
+    """Refuse poses that never change, commanded or seen; joints are looked at one by one where they are learned."""
+    for name in () if pair.joints else (pair.command, pair.observed):
+        signal: PoseSignal = getattr(log, name)
+        known = signal[signal.finite]
+        turns = np.empty((len(known), 0)) if known.quaternion is None else known.quaternion
+        table = np.hstack([known.position, turns])
         if len(table) > 1 and (table == table[0]).all():
             raise LogError(
                 f"{name} never changes, and of a robot that stands still nothing can be learned.",
