@@ -237,6 +237,15 @@ def test_ratios_are_seen_without_joint_types():
     assert [f.signal for f in found] == ["measured_jp"]
 
 
+def test_degrees_in_every_signal_are_seen_without_joint_types():
+    """Without a word on joint kinds, what is neither radians nor metres is named; joints in radians are not."""
+    log = replace(clean_log(), meta=LogMeta(), external_jp=None)
+    assert not findings(log, "joint_unit")
+    degrees = {n: np.rad2deg(getattr(log, n)) for n in ("setpoint_jp", "measured_jp")}
+    found = findings(replace(log, tracker_cp=None, **degrees), "joint_unit")
+    assert {f.signal for f in found} == set(degrees)
+
+
 def test_wrong_gains_and_offsets_are_not_units():
     """A joint 30 % off in gain and 10 degrees off in zero is a badly calibrated one, in the right unit."""
     log = clean_log()
