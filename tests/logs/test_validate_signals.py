@@ -104,6 +104,7 @@ def test_a_tracker_held_between_slower_samples_is_recognised():
     log = replace(clean_log(), tracker_cp=clean_log().tracker_cp[rows])
     (held,) = findings(log, "held")
     assert "about 3 times" in held.message
+    assert held.severity == "error"  # so that a fit says it: its steps are dropped as faults
     assert not findings(log, "frozen")
 
 
