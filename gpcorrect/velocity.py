@@ -27,6 +27,20 @@ GAP_STEPS = 5.0  # a step this many times the median one is a gap
 FIT_SAMPLES = 3  # a parabola needs three, however slow the stream
 
 
+def sampled_rows(known: BoolArray) -> IntArray:
+    """Rows of a log at which a sensor was read: of one slower than the log, those with a value; all rows otherwise.
+
+    Where every other row or more is empty as a rule, an empty row is no sample that was lost.
+
+    Parameters
+    ----------
+    known : (n,) mask, rows in which the sensor has a value
+    """
+    rows = np.flatnonzero(known)
+    slower = len(rows) > 1 and np.median(np.diff(rows)) > 1
+    return rows if slower else np.arange(len(known))
+
+
 def segment_labels(time: ArrayLike, trajectory: ArrayLike, keep: ArrayLike | None = None) -> IntArray:
     """Label the unbroken runs of used samples inside one trajectory: 0, 1... in row order, -1 where not used.
 

@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.special import stdtrit
 
 from gpcorrect.calibration.cartesian import CommandCorrector
 from gpcorrect.calibration.dataset import HoldOut, held_out
 from gpcorrect.calibration.fit import FitResult, fit_model
 from gpcorrect.calibration.history import HeldOut, PartErrors
 from gpcorrect.calibration.joints import JointCorrector
-from gpcorrect.calibration.metrics import spread
+from gpcorrect.calibration.metrics import coverage, spread
 from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.calibration.task import Corrector, Measured
 from gpcorrect.cleaning import CleaningReport, Pair, require_segments
@@ -23,9 +25,10 @@ from gpcorrect.errors import LogError
 from gpcorrect.logs.copies import LEAST, marks_of
 from gpcorrect.logs.sync import match_clocks
 from gpcorrect.one_thread import on_one_thread
-from gpcorrect.types import BoolArray, CalibrationLog, Progress
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, Progress
 
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
+LEAST_HELD = 0.9  # of the errors by a 95 % interval: below, it misses more than twice as many as it promises
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,24 +60,49 @@ class Evaluation:
 
     @property
     def cautions(self) -> tuple[str, ...]:
-        """What a reader must know before using the model: parts where learning did not beat the simplest remedy."""
+        """What a reader must know before using the model, a sentence each."""
+        return (*self.first, *self._few_passed(), *self._too_narrow(), *self._in_vain())
+
+    def _few_passed(self) -> Iterator[str]:
+        """Say where the errors are those of a minority that resembles the training."""
+        passed, measured = len(self.clean.rows), len(self.dirty.rows)
+        if 2 * passed < measured:  # cleaning holds where no more than half of the samples are wrong
+            yield (
+                f"only {passed} of {measured} samples pass cleaning by the training's thresholds: their errors say "
+                "little of the others. Another homing, tool or frame, or faster motion, looks like this"
+            )
+
+    def _too_narrow(self) -> Iterator[str]:
+        """Say where the intervals hold fewer errors than the scatter of the trajectories explains."""
         clean = self.clean
-        sentences = list(self.first)
+        groups = [clean.trajectory == label for label in np.unique(clean.trajectory)]
+        held = np.array([_share_held(clean.corrected[rows], clean.interval95[rows]) for rows in groups])
+        held = held[np.isfinite(held)]
+        if len(held) < 2:
+            return
+        most = held.mean() + stdtrit(len(held) - 1, 0.975) * held.std(ddof=1) / math.sqrt(len(held))
+        if most < LEAST_HELD:
+            yield (
+                f"95 % intervals cover only {100 * self.coverage95:.0f} % of these errors: the arm misses otherwise "
+                "than in the training, as after another homing, with another tool or in another frame"
+            )
+
+    def _in_vain(self) -> Iterator[str]:
+        """Name the parts where learning did not beat the simplest remedy."""
+        clean = self.clean
         for part in self.corrector.parts(clean.raw.shape[1]):
             before, after = (spread(part.sizes(errors))["rmse"] for errors in (clean.registered, clean.corrected))
             if after >= before > 0:
                 remedy = "registration" if self.corrector.METHODS[1] == "rigid" else "a fixed offset"
-                sentences.append(
+                yield (
                     f"on held-out trajectories the learned part does not lessen the {part.name} error (RMSE "
                     f"{before:.3g} {part.unit} after {remedy}, {after:.3g} {part.unit} corrected): record more motion"
                 )
-        return tuple(sentences)
 
     @property
     def coverage95(self) -> float:
-        """Fraction of all measured errors inside their 95 % intervals; NaN where none was."""
-        fractions = self.clean.coverage95
-        return float(np.nanmean(fractions)) if np.isfinite(fractions).any() else math.nan
+        """Fraction of the errors of clean samples inside their 95 % intervals; NaN where none was."""
+        return _share_held(self.clean.corrected, self.clean.interval95)
 
     def held_out(self) -> HeldOut:
         """Return what the model file remembers of this measurement."""
@@ -83,7 +111,7 @@ class Evaluation:
         return HeldOut(len(clean.rows), count, part_errors(self.corrector, clean), self.coverage95, inside)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return `errors` (samples that pass cleaning), `errors_dirty` (all) and the coverage of the 95 % intervals."""
+        """Return errors, coverage of the 95 % intervals and share in domain: of samples that pass cleaning, and all."""
         fractions = self.clean.coverage95
         names = (
             [f"J{j + 1}" for j in range(len(fractions))] if isinstance(self.corrector, JointCorrector) else COMPONENTS
@@ -93,7 +121,9 @@ class Evaluation:
             "errors_dirty": self.dirty_errors,
             "coverage95": self.coverage95,
             "coverage95_axes": dict(zip(names, fractions.tolist(), strict=False)),
+            "coverage95_dirty": _share_held(self.dirty.corrected, self.dirty.interval95),
             "in_domain": float(self.clean.in_domain.mean()),
+            "in_domain_dirty": float(self.dirty.in_domain.mean()),
             "cautions": list(self.cautions),
         }
 
@@ -242,6 +272,12 @@ def evaluate_model(
     clean, dirty = (corrector.measure(log, keep) for keep in (passed, held))
     clean, dirty = (replace(measured, rows=place[measured.rows]) for measured in (clean, dirty))
     return Evaluation(corrector, clean, dirty, cleaning, first)
+
+
+def _share_held(errors: FloatArray, half_widths: FloatArray) -> float:
+    """Return the fraction of errors inside their intervals, over all components; NaN where none was measured."""
+    fractions = coverage(errors, half_widths)
+    return float(np.nanmean(fractions)) if np.isfinite(fractions).any() else math.nan
 
 
 def part_errors(corrector: Corrector, measured: Measured) -> tuple[PartErrors, ...]:

@@ -17,12 +17,13 @@ from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import learner_named
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.calibration.task import Corrector
-from gpcorrect.cleaning import CleaningReport, Reason, fit_cleaner
+from gpcorrect.cleaning import CleaningReport, Pair, Reason, fit_cleaner
+from gpcorrect.errors import LogError
 from gpcorrect.gpr import IntervalCalibration, LeftOut, novelty_limit
 from gpcorrect.logs.copies import marks_of, remembered
 from gpcorrect.logs.sync import Clocks, match_clocks
 from gpcorrect.one_thread import on_one_thread
-from gpcorrect.types import CalibrationLog, Progress
+from gpcorrect.types import CalibrationLog, PoseSignal, Progress
 
 C = TypeVar("C", bound=Corrector)
 
@@ -95,6 +96,7 @@ def fit_model(
     settings, progress, start = settings or FitSettings(), progress or Progress(), time.perf_counter()
     learner_named(settings.method)
     pair = task.pair(log, settings)  # refused at once, before any work
+    _refuse_still(log, pair)
     marks = marks_of(log)  # as it came: a sensor that is shifted in time reads other numbers
     progress.step("clean", 0.0)
     log, clocks = match_clocks(log, pair.observed, pair.command, settings.time_offset)
@@ -144,6 +146,21 @@ def fit_model(
         n_train=n_train,
         remarks=tuple(remarks),
     )
+
+
+def _refuse_still(log: CalibrationLog, pair: Pair) -> None:
+    """Refuse poses that never change, commanded or seen; joints are looked at one by one where they are learned."""
+    for name in () if pair.joints else (pair.command, pair.observed):
+        signal: PoseSignal = getattr(log, name)
+        known = signal[signal.finite]
+        turns = np.empty((len(known), 0)) if known.quaternion is None else known.quaternion
+        table = np.hstack([known.position, turns])
+        if len(table) > 1 and (table == table[0]).all():
+            raise LogError(
+                f"{name} never changes, and of a robot that stands still nothing can be learned.",
+                hint="Record motion through where the robot will work. See: gpcorrect validate LOG",
+                path=log.name,
+            )
 
 
 def _learn_law(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> tuple[Law, LeftOut]:

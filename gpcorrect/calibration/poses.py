@@ -9,7 +9,7 @@ from gpcorrect.errors import LogError
 from gpcorrect.rigid import RigidModel
 from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, PoseSignal
-from gpcorrect.velocity import segment_labels, twists
+from gpcorrect.velocity import sampled_rows, segment_labels, twists
 
 NOISE_FRACTION = 0.03  # of the typical speed that noise may add to a velocity; chosen by hand
 WIDEST = 0.06  # s: a wider stencil blurs reversals, where friction acts; chosen by hand
@@ -45,8 +45,11 @@ def observed_twists(log: CalibrationLog, signal: PoseSignal, keep: BoolArray, st
     """
     if log.static:
         return np.zeros((len(log), 6))
-    labels = segment_labels(log.time, log.trajectory, keep & signal.finite)
-    return twists(log.time, signal.position, rotations_of(signal), labels, step)
+    rows, found = sampled_rows(signal.finite), np.full((len(log), 6), np.nan)
+    time, seen = log.time[rows], signal[rows]
+    labels = segment_labels(time, log.trajectory[rows], keep[rows] & seen.finite)
+    found[rows] = twists(time, seen.position, rotations_of(seen), labels, step)
+    return found
 
 
 def reference_twists(rigid: RigidModel, rotations: FloatArray | None, twist: FloatArray) -> FloatArray:
@@ -128,8 +131,10 @@ def stencil_step(log: CalibrationLog) -> float | None:
     ----------
     log : CalibrationLog, n samples
     """
-    if log.tracker_cp is None or len(log) <= STRIDE:
+    if log.tracker_cp is None:
         return None
+    log = log.select(sampled_rows(log.tracker_cp.finite))
+    assert log.tracker_cp is not None
     runs = [log.tracker_cp.position[rows] for _, rows in log.trajectories() if len(rows) > STRIDE]
     steps = [np.diff(log.time[rows]) for _, rows in log.trajectories() if len(rows) > STRIDE]
     if not runs:

@@ -21,6 +21,8 @@ def numbers(values: ArrayLike, what: str) -> FloatArray:
     what : str, what it is, for the message
     """
     try:
+        if np.iscomplexobj(values):  # an array of them would lose its imaginary part with no more than a warning
+            raise TypeError("complex numbers")
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise DataError(f"{what} must be numbers, in rows of one length ({error}).") from error

@@ -16,6 +16,7 @@ from gpcorrect.calibration.joint_view import ViewCorrector
 from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.learners import CableModel
 from gpcorrect.calibration.memory import advance, lag_step
+from gpcorrect.calibration.queries import numbers
 from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.calibration.training_motion import UNITS, StreamGuard
 from gpcorrect.correction import Correction
@@ -323,7 +324,7 @@ def _whole_state(state: RobotState, expected: Sequence[str]) -> FloatArray:
 
 
 def _numbers(values: ArrayLike, size: int, what: str) -> FloatArray:
-    numbers = np.array(values, dtype=np.float64)
-    if numbers.shape != (size,):
-        raise DataError(f"the model takes {size} {what}, got shape {numbers.shape}.")
-    return numbers
+    found = numbers(values, what)
+    if found.shape != (size,):
+        raise DataError(f"the model takes {size} {what}, got shape {found.shape}.")
+    return found

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, ClassVar, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -262,6 +262,17 @@ class Corrector(ABC):
             self.trained.refuse_far(np.median(known, axis=0), UNITS)
         if not log.static:
             self.trained.refuse_slow(path, log.time, log.trajectory)
+
+    def having_seen(self, log: CalibrationLog, keep: BoolArray) -> Self:
+        """Return the same corrector, of a training that moved as this log does too.
+
+        Parameters
+        ----------
+        log : CalibrationLog, n samples
+        keep : (n,) mask, samples that were not rejected
+        """
+        moved = TrainingMotion.of(self.query_path(log), log, keep, joints=False)
+        return replace(self, trained=self.trained.widened(moved))
 
     def on_one_clock(self, log: CalibrationLog, mode: str) -> tuple[CalibrationLog, Clocks]:
         """Return the log with the outside sensor on the robot's clock, where the seconds between them are stated.

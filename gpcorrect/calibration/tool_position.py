@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -38,12 +38,14 @@ class ToolView:
     features : JointFeatures, what the law looks at
     state_names : tuple of str, columns of the whole state; empty for a law that does not look at it
     extra : tuple of str, extra columns of the log in it
+    reported : TrainingMotion or None, where the training's tool was reported; models of before do not know
     """
 
     registration: RigidModel
     features: JointFeatures
     state_names: tuple[str, ...]
     extra: tuple[str, ...]
+    reported: TrainingMotion | None = None
 
     def of_log(self, log: CalibrationLog, keep: BoolArray, *, needs_truth: bool = True) -> tuple[FloatArray, Samples]:
         """Return the reported positions `(n, 3)` and the samples of a log.
@@ -80,9 +82,11 @@ class ToolView:
             log.time, log.trajectory, log.session, path.new, X, error, nothing, usable, np.zeros((len(X), 0))
         )
 
-    @staticmethod
-    def answer(reported: FloatArray, prediction: Prediction) -> Correction:
+    def answer(self, reported: FloatArray, prediction: Prediction) -> Correction:
         """Return reported positions `(n, 3)` corrected by the predictions of a law.
+
+        The law looks at the joints; a position that did not come with such joints in the training, as one in another
+        frame or of another tool, is outside the training region by itself.
 
         Parameters
         ----------
@@ -97,8 +101,17 @@ class ToolView:
             joints=None,
             std=prediction.std,
             interval95=prediction.interval95,
-            reasons=prediction.reasons | np.where(missing, int(Reason.MISSING), 0),
+            reasons=prediction.reasons
+            | np.where(missing, int(Reason.MISSING), 0)
+            | np.where(self._elsewhere(reported), int(Reason.OUTSIDE), 0),
         )
+
+    def _elsewhere(self, reported: FloatArray) -> BoolArray:
+        """Which positions `(n, 3)` lie beyond the training's by more than the margin of its size."""
+        if self.reported is None:
+            return np.zeros(len(reported), dtype=bool)
+        beyond = np.maximum(self.reported.low - reported, reported - self.reported.high)
+        return np.asarray((beyond > LIMITS.margin * self.reported.size).any(axis=1))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -122,6 +135,8 @@ class PositionEstimator(ViewCorrector):
             raise DataError(
                 f"a model of {len(self.view.features.centre)} joints was not trained on {len(self.trained.low)}."
             )
+        if self.view.reported is not None and len(self.view.reported.low) != 3:
+            raise DataError(f"a tool has three coordinates, not {len(self.view.reported.low)}.")
 
     @classmethod
     def pair(cls, log: CalibrationLog, settings: FitSettings) -> Pair:
@@ -133,6 +148,14 @@ class PositionEstimator(ViewCorrector):
     def stream(self) -> ToolStream:
         """Return an estimator of one sample at a time, which remembers where in its slack the arm is."""
         return ToolStream(self)
+
+    def having_seen(self, log: CalibrationLog, keep: BoolArray) -> Self:
+        """See :class:`Corrector`."""
+        changed = super().having_seen(log, keep)
+        if self.view.reported is None:
+            return changed
+        moved = TrainingMotion.of(_positions(log)[0], log, keep, joints=False)
+        return replace(changed, view=replace(self.view, reported=self.view.reported.widened(moved)))
 
     def query_path(self, log: CalibrationLog) -> FloatArray:
         """See :class:`Corrector`."""
@@ -201,7 +224,13 @@ class PositionEstimator(ViewCorrector):
         error = registration.apply(PoseSignal(seen)).position - reported
         features = JointFeatures.learn(kinds, path, error, rows)
         names = state_columns(log, settings.extra)[0] if "state" in kinds else ()
-        view = ToolView(registration=registration, features=features, state_names=names, extra=settings.extra)
+        view = ToolView(
+            registration=registration,
+            features=features,
+            state_names=names,
+            extra=settings.extra,
+            reported=TrainingMotion.of(reported, log, keep, joints=False),
+        )
         samples = view.samples(path, log, error, keep)
         law, left_out = learn_law(samples, joint_layout(features, 3, owned=False, inducing=INDUCING))
         report = {"method": settings.method, "features": list(features.kinds), "state_numbers": features.n_state}

@@ -23,7 +23,6 @@ from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import GPMap
 from gpcorrect.calibration.pose_samples import PosePairs
 from gpcorrect.calibration.task import Corrector
-from gpcorrect.calibration.training_motion import TrainingMotion
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import IntervalCalibration, LeftOut, Predictor, Statistics
 from gpcorrect.gpr.statistics import Points, updated
@@ -121,9 +120,8 @@ def update_model(
     known = {"sha256": log.digest, "recordings": list(log.recordings), "contents": list(log.contents)}
     entry = {"source": log.name, **known, "marks": remembered(marks_of(train)), "n_added": n, "keep": weight}
     summary = {**corrector.summary, "updates": [*corrector.summary.get("updates", []), entry]}
-    moved = TrainingMotion.of(corrector.query_path(train), train, keep, joints=False)
-    step, trained = step_now("update", log), corrector.trained.widened(moved)
-    changed = replace(changed, summary=summary, trained=trained, history=(*corrector.history, step))
+    step = step_now("update", log)
+    changed = replace(changed.having_seen(train, keep), summary=summary, history=(*corrector.history, step))
     if not held.any():
         return Update(changed, weight, n, unseen, None, None)
     cleaning = corrector.clean_afresh(log.select(held))

@@ -18,6 +18,7 @@ from gpcorrect.one_thread import on_one_thread
 from gpcorrect.rigid import MarkerOption, RigidModel, register
 from gpcorrect.robust import robust_scale
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
+from gpcorrect.velocity import sampled_rows
 
 FEWEST_SAMPLES = 4  # that a rigid model with orientations is fitted to
 FEWEST_FOR_FIELD = 12  # fresh samples, chosen by hand: fewer cannot tell a smooth error from a fault
@@ -183,7 +184,10 @@ def _report(log: CalibrationLog, labels: Labels, cleaner: FittedCleaner) -> Clea
     settings = cleaner.settings
     forced = segment_mask(log, settings.keep) & (labels.reason != Reason.INVALID.value)
     numbers, index = np.unique(log.trajectory, return_inverse=True)
-    rejected = np.bincount(index, weights=~(labels.keep | forced)) / np.bincount(index)
+    read = np.zeros(len(log), dtype=bool)
+    read[sampled_rows(labels.reason != Reason.INVALID.value)] = True
+    passed = np.bincount(index, weights=read & (labels.keep | forced))
+    rejected = 1.0 - passed / np.maximum(np.bincount(index, weights=read), 1.0)
     dropped = rejected > settings.trajectory_share
     labels = labels.rejecting_above(rejected[index], Reason.TRAJECTORY, settings.trajectory_share)
     return CleaningReport(

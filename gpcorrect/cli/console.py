@@ -184,6 +184,18 @@ def show_errors(title: str, errors: Mapping[str, Any]) -> None:
     out.print(table)
 
 
+def certainty(figures: Mapping[str, Any]) -> str:
+    """Return what a measurement says of its intervals and of the training region, in a line.
+
+    Parameters
+    ----------
+    figures : mapping, of `Evaluation.to_dict`
+    """
+    names = ("coverage95", "coverage95_dirty", "in_domain", "in_domain_dirty")
+    held, held_all, inside, inside_all = (f"{100 * figures[name]:.1f} %" for name in names)
+    return f"95 % intervals cover {held} ({held_all} of all samples); {inside} in domain ({inside_all} of all)"
+
+
 def digests(*paths: Path) -> list[tuple[str, str]]:
     """Return names and SHA-256 of files and folders, for the foot of a page.
 

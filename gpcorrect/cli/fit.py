@@ -126,9 +126,7 @@ def evaluate(
     _caution(measured.cautions)
     console.show_errors(f"{result['n_test']} samples that pass cleaning", result["errors"])
     console.show_errors(f"all {len(measured.dirty.rows)} samples as they came", result["errors_dirty"])
-    console.out.print(
-        f"95 % intervals cover {100 * result['coverage95']:.1f} %; {100 * result['in_domain']:.1f} % in domain"
-    )
+    console.out.print(console.certainty(result))
     if page is not None:
         console.out.print(f"report: {page}")
     if mcap is not None:
@@ -162,7 +160,7 @@ def _show(experiment: Experiment, result: dict[str, Any], output: Path, page: Pa
     if result["errors"]:
         console.show_errors(f"Held-out error, {result['n_test']} samples that pass cleaning", result["errors"])
         console.show_errors("All held-out samples as they came", result["errors_dirty"])
-        console.out.print(f"95 % intervals cover {100 * result['coverage95']:.1f} % of the held-out errors")
+        console.out.print(console.certainty(result))
     dropped = console.dropped_words(result["dropped"])
     console.out.print(f"trained on {result['n_train']} samples in {result['seconds']:.1f} s; dropped: {dropped}")
     console.out.print(f"model: {output}" + (f"   report: {page}" if page else ""))

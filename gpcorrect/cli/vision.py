@@ -256,6 +256,7 @@ def fit(
     holdout: Annotated[float, typer.Option(help="Fraction of whole trajectories, the last ones, to measure on.")] = 0.2,
     extra: Annotated[str | None, typer.Option(help="Extra columns of the log that belong to the state.")] = None,
     columns: opt.Columns = None,
+    as_is: opt.AsIs = False,
     seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
     report: opt.Report = None,
     json: opt.Json = False,
@@ -280,10 +281,10 @@ def fit(
         "epochs": 60,
     }  # Peng et al. 2020; its batch normalisation is left out
     settings = FitSettings(method=method, extra=console.split_names(extra or ""), seed=seed, **paper)
-    log = read_logs(logs, columns, learned=STATE)
+    log = read_logs(logs, columns, as_is=as_is, learned=STATE)
     experiment = console.fitted(log, settings, output, page, quiet=json, task=PositionEstimator, holdout=holdout)
-    for remark in experiment.fit.remarks:
-        console.note(remark)
+    for sentence in (*experiment.fit.remarks, *(experiment.evaluation.cautions if experiment.evaluation else ())):
+        console.note(sentence)
     figures = {**experiment.to_dict(), "method": method, **position_reductions(experiment.evaluation)}
     if json:
         console.print_json(figures)
@@ -297,6 +298,7 @@ def evaluate(
     model: Annotated[Path, typer.Argument(help="Model file of `gpcorrect vision fit`.")],
     logs: opt.Logs,
     columns: opt.Columns = None,
+    as_is: opt.AsIs = False,
     report: opt.Report = None,
     json: opt.Json = False,
 ) -> None:
@@ -307,7 +309,7 @@ def evaluate(
     from gpcorrect.calibration import PositionEstimator, evaluate_model, load, position_reductions
 
     page = opt.report_page(report)
-    log = read_logs(logs, columns, learned=STATE)
+    log = read_logs(logs, columns, as_is=as_is, learned=STATE)
     evaluation = evaluate_model(load(model, PositionEstimator), log)
     console.write_evaluation_page(evaluation, log, model, (), page)
     for caution in evaluation.cautions:
@@ -330,6 +332,7 @@ def _show_estimator(figures: dict[str, Any]) -> None:
         table.add_row(name, f"{row['rms_mm']:.3f}", f"{row['sd_mm']:.3f}", axes)
     console.out.print(table)
     console.out.print(f"RMS less by {figures['rms_reduction']:.1f} %, SD by {figures['sd_reduction']:.1f} %")
+    console.out.print(console.certainty(figures))
 
 
 def _target(path: Path | None, ball: str | None) -> Target:

@@ -208,7 +208,13 @@ def _shift(robot: CalibrationLog, seen: Stream, ahead: float | None) -> tuple[Fl
     doubt = _doubt(found, robot.time, seen.stamp)
     if doubt:
         raise LogError(f"the motion does not tell how the clocks lie: {doubt}", hint=_HINT, path=seen.source)
-    return found.at(robot.time + found.offset), f"the tracker's clock runs {found.offset:.4f} s ahead, found by {name}."
+    remark = f"the tracker's clock runs {found.offset:.4f} s ahead, found by {name}."
+    if name == "setpoint_cp":
+        remark += (
+            " What the robot lags behind its commands is taken for clock with it, and is not learned or measured: "
+            "record measured_cp as well, or give --time-offset."
+        )
+    return found.at(robot.time + found.offset), remark
 
 
 def _doubt(found: TimeOffset, robot: FloatArray, take: FloatArray) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -120,6 +121,28 @@ def test_far_outside_the_estimate_is_bounded_and_said_to_be_unknown(fitted: Expe
     assert not answer.in_domain
     limit = model.law.bounds.largest[0] + np.linalg.norm(model.law.zero)
     assert np.linalg.norm(answer.position - sample.measured_position) <= limit
+
+
+def test_a_tool_reported_where_the_training_had_none_is_outside(fitted: Experiment, log: CalibrationLog) -> None:
+    """A position in another frame beside joints that are known; the same positions by stream and by batch."""
+    model: PositionEstimator = fitted.corrector
+    assert log.measured_cp is not None
+    moved = replace(log, measured_cp=replace(log.measured_cp, position=log.measured_cp.position + 0.3))
+    assert model.stream().correct(_sample(log, 3)).in_domain
+    assert not model.stream().correct(_sample(moved, 3)).in_domain
+    assert model.correct_log(log).in_domain.mean() > 0.9
+    assert not model.correct_log(moved).in_domain.any()
+    keep = np.ones(len(log), dtype=bool)
+    assert model.having_seen(moved, keep).correct_log(moved).in_domain.mean() > 0.9
+
+
+@pytest.mark.parametrize("name", ["measured_jp", "measured_position", "measured_jf"])
+@pytest.mark.parametrize("change", [lambda values: values + 1j, lambda values: [str(value) + "!" for value in values]])
+def test_what_is_no_number_is_refused(fitted: Experiment, log: CalibrationLog, name: str, change: Any) -> None:
+    """Complex numbers do not lose their imaginary part in silence, and text is named as what it is."""
+    sample = _sample(log, 3)
+    with pytest.raises(DataError, match="must be numbers"):
+        fitted.corrector.stream().correct(replace(sample, **{name: change(getattr(sample, name))}))
 
 
 def test_the_state_has_a_name_for_every_number(log: CalibrationLog) -> None:

@@ -157,3 +157,16 @@ def test_a_report_folder_that_is_a_file_is_refused_before_the_work(
     assert_refused(gpcorrect("fit", log_file, "--output", tmp_path / "m.gpc", "--report", log_file), "report")
     assert not (tmp_path / "m.gpc").exists()
     assert log_file.read_bytes() == before
+
+
+def test_a_robot_that_stood_still_is_refused(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """Orientations would register it, and the errors of a constant command would be printed as nothing."""
+    log = small_log(trajectories=6, samples=40)
+    assert log.setpoint_cp is not None
+    still = PoseSignal(np.tile([0.1, 0.0, -0.1], (len(log), 1)), np.tile([1.0, 0.0, 0.0, 0.0], (len(log), 1)))
+    rng = np.random.default_rng(0)
+    assert log.tracker_cp is not None
+    seen = PoseSignal(still.position + 1e-4 * rng.normal(size=(len(log), 3)), still.quaternion)
+    path = written(replace(log, setpoint_cp=still, tracker_cp=seen), tmp_path / "still.csv")
+    assert_refused(gpcorrect("fit", path, "--output", tmp_path / "m.gpc"), "setpoint_cp never changes")
+    assert not (tmp_path / "m.gpc").exists()

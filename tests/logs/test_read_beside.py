@@ -11,6 +11,7 @@ from sync_support import wandering
 
 from gpcorrect.errors import LogError
 from gpcorrect.logs import read_log, with_tracker
+from gpcorrect.logs.streams import Stream, interpolate
 from gpcorrect.types import CalibrationLog, PoseSignal
 
 AHEAD = -1_700_000_123.25  # s; the robot stamps seconds since 1970, the cameras count from zero
@@ -45,6 +46,16 @@ def test_the_motion_tells_how_two_clocks_lie_wherever_they_begin():
         np.testing.assert_allclose(joined.extra["marker_rms"], expected, atol=1e-3)
         assert joined.tracker_cp.finite.all()
         assert joined.remarks[-1].endswith("found by measured_cp.")
+
+
+def test_a_lag_that_is_taken_for_clock_is_said():
+    """Without a reported pose a lag of 40 ms behind the commands moves the clock by as much, and the remark says so."""
+    robot, take = session(1, 0.0)
+    late = interpolate(Stream("setpoint_cp", robot.time, robot.setpoint_cp), robot.time + 0.04)
+    joined = with_tracker(replace(robot, measured_cp=None, setpoint_cp=late).select(slice(0, 1490)), take)
+    (remark,) = (said for said in joined.remarks if "found by setpoint_cp" in said)
+    assert "runs 0.040" in remark
+    assert "lags behind its commands is taken for clock" in remark
 
 
 def test_a_given_shift_is_applied():

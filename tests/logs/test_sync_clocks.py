@@ -103,3 +103,27 @@ def test_static_poses_have_no_clock(rng):
     assert "no clock" in clocks.remark
     with pytest.raises(LogError, match="no clock to shift"):
         match_clocks(log, "tracker_cp", "setpoint_cp", "0.1")
+
+
+def test_a_clock_that_drifts_within_a_plausible_lag_is_said():
+    """Nothing is shifted, and a person hears of the drift; of a lag that stays as it is nobody does."""
+    rng = np.random.default_rng(3)
+    path, time = wandering(rng), np.arange(0, 120, 0.02)
+    for ppm, said in ((0.0, False), (200.0, True)):
+        seen = path((time - 0.05) * (1 - 1e-6 * ppm)) + 5e-5 * rng.normal(size=(len(time), 3))
+        one = np.zeros(len(time))
+        log = CalibrationLog(time, one, one, setpoint_cp=PoseSignal(path(time)), tracker_cp=PoseSignal(seen))
+        same, clocks = match_clocks(log, "tracker_cp", "setpoint_cp", "auto")
+        assert same is log
+        assert clocks.to_note == said
+        assert ("ppm against theirs" in clocks.remark) == said
+
+
+def test_a_sensor_behind_what_is_reported_is_said(rng):
+    """Of a lag behind the commands nobody need hear; behind the reported pose it may be a camera's delay."""
+    log = poses(0.05, rng)
+    for reference, said in (("setpoint_cp", False), ("measured_cp", True)):
+        same, clocks = match_clocks(log, "tracker_cp", reference, "auto")
+        assert same is log
+        assert clocks.to_note == said
+    assert not match_clocks(poses(0.0, rng), "tracker_cp", "measured_cp", "auto")[1].to_note

@@ -104,6 +104,7 @@ def test_a_tracker_held_between_slower_samples_is_recognised():
     log = replace(clean_log(), tracker_cp=clean_log().tracker_cp[rows])
     (held,) = findings(log, "held")
     assert "about 3 times" in held.message
+    assert held.severity == "error"  # so that a fit says it: its steps are dropped as faults
     assert not findings(log, "frozen")
 
 
@@ -235,6 +236,15 @@ def test_ratios_are_seen_without_joint_types():
     log = scaled_joint("measured_jp", 0, np.rad2deg(1.0))
     found = findings(replace(log, meta=LogMeta(), external_jp=None), "joint_unit")
     assert [f.signal for f in found] == ["measured_jp"]
+
+
+def test_degrees_in_every_signal_are_seen_without_joint_types():
+    """Without a word on joint kinds, what is neither radians nor metres is named; joints in radians are not."""
+    log = replace(clean_log(), meta=LogMeta(), external_jp=None)
+    assert not findings(log, "joint_unit")
+    degrees = {n: np.rad2deg(getattr(log, n)) for n in ("setpoint_jp", "measured_jp")}
+    found = findings(replace(log, tracker_cp=None, **degrees), "joint_unit")
+    assert {f.signal for f in found} == set(degrees)
 
 
 def test_wrong_gains_and_offsets_are_not_units():

@@ -129,8 +129,12 @@ def _frozen(evidence: Evidence) -> Iterator[Finding]:
             held = same[moves]
             times = 1.0 / max(1.0 - float(held.mean()), 1.0 / len(held))
             what = f"each value is repeated about {times:.2g} times: it was held between slower samples."
-            hint = "Record it with its own stamps and let the reader interpolate: holding delays it by half its period."
-            yield Finding("warning", "held", name, what, hint, int(held.sum()))
+            hint = (
+                "Leave the repeats empty, or record it with its own stamps: holding delays it by half its period, and "
+                "its steps look like faults."
+            )
+            severity: Severity = "error" if name in OUTSIDE else "warning"
+            yield Finding(severity, "held", name, what, hint, int(held.sum()))
 
 
 def _usual_hold(repeated: IntArray) -> float:

@@ -86,8 +86,11 @@ def _misread_joints(evidence: Evidence) -> dict[tuple[str, int], str]:
 
 def _too_wide(evidence: Evidence, name: str) -> Iterator[tuple[int, str]]:
     table = evidence.tables[name][evidence.known[name]]
-    for j, (kind, column) in enumerate(zip(evidence.joint_types, table.T, strict=False)):
+    kinds = evidence.joint_types or "?" * table.shape[1]
+    for j, (kind, column) in enumerate(zip(kinds, table.T, strict=False)):
         size = float(np.percentile(np.abs(column), 99))
+        if kind == "?" and size > max(FULL_TURN, LONGEST):
+            yield j, f"reaches {size:.4g}: neither a turning joint in radians nor a sliding one in metres does."
         if kind == "R" and size > FULL_TURN:
             yield j, f"reaches {size:.4g}: it looks like degrees."
         if kind == "P" and size > LONGEST:

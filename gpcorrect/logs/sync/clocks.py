@@ -111,11 +111,12 @@ def match_clocks(
         return log, Clocks(found, 0.0, f"the time offset of {name} is not observable: {found.reason}")
     middle, low, high = (1e3 * seconds for seconds in (found.offset, *found.ci95))
     what = REFERENCES.get(reference, "what the robot reports")
-    size = f"{name} runs {middle:.1f} ms behind {what} (95 %: {low:.1f} to {high:.1f})"
+    drift = "" if found.drift is None else f", and its clock {found.drift.ppm:+.0f} ppm against theirs"
+    size = f"{name} runs {middle:.1f} ms behind {what} (95 %: {low:.1f} to {high:.1f}){drift}"
     inside = np.diff(log.trajectory) == 0
     step = float(np.median(np.diff(log.time)[inside])) if inside.any() else 0.0  # less is not worth an interpolation
     if plausible_lag[0] - step <= found.ci95[1] and found.ci95[0] <= plausible_lag[1] + step:
-        return log, Clocks(found, 0.0, f"{size}, as a servo may: left to the velocity features")
+        return log, _left(found, size, reference == "measured_cp" and found.ci95[0] > step)
     doubt = _doubt(log, found, float(np.clip(found.offset, *plausible_lag)))
     if doubt:
         remark = f"{size}, but {doubt}: left alone; if it is the clock, give the seconds"
@@ -125,6 +126,21 @@ def match_clocks(
         return log, Clocks(found, 0.0, remark, to_note=True)
     remark = f"{size}, more than a servo does: {name} was shifted"
     return align(log, found, signals=(moving,)), Clocks(found, found.offset, remark, to_note=True)
+
+
+def _left(found: TimeOffset, size: str, late: bool) -> Clocks:
+    """Leave a plausible lag alone; say it where no velocity feature learns it: a clock that drifts, a camera's delay.
+
+    `late` is whether the sensor runs behind the pose that the robot reports, which no servo explains.
+    """
+    align_first = "align the log first (gpcorrect.logs.align with log_offset)"
+    if late:
+        remark = f"{size}: left as it was stamped. If that is the sensor's delay and not the tool's, {align_first}"
+        return Clocks(found, 0.0, remark, to_note=True)
+    remark = f"{size}, as a servo may: left to the velocity features"
+    if found.drift is None:
+        return Clocks(found, 0.0, remark)
+    return Clocks(found, 0.0, f"{remark}, which cannot follow a clock: {align_first}", to_note=True)
 
 
 def _doubt(log: CalibrationLog, found: TimeOffset, lag: float) -> str:
