@@ -32,6 +32,10 @@ class ClockSettings:
     full: float = 0.5  # of the mean step, that the usual one is at least: less is messages that come in bunches
     hole: float = 0.5  # s without a row in which the command is bridged; a longer one begins a motion anew
     near: float = 0.2  # of the usual step: rows nearer to the one before are no new point of a command
+    moving: float = 0.05  # of a joint's usual speed, that is commanded where a motion begins on the move
+    chance: float = (
+        1e-3  # chance that noise alone makes first rows look like motions that begin elsewhere; a definition
+    )
     settles: float = 0.5  # s after which a servo has forgotten how a motion began
 
 

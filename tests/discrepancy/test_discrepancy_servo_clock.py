@@ -94,7 +94,8 @@ def test_rows_taken_early_and_late_change_nothing() -> None:
     assert on_clock.stamps is None
     np.testing.assert_array_equal(uneven.time, taken(moved).time)
     assert (motor_errors(taken(moved)) < 1e-4).all()
-    np.testing.assert_allclose(motor_errors(taken(moved), ()), motor_errors(taken(rows), ()), rtol=0.02)
+    # The first rows of one are on the move: its motions' beginnings, a sixteenth of them, are left out.
+    np.testing.assert_allclose(motor_errors(taken(moved), ()), motor_errors(taken(rows), ()), rtol=1 / 16)
 
 
 @pytest.mark.parametrize("jitter", [5e-4, 1e-3, 2e-3])
@@ -132,8 +133,8 @@ def test_a_long_hole_begins_a_motion_anew() -> None:
     log = taken(np.delete(rows, slice(300, 500)))
     whole, cut = scene(taken(rows)), scene(log)
     assert len(np.unique(cut.run_of_row())) == len(np.unique(whole.run_of_row())) + 1
-    compared, before = (np.isfinite(s.observed[:, :3]).all(axis=1) for s in (cut, whole))
-    assert list(np.flatnonzero(~compared & np.delete(before, slice(300, 500)))) == list(range(300, 350))
+    motors = np.isfinite(cut.observed[:, :3]).all(axis=1)
+    assert list(np.flatnonzero(~motors)) == list(range(300, 350))
     assert np.isfinite(cut.observed[:, 3:]).all()
     assert (motor_errors(log) < motor_errors(taken(rows)) + SMALL).all()
 
@@ -146,25 +147,45 @@ def test_a_hole_in_which_the_arm_stands_ends_no_motion() -> None:
     assert len(np.unique(paused.run_of_row())) == len(np.unique(whole.run_of_row()))
 
 
-@pytest.mark.parametrize("since", [0, 1500])
-def test_motors_are_compared_once_the_servo_has_settled(since: int) -> None:
-    """What a controller held as a motion began, from rest or on the move, is in no log: half a second is left out."""
+def test_motions_that_begin_on_the_move_are_compared_once_the_servo_has_settled() -> None:
+    """Whether the arm moved with the first command, or stood, is in no log: half a second is left out."""
     number = np.arange(len(fine()))
-    log = fine().select(np.isin(number, even()) & (number % 4000 >= since))
-    start = np.array([log.time[log.trajectory == k].min() for k in log.trajectory])
-    settled = log.time - start >= 0.5
+    log = fine().select(np.isin(number, even()) & (number % 4000 >= 1500))
+    settled = _since_its_start(log) >= 0.5
     built = scene(log)
     np.testing.assert_array_equal(np.isfinite(built.observed[:, :3]).all(axis=1), settled)
     assert np.isfinite(built.observed[:, 3:]).all()
     unmeasured = scene(replace(log, measured_jp=None))
     np.testing.assert_array_equal(np.isfinite(unmeasured.observed[:, :3]).all(axis=1), settled)
+    assert np.isfinite(scene(taken(even())).observed).all()
+
+
+@pytest.mark.parametrize(("elsewhere", "left_out"), [(0.0, False), (2e-3, True)])
+def test_motors_that_stand_elsewhere_as_motions_begin_are_compared_once_the_servo_has_settled(
+    elsewhere: float, left_out: bool
+) -> None:
+    """A controller that held with another torque as it begins: its way back was a gain error, EXACT."""
+    log = taken(even())
+    assert log.measured_jp is not None
+    noise = np.random.default_rng(2).normal(0.0, 2e-4, log.measured_jp.shape)
+    since = _since_its_start(log)
+    way_back = elsewhere * np.exp(-since / 0.05)[:, None] * [1.0, 0.0, 0.0]
+    moved = replace(log, measured_jp=scene(log).predict()[:, :3] + noise + way_back)
+    compared = np.isfinite(scene(moved).observed[:, :3]).all(axis=1)
+    np.testing.assert_array_equal(compared, (since >= 0.5) | (not left_out))
+
+
+def _since_its_start(log: CalibrationLog) -> FloatArray:
+    start = np.array([log.time[log.trajectory == k].min() for k in range(int(log.trajectory.max()) + 1)])
+    since: FloatArray = log.time - start[log.trajectory]
+    return since
 
 
 def test_of_motions_in_which_no_servo_settles_nothing_is_said_of_the_motors() -> None:
-    """Two fifths of a second of every second: no row of the motors can be compared, and it is not NONE for that."""
+    """Two fifths of a second of every second, on the move: no row can be compared, and it is not NONE for that."""
     log = taken(even())
-    bits = log.select(log.time % 1.0 < 0.4 - SMALL)
-    built = scene(replace(bits, trajectory=np.floor(bits.time).astype(np.int64)))
+    bits = log.select((log.time % 1.0 > 0.3) & (log.time % 1.0 < 0.7))
+    built = scene(replace(bits, trajectory=np.unique(np.floor(bits.time), return_inverse=True)[1].astype(np.int64)))
     assert built.plan is None
     assert built.unclocked
     assert any("no motion lasts" in remark for remark in built.remarks)

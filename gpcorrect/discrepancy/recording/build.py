@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from gpcorrect import se3
 from gpcorrect.discrepancy.recording.layout import Layout, layout_of
@@ -59,13 +60,14 @@ def build_scene(
     command = _joint_columns(log, "setpoint_jp", joints) if driven else None
     time = None if command is None else settled_stamps(log.time, label, command)
     settling = _settling(log.time, label)
-    loop = time is not None and not settling.all()
+    moved = settling if time is None or command is None else settling & _begun_on_the_move(time, label, command)
+    loop = time is not None and not moved.all()
     remarks = _loop_remarks(log, model, source, loop=loop)
     columns, chain = getattr(log, source).shape[1], machine.body.chain
     if chain is not None and columns > chain.dof:
         remarks.append(f"{source} has {columns} columns for an arm of {chain.dof} joints: the first are taken for them")
-    if time is not None and (moved := 1e3 * float(np.std(time - log.time))) > TOLD:
-        remarks.append(f"stamps are put on the even clock on which commands are smooth, moved by {moved:.2g} ms")
+    if time is not None and (by := 1e3 * float(np.std(time - log.time))) > TOLD:
+        remarks.append(f"stamps are put on the even clock on which commands are smooth, moved by {by:.2g} ms")
         log = replace(log, time=time)
     session = np.unique(log.session, return_inverse=True)[1].astype(np.int64)
     payload = np.full(layout.rows.shape[1], model.payload)
@@ -76,7 +78,7 @@ def build_scene(
     plan, stamps = None, None
     if loop and command is not None:
         of_loop = np.array([c.signal == "measured_jp" or source != "measured_jp" for c in channels], dtype=np.bool_)
-        observed[settling[:, None] & of_loop] = np.nan
+        observed[moved[:, None] & of_loop] = np.nan
         plan, stamps = commanded_plan(command, layout, motion, payload)
     scene = Scene(
         model=model,
@@ -97,6 +99,8 @@ def build_scene(
         measured=source == "measured_jp",
         remarks=tuple(remarks),
     )
+    if _begun_elsewhere(scene, label, settling):
+        observed[settling[:, None] & np.array([c.signal == "measured_jp" for c in channels], dtype=np.bool_)] = np.nan
     if log.tracker_cp is None or machine.body.chain is None:
         return scene
     seen = log.tracker_cp
@@ -243,12 +247,37 @@ def _continuous_runs(log: CalibrationLog, motor: FloatArray) -> IntArray:
 
 
 def _settling(time: FloatArray, label: IntArray) -> BoolArray:
-    """Say of which rows `(n,)` the servo's state is not known: those in which it may not have forgotten its start.
-
-    Where a controller's integral was, what it held against, and whether the arm moved are in no log.
-    """
+    """Say in which rows `(n,)` a servo may not have forgotten how the motion began."""
     first = np.flatnonzero(np.diff(label, prepend=-1))
     return np.asarray(time - time[first][label] < CLOCK.settles)
+
+
+def _begun_on_the_move(time: FloatArray, label: IntArray, command: FloatArray) -> BoolArray:
+    """Say of which rows `(n,)` the motion begins with a command that moves.
+
+    Whether the arm moved with it, or still stood, is in no log.
+    """
+    first, inside = np.flatnonzero(np.diff(label, prepend=-1)), np.diff(label, append=label[-1] + 1) == 0
+    speed = np.zeros(command.shape)
+    speed[inside] = (np.diff(command, axis=0) / np.diff(time)[:, None])[inside[:-1]]
+    usual = np.sqrt(np.mean(speed[inside] ** 2, axis=0))
+    moves = (np.abs(speed[first]) > CLOCK.moving * usual).any(axis=1) & inside[first]
+    return np.asarray(moves[label])
+
+
+def _begun_elsewhere(scene: Scene, label: IntArray, settling: BoolArray) -> bool:
+    """Whether motors stand farther from the simulated ones in motions' first rows than they are later, beyond chance.
+
+    What the controller's integral held, or what it held against, is in no log: simulated motions begin in balance.
+    """
+    motors = [c.signal == "measured_jp" for c in scene.channels]
+    if scene.plan is None or settling.all() or not any(motors):
+        return False
+    squares = scene.residual()[:, motors] ** 2
+    first = squares[np.flatnonzero(np.diff(label, prepend=-1))]
+    known = np.isfinite(first).sum(axis=0)
+    least = chi2.ppf(1.0 - CLOCK.chance, np.maximum(known, 1)) * np.nanmean(squares[~settling], axis=0)
+    return bool((np.nansum(first, axis=0) > least).any())
 
 
 def _loop_remarks(log: CalibrationLog, model: Model, source: str, *, loop: bool) -> list[str]:
