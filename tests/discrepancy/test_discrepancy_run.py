@@ -151,7 +151,7 @@ def test_the_written_model_leaves_nothing_to_find() -> None:
     [
         (lambda q: q * [1.0, -1.0], "joint 2 moves the other way"),
         (lambda q: q[:, ::-1].copy(), "joint 1 moves as joint 2"),
-        (np.degrees, "57"),
+        (np.degrees, "neither a turning joint in radians"),
     ],
 )
 def test_a_sensor_in_other_units_signs_or_columns_is_refused(
