@@ -33,9 +33,7 @@ class ClockSettings:
     hole: float = 0.5  # s without a row in which the command is bridged; a longer one begins a motion anew
     near: float = 0.2  # of the usual step: rows nearer to the one before are no new point of a command
     moving: float = 0.05  # of a joint's usual speed, that is commanded where a motion begins on the move
-    chance: float = (
-        1e-3  # chance that noise alone makes first rows look like motions that begin elsewhere; a definition
-    )
+    chance: float = 1e-3  # that noise alone makes motions seem to begin elsewhere than simulated; a definition
     settles: float = 0.5  # s after which a servo has forgotten how a motion began
 
 
@@ -45,6 +43,7 @@ class NoiseSettings:
 
     noisier: float = 1.25  # times the stated noise: from there on the recording's own is believed
     dense: float = 0.06  # s between samples at most: beyond, neighbouring samples differ by motion, not by noise
+    mixed_up: float = 0.25  # of the tracker's residual, that is left with joints turned or exchanged; a definition
     rounded_for: float = 0.5  # s that a rounding error stays the same: about a joint's time from count to count
     min_pairs: int = 200  # samples in holds, without which the whole recording is used
     longest_lag: float = 0.8  # s; beyond, motion and noise can no longer be separated

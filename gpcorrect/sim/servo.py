@@ -20,11 +20,10 @@ from gpcorrect.sim.dynamics import in_parts
 from gpcorrect.sim.effects.base import SIDES, Effect, FrictionEffect, TorqueEffect
 from gpcorrect.sim.effects.catalogue import of_kind
 from gpcorrect.sim.effects.laws import FrictionLaw, TorqueLaw
-from gpcorrect.sim.servo_steps import MOTOR, Given, Laws, advance
+from gpcorrect.sim.servo_steps import MOTOR, TINY, Given, Laws, advance
 from gpcorrect.types import FloatArray
 
 SETTLING = 3  # times that it is looked which stops are pressed: once more than one joint's two
-TINY = 1e-300  # N m or N: keeps the ratio of two frictions defined where there is none
 
 
 @dataclass(frozen=True)

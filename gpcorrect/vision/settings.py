@@ -127,9 +127,7 @@ class CheckSettings:
     order_frames: int = 3  # frames with which orders are compared,
     order_candidates: int = 6  # and of every ball in a picture the likeliest ones
     radius: float = 0.25  # fraction by which a ball's radius may differ from the target file's
-    often: float = (
-        0.3  # of the frames in which a camera contradicts the others, or has no view that counts: it is named
-    )
+    often: float = 0.3  # of the frames in which a camera contradicts the others, or adds nothing: it is named
     # How far the distance between two balls, a median over half a second, may miss the target's before it is remarked
     # on: standard deviations of the poses (rendered good targets left 3.4, one with a ball 3 mm off 4.9), and m (JPEG
     # pictures of good targets left 0.25 mm; a caliper measures no better).

@@ -99,13 +99,18 @@ def test_every_outside_signal_is_compared() -> None:
     [((1, -2, 3), "joint 2 moves the other way"), ((2, 1, 3), "joints 1 and 2 are exchanged"), ((1, 2, 3), "")],
 )
 def test_joints_that_are_mixed_up_are_refused_where_only_a_tracker_looks_on(
-    mixed: tuple[int, int, int], words: str
+    mixed: tuple[int, int, int], words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A wrong sign was outside the catalogue, without a word on what it is; a sag of a centimetre is no such thing."""
     log = recording(GravitySag(2, 50.0))
     assert log.measured_jp is not None
     columns = np.sign(mixed) * log.measured_jp[:, np.abs(mixed) - 1]
-    given = replace(log, measured_jp=columns, setpoint_jp=None, external_jp=None)
+    assert log.tracker_cp is not None
+    seldom = log.tracker_cp.position.copy()
+    seldom[np.arange(len(log)) % 5 != 3] = np.nan  # a slower tracker, whose rows no stride of the log's may meet
+    tracker = replace(log.tracker_cp, position=seldom, quaternion=None)
+    given = replace(log, measured_jp=columns, setpoint_jp=None, external_jp=None, tracker_cp=tracker)
+    monkeypatch.setattr("gpcorrect.discrepancy.recording.tracker.ENOUGH", 80)
     if not words:
         build_scene(given, MODEL, np.ones(len(log), dtype=np.bool_))
         return

@@ -12,7 +12,7 @@ from gpcorrect.discrepancy.recording.layout import Layout, layout_of
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, estimate_noise, outliers
 from gpcorrect.discrepancy.recording.scene import Channel, Scene
 from gpcorrect.discrepancy.recording.servo_clock import RUN_OUT, commanded_plan, holes, settled_stamps
-from gpcorrect.discrepancy.recording.tracker import PLAINLY, Slack, Tracker, mixed_up, slack_of, table_slopes
+from gpcorrect.discrepancy.recording.tracker import Slack, Tracker, mixed_up, slack_of, table_slopes
 from gpcorrect.discrepancy.settings import CLOCK, NOISE
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body
@@ -60,14 +60,16 @@ def build_scene(
     command = _joint_columns(log, "setpoint_jp", joints) if driven else None
     time = None if command is None else settled_stamps(log.time, label, command)
     settling = _settling(log.time, label)
-    moved = settling if time is None or command is None else settling & _begun_on_the_move(time, label, command)
-    loop = time is not None and not moved.all()
+    on_the_move = settling
+    if time is not None and command is not None:
+        on_the_move = settling & _begun_on_the_move(time, label, command)
+    loop = time is not None and not on_the_move.all()
     remarks = _loop_remarks(log, model, source, loop=loop)
     columns, chain = getattr(log, source).shape[1], machine.body.chain
     if chain is not None and columns > chain.dof:
         remarks.append(f"{source} has {columns} columns for an arm of {chain.dof} joints: the first are taken for them")
-    if time is not None and (by := 1e3 * float(np.std(time - log.time))) > TOLD:
-        remarks.append(f"stamps are put on the even clock on which commands are smooth, moved by {by:.2g} ms")
+    if time is not None and (moved := 1e3 * float(np.std(time - log.time))) > TOLD:
+        remarks.append(f"stamps are put on the even clock on which commands are smooth, moved by {moved:.2g} ms")
         log = replace(log, time=time)
     session = np.unique(log.session, return_inverse=True)[1].astype(np.int64)
     payload = np.full(layout.rows.shape[1], model.payload)
@@ -78,7 +80,7 @@ def build_scene(
     plan, stamps = None, None
     if loop and command is not None:
         of_loop = np.array([c.signal == "measured_jp" or source != "measured_jp" for c in channels], dtype=np.bool_)
-        observed[moved[:, None] & of_loop] = np.nan
+        observed[on_the_move[:, None] & of_loop] = np.nan
         plan, stamps = commanded_plan(command, layout, motion, payload)
     scene = Scene(
         model=model,
@@ -135,7 +137,7 @@ def _refuse_mixed_joints(scene: Scene, tracker: Tracker, source: str) -> None:
     machine = scene.machine
     if what := mixed_up(tracker, _up_to_marker(machine), scene.motor_path(), machine.T_tracker_base):
         raise DataError(
-            f"{source}: {what}. Put right, less than {100 * PLAINLY:.0f} % of the tracker's residual is left.",
+            f"{source}: {what}. Put right, less than {100 * NOISE.mixed_up:.0f} % of the tracker's residual is left.",
             hint="A mapping file gives a column scale = -1, or another joint's number. Or turn the axis in the model.",
         )
 

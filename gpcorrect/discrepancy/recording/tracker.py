@@ -23,7 +23,6 @@ from gpcorrect.sim.body import Body
 from gpcorrect.types import BoolArray, FloatArray
 
 STEP = 1e-5  # rad or m, for slopes
-PLAINLY = 0.25  # of the tracker's residual, that is left where columns of joints are mixed up; a definition
 ENOUGH = 2000  # rows to tell by: a mixed-up joint is no matter of noise
 ROW_TERMS = {"alpha": NOISE.table_angle, "a": NOISE.table_length, "d": NOISE.table_length, "theta": NOISE.table_angle}
 
@@ -183,14 +182,15 @@ def mixed_up(tracker: Tracker, body: Body, q: FloatArray, T_tracker_base: FloatA
     str
         Empty where none are.
     """
-    some = slice(None, None, max(1, len(q) // ENOUGH))
-    tracker, q, k = replace(tracker, position=tracker.position[some], rows=tracker.rows[some]), q[some], q.shape[1]
+    seen = np.flatnonzero(tracker.rows & np.isfinite(tracker.position).all(axis=1))
+    some, k = seen[:: max(1, len(seen) // ENOUGH)], q.shape[1]
+    tracker, q = replace(tracker, position=tracker.position[some], rows=tracker.rows[some]), q[some]
 
     def left(columns: FloatArray) -> float:
         poses = body.forward(columns)
         assert poses is not None
         error = tracker.position - tracker.predicted(T_tracker_base @ poses)
-        return float(np.sqrt(np.nanmean(error[tracker.rows] ** 2)))
+        return float(np.sqrt(np.nanmean(error**2)))
 
     ways = {f"joint {j} moves the other way": q * np.where(np.arange(k) == i, -1, 1) for i, j in enumerate(body.joints)}
     for a, b in combinations(range(k), 2):
@@ -198,4 +198,4 @@ def mixed_up(tracker: Tracker, body: Body, q: FloatArray, T_tracker_base: FloatA
             order = [{a: b, b: a}.get(c, c) for c in range(k)]
             ways[f"joints {body.joints[a]} and {body.joints[b]} are exchanged"] = q[:, order]
     best, what = min((left(columns), what) for what, columns in ways.items())
-    return what if best < PLAINLY * left(q) else ""
+    return what if best < NOISE.mixed_up * left(q) else ""
