@@ -180,20 +180,24 @@ class Loop:
             at = (kp * desired + torque + pushed) / (kp + stiffness)
         return at
 
-    def run(self, reference: Reference, clock: Clock, position: FloatArray, velocity: FloatArray) -> ServoPath:
+    def run(
+        self, reference: Reference, clock: Clock, position: FloatArray, velocity: FloatArray, bent: FloatArray
+    ) -> ServoPath:
         """Go over a reference.
 
         Parameters
         ----------
         reference : Reference, of N runs
         clock : Clock, of the loop
-        position, velocity : (N, dof) arrays, state of the motors, which is moved on in place
+        position, velocity, bent : (N, dof) arrays
+            State of the motors and force of their frictions' bristles, which are moved on in place.
         """
         given, laws = _given(self._drive, reference, clock, self._held(clock.step)), self._laws
         samples = np.empty((4, *given.load.shape))
+        bends = laws.friction[:, FrictionLaw._fields.index("bristle")].any()
 
         def move(first: int, last: int) -> None:
-            advance(first, last, given, laws, position, velocity, samples)
+            advance(first, last, given, laws, position, velocity, bent if bends else None, samples)
 
         in_parts(len(given.position), given.position.size, move)
         return ServoPath(*np.ascontiguousarray(samples.swapaxes(1, 2)))
@@ -219,7 +223,7 @@ def follow(
     loop = Loop(drive, joints, effects)
     loop.check_stable(reference.inertia, clock.step)
     start = loop.balanced(reference.position[:, 0], reference.feedforward[0] - reference.load[0])
-    return loop.run(reference, clock, start, np.array(reference.velocity[:, 0]))
+    return loop.run(reference, clock, start, np.array(reference.velocity[:, 0]), np.zeros(start.shape))
 
 
 def _own_laws(drive: Drive) -> tuple[list[tuple[int, int, FrictionLaw]], list[tuple[int, TorqueLaw]]]:

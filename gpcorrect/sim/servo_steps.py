@@ -56,10 +56,17 @@ class Laws(NamedTuple):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def advance(
-    first: int, last: int, given: Given, laws: Laws, position: FloatArray, velocity: FloatArray, samples: FloatArray
+def advance(  # noqa: C901 -- in two functions the loop takes two to three times as long
+    first: int,
+    last: int,
+    given: Given,
+    laws: Laws,
+    position: FloatArray,
+    velocity: FloatArray,
+    bent: FloatArray | None,
+    samples: FloatArray,
 ) -> None:
-    """Move `position` and `velocity` `(N, dof)` of the runs `first` to `last` through the steps, in place.
+    """Move `position`, `velocity` and `bent` `(N, dof)` of the runs `first` to `last` through the steps, in place.
 
     Every `stride`-th step leaves its position, velocity, commanded torque and torque behind the transmission in
     `samples` `(4, N, n, dof)`.
@@ -70,6 +77,8 @@ def advance(
     given : Given
     laws : Laws
     position, velocity : (N, dof) arrays
+    bent : (N, dof) array or None
+        Force of the bristles; None where no friction has any, for which a loop of its own is compiled.
     samples : (4, N, n, dof) array, result
     """
     end = given.load.shape[1] - 1
@@ -85,14 +94,27 @@ def advance(
                 torque += _between(fed, k, after, part, j)
                 load, felt = _between(loads, k, after, part, j), _between(loads_felt, k, after, part, j)
                 frictions = _frictions(laws, j, q, v, felt, given.gain[j], given.step, given.kv[j])
-                if given.kv[j] > 0.0:
-                    torque = _with_brake(torque, given.kv[j], v, given.gain[j], load, frictions, laws, j, q)
-                delivered, pressed = _delivered(laws, j, torque, q)
-                speed, behind = _braked(v, given.gain[j], delivered - pressed - load, frictions)
+                limit, fraction, held, rate = 0.0, 0.0, 0.0, 0.0
+                if bent is not None:
+                    limit, fraction, held, rate = _bristles(laws, j, q, v, felt, bent[r, j], given.step)
+                while True:
+                    braking, against, asked = frictions, load, torque
+                    if bent is not None:
+                        braking, against = _damped(frictions, rate, fraction), load + held
+                    if given.kv[j] > 0.0:
+                        asked = _with_brake(torque, given.kv[j], v, given.gain[j], against, braking, laws, j, q)
+                    delivered, pressed = _delivered(laws, j, asked, q)
+                    speed, behind = _braked(v, given.gain[j], delivered - pressed - against, braking)
+                    if bent is None:
+                        break
+                    bent[r, j] = held + rate * speed
+                    if not abs(bent[r, j]) > limit:
+                        break
+                    held, rate = min(max(bent[r, j], -limit), limit), 0.0  # it slips
                 position[r, j], velocity[r, j] = q + given.step * (speed + given.held[j] * (v - speed)), speed
                 if beyond == 0:
-                    samples[0, r, k, j], samples[1, r, k, j], samples[2, r, k, j] = q, v, torque
-                    samples[3, r, k, j] = behind + pressed
+                    samples[0, r, k, j], samples[1, r, k, j], samples[2, r, k, j] = q, v, asked
+                    samples[3, r, k, j] = behind + fraction * held + pressed
             beyond += 1
             if beyond == given.stride:
                 k, beyond = k + 1, 0
@@ -124,16 +146,15 @@ def _with_brake(
     Implicit, since a gain on the motor's own speed is often so high that the loop is unstable if it acts a step late.
     """
     pressed = _delivered(laws, j, torque, q)[1]
-    forward, backward, damping, soft, slope, ahead = frictions
-    braking = (forward, backward, (damping[MOTOR] + kv, damping[JOINT]), soft, slope, ahead)
-    return torque - kv * _braked(v, gain, torque - pressed - load, braking)[0]
+    return torque - kv * _braked(v, gain, torque - pressed - load, _damped(frictions, kv, 0.0))[0]
 
 
 @njit(cache=True, error_model="numpy")
 def _frictions(laws: Laws, j: int, q: float, v: float, load: float, gain: float, step: float, kv: float) -> Frictions:
     """Dry limits against forward and backward motion, damping, and of soft friction the limits, slope and `ahead`.
 
-    Soft frictions add up to one: below its limit it is `slope (v + ahead (u - v))`, u the speed after the step. `ahead`
+    Without those that bend (`_bristles`). Soft frictions add up to one: below its limit it is
+    `slope (v + ahead (u - v))`, u the speed after the step. `ahead`
     is inertia over slope in steps, and more by what damping and `kv` take of the acceleration within a step: the
     law counts by what it is at the beginning. It is at least 1, or the speed would overshoot zero.
 
@@ -144,6 +165,8 @@ def _frictions(laws: Laws, j: int, q: float, v: float, load: float, gain: float,
     for a in range(laws.friction_of[j], laws.friction_of[j + 1]):
         behind = laws.friction_side[a] == JOINT
         damping = _added(damping, laws.friction[a, 7], behind)
+        if laws.friction[a, 10] > 0.0:
+            continue
         up, down = resisting(laws.friction, a, q, v, load)
         if laws.friction[a, 8] > 0.0:
             soft = _added(soft, up, behind)
@@ -154,6 +177,33 @@ def _frictions(laws: Laws, j: int, q: float, v: float, load: float, gain: float,
     ahead = 1.0
     if slope > 0.0:
         ahead = max(inertia * (1.0 + gain * (damping[MOTOR] + damping[JOINT] + kv)) / (slope * step), 1.0)
+    return forward, backward, damping, soft, slope, ahead
+
+
+@njit(cache=True, error_model="numpy")
+def _bristles(
+    laws: Laws, j: int, q: float, v: float, load: float, bent: float, step: float
+) -> tuple[float, float, float, float]:
+    """Limit of the frictions that bend, the fraction behind the transmission, and force and damping until they slip.
+
+    The law F' = bristle (v - |v| F / limit), in which the speed that bends is the one after the step.
+    """
+    limits, bristle = (0.0, 0.0), 0.0
+    for a in range(laws.friction_of[j], laws.friction_of[j + 1]):
+        if laws.friction[a, 10] > 0.0:
+            up, _ = resisting(laws.friction, a, q, v, load)
+            limits = _added(limits, up, laws.friction_side[a] == JOINT)
+            bristle += laws.friction[a, 10]
+    limit = limits[MOTOR] + limits[JOINT]
+    shed = 1.0 / (1.0 + bristle * step * abs(v) / max(limit, TINY))
+    return limit, limits[JOINT] / max(limit, TINY), shed * bent, shed * bristle * step
+
+
+@njit(cache=True, error_model="numpy")
+def _damped(frictions: Frictions, more: float, behind: float) -> Frictions:
+    """Return the same with more damping, a fraction of it behind the transmission."""
+    forward, backward, damping, soft, slope, ahead = frictions
+    damping = (damping[MOTOR] + (1.0 - behind) * more, damping[JOINT] + behind * more)
     return forward, backward, damping, soft, slope, ahead
 
 

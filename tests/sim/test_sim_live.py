@@ -12,6 +12,7 @@ from gpcorrect.arms import arm_named
 from gpcorrect.errors import DataError
 from gpcorrect.sim import EFFECTS, machine_of, preset, run
 from gpcorrect.sim.effects import (
+    CoulombFriction,
     Delay,
     FrictionEffect,
     NoiseChange,
@@ -97,13 +98,13 @@ def loop_in(effect, whole: Motion, parts) -> np.ndarray:
     """Motors that follow the motion through the servo loop, one reference after the other."""
     path = moves(runs=1, seconds=SAMPLES / 100.0).q[:SAMPLES]
     loop, clock, zero = Loop(drive(), (1, 2, 3), (effect,)), Clock(1e-3, 1), np.zeros(path.shape)
-    position, velocity = path[0].copy(), zero[0].copy()
+    state = path[0].copy(), zero[0].copy(), zero[0].copy()
     load = 0.5 * whole.load
     done = []
     for part in parts:
         wanted = np.ascontiguousarray((path + 0.3)[part].swapaxes(0, 1))
         given = Reference(wanted, np.zeros(wanted.shape), zero[part], load[part], drive().motor_inertia)
-        done.append(np.stack(loop.run(given, clock, position, velocity)))
+        done.append(np.stack(loop.run(given, clock, *state)))
     return np.concatenate(done, axis=1)
 
 
@@ -121,6 +122,7 @@ def answer(effect, whole, parts):
 
 
 LIVE = [e for e in ACTIVE if e.about.name not in OF_THE_MACHINE]
+LIVE.append(CoulombFriction(1, torque=0.5, rest="elastic", bristle=100.0))  # which remembers how it was bent
 
 
 @pytest.mark.parametrize("effect", LIVE, ids=lambda e: e.about.name)

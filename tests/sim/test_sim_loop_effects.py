@@ -28,6 +28,7 @@ LAWS = (
     CoulombFriction(1, torque=0.4),
     ViscousFriction(1, damping=1.0),
     StribeckFriction(1, torque=0.3, static_torque=0.6, speed=0.05),
+    CoulombFriction(1, torque=0.4, rest="elastic", bristle=100.0),
     CapstanFriction(1, wrap=0.4),
     PositionDependentFriction(1, torque=0.3, swing=-0.2, waves=12.0, phase=0.5),
 )

@@ -13,6 +13,7 @@ from gpcorrect.sim.servo import Clock, Loop, Reference, ServoPath, follow
 
 SPEED = np.array([0.1, -0.2, 0.01])
 ALL = (1, 2, 3)
+SIDED = ((1, "motor"), (2, "joint"))
 
 
 def released(*effects, kd=0.0, seconds=4.0, rate_hz=1000.0, amplitude=0.1):
@@ -166,7 +167,7 @@ def pushed(push, *effects, seconds=2.0):
     still, zero = np.zeros((1, n, 3)), np.zeros((n, 1, 3))
     loop = Loop(Drive(np.full(3, 1e-9), np.zeros(3), np.full(3, 0.1)), ALL, effects)
     reference = Reference(still, still, zero, zero - push, np.full(3, 0.1))
-    return loop.run(reference, Clock(1e-3, 1), np.zeros((1, 3)), np.zeros((1, 3))).velocity[:, 0, 0]
+    return loop.run(reference, Clock(1e-3, 1), *np.zeros((3, 1, 3))).velocity[:, 0, 0]
 
 
 @pytest.mark.parametrize("onset_time", [0.0, 0.0095])
@@ -260,3 +261,41 @@ def test_clock_meets_the_log(log_rate):
     clock = Clock.of(1000.0, log_rate)
     assert clock.step * clock.stride == pytest.approx(1 / log_rate)
     assert 1000.0 <= 1 / clock.step + 1e-6 < 1000.0 + max(log_rate, 1000.0) + 1
+
+
+@pytest.mark.parametrize("kv", [None, 20.0])
+@pytest.mark.parametrize(("static", "bristle"), [(2.0, 20.0), (2.0, 300.0), (3.0, 300.0)])
+def test_friction_that_bends_is_lugres(static, bristle, kv):
+    """A joint that goes to and fro moves as scipy says with a bristle of LuGre's (Dahl's without a static limit)."""
+    kp, kd, mass, speed, step = 200.0, 20.0, 0.5, 0.05, 2e-4
+    t = np.arange(0.0, 3.0, step)
+    desired, rate = 0.3 * (1.0 - np.cos(np.pi * t)), 0.3 * np.pi * np.sin(np.pi * t)
+
+    def slopes(time, state):
+        position, velocity, force = state
+        error, pace = 0.3 * (1.0 - np.cos(np.pi * time)) - position, 0.3 * np.pi * np.sin(np.pi * time)
+        limit = 2.0 + (static - 2.0) * np.exp(-((velocity / speed) ** 2))
+        drive = kp * error + (kd * (pace - velocity) if kv is None else -kv * velocity)
+        return [velocity, (drive - force) / mass, bristle * (velocity - abs(velocity) * force / limit)]
+
+    exact = solve_ivp(slopes, (0.0, t[-1]), np.zeros(3), t_eval=t, method="LSODA", rtol=1e-8, atol=1e-10).y[0]
+    gains = {"kv": None if kv is None else np.array([kv])}
+    motor = Drive(np.array([kp]), np.array([kd if kv is None else 0.0]), np.array([mass]), 1.0 / step, **gains)
+    zero = np.zeros((len(t), 1, 1))
+    reference = Reference(desired[None, :, None], rate[None, :, None], zero, zero, np.array([mass]))
+    numbers = {"torque": 2.0, "static_torque": static, "speed": speed}
+    found = [
+        follow(motor, reference, Clock(step, 1), (1,), [StribeckFriction(joint=1, **numbers, **rest)]).position[:, 0, 0]
+        for rest in ({}, {"rest": "elastic", "bristle": bristle})
+    ]
+    dry, bent = (float(np.abs(path - exact).max()) for path in found)
+    assert bent < 1e-4 < 3e-3 < dry
+
+
+def test_a_bristle_behind_the_transmission_loads_it():
+    """What the bristles hold with is the torque behind the transmission where they are there, and none before it."""
+    friction = [CoulombFriction(joint=j, torque=0.5, rest="elastic", bristle=40.0, side=s) for j, s in SIDED]
+    path = released(*friction, kd=0.2)
+    assert np.abs(path.joint_friction[:, 0, 0]).max() == 0.0
+    assert 0.4 < np.abs(path.joint_friction[:, 0, 1]).max() <= 0.5
+    np.testing.assert_array_equal(path.position[..., 0], path.position[..., 1])

@@ -24,6 +24,9 @@ class FrictionLaw(NamedTuple):
     With a `slope` it is soft instead: `slope v + inertia v'`, up to that limit, and the damping (the friction loss of
     MuJoCo: its documentation, Computation, constraint model).
 
+    With a `bristle` it is a force F that bends before it slips, F' = bristle (v - |v| F / limit): Dahl's, or with a
+    static limit LuGre's without its micro-damping (Canudas de Wit et al. 1995, IEEE TAC 40(3)).
+
     Parameters
     ----------
     torque, static : float, kinetic and static limit, N m or N
@@ -34,6 +37,7 @@ class FrictionLaw(NamedTuple):
     damping : float, N m s/rad or N s/m
     slope : float, of soft friction over speed, N m s/rad or N s/m; at 0 the friction is dry
     inertia : float, by which soft friction resists a change of speed too, kg m^2 or kg
+    bristle : float, stiffness of what bends before it slips, N m/rad or N/m; at 0 there is none
     """
 
     torque: float = 0.0
@@ -46,6 +50,7 @@ class FrictionLaw(NamedTuple):
     damping: float = 0.0
     slope: float = 0.0
     inertia: float = 0.0
+    bristle: float = 0.0
 
     def softened(self, onset: float, onset_time: float) -> FrictionLaw:
         """Return the same friction where it creeps before it slips; dry as it is where the onset is 0.
@@ -87,7 +92,7 @@ def resisting(laws: FloatArray, i: int, q: float, v: float, load: float) -> tupl
 
     Parameters
     ----------
-    laws : (k, 10) array, rows of :class:`FrictionLaw` numbers
+    laws : (k, 11) array, rows of :class:`FrictionLaw` numbers
     i : int
     q, v, load : float, position, speed and load of the joint, SI units
     """

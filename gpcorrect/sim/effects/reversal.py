@@ -25,10 +25,19 @@ TORQUE = Range("N m", 0.0, 20.0, 0.3), Range("N", 0.0, 500.0, 3.0)
 DAMPING = Range("N m s/rad", 0.0, 300.0, 0.5), Range("N s/m", 0.0, 2e4, 20.0)
 STATIC = Range("N m", 0.0, 30.0, 0.5), Range("N", 0.0, 600.0, 5.0)
 SPEED = Range("rad/s", 1e-4, 2.0, 0.05), Range("m/s", 1e-5, 0.2, 0.005)
-RESTS = ("dry", "soft")  # it sticks, or creeps
+RESTS = ("dry", "soft", "elastic")  # it sticks, creeps, or bends
 ONSET = Range("rad/s", 0.0, 0.5, 0.05), Range("m/s", 0.0, 0.05, 0.005)
 MUJOCO_TIME = 0.0095  # s: half of MuJoCo's default time constant times the largest impedance that is its default
 CREEP = Parameter("onset", "speed over which it grows", *ONSET, ladder=Ladder(Per.PRIOR, (0.1,)), only=("rest", "soft"))
+BRISTLE = Range("N m/rad", 1.0, 1e6, 300.0), Range("N/m", 100.0, 1e8, 3e4)
+BEND = Parameter(
+    "bristle",
+    "stiffness of what bends before it slips",
+    *BRISTLE,
+    factor=10.0,  # cables bend a radian of a pulley, gears a thousandth of it
+    ladder=Ladder(Per.PRIOR, (0.3,)),
+    only=("rest", "elastic"),
+)
 SWING = Range("N m", -20.0, 20.0, 0.2), Range("N", -100.0, 100.0, 2.0)
 WAVES = Range("1", 0.1, 300.0, 6.0), Range("rad/m", 1.0, 5000.0, 60.0)
 
@@ -60,15 +69,17 @@ class Backlash(JointEffect):
 
 @dataclass(frozen=True)
 class _RestingFriction(FrictionEffect):
-    """Friction that sticks at rest, or creeps.
+    """Friction that sticks at rest, creeps or bends.
 
     Of one that creeps before it slips, as in a greased bearing and in simulators that regularise friction, the rest is
     "soft", and `onset` the speed over which it grows. It is MuJoCo's: what it can hold it brings to rest, or to its
-    creep, with a time constant of `onset_time`, which is no parameter to be found: by default that of MuJoCo.
+    creep, with a time constant of `onset_time`, which is no parameter to be found: by default that of MuJoCo. Of one
+    that bends before it slips, as cables and gears do, the rest is "elastic": the law of Dahl or LuGre.
     """
 
     onset: float = field(default=0.0, kw_only=True)
     onset_time: float = field(default=MUJOCO_TIME, kw_only=True)
+    bristle: float = field(default=0.0, kw_only=True)
     rest: str = field(default="dry", kw_only=True)
 
     def __post_init__(self) -> None:
@@ -76,7 +87,15 @@ class _RestingFriction(FrictionEffect):
         if not self.onset_time >= 0:
             raise DataError(f"effect {self.about.name}: onset_time must be >= 0, got {self.onset_time!r}.")
 
+    def forgets_after(self) -> dict[int, float]:
+        """Return the way on which it bends over, or that any move will do where it does not bend."""
+        law = self.law()
+        way = 2.0 * max(law.torque, law.static) / law.bristle if law.bristle else 0.0
+        return dict.fromkeys(self.joints, way)
+
     def _at_rest(self, law: FrictionLaw) -> FrictionLaw:
+        if self.rest == "elastic":
+            return law._replace(bristle=self.bristle)
         return law if self.rest == "dry" else law.softened(self.onset, self.onset_time)
 
 
@@ -84,7 +103,7 @@ class _RestingFriction(FrictionEffect):
 class CoulombFriction(_RestingFriction):
     """Friction of fixed size: by a proportional gain an error of torque / kp that changes sign at reversals.
 
-    Dry, or soft at rest: :class:`_RestingFriction`.
+    Dry, soft or elastic at rest: :class:`_RestingFriction`.
     """
 
     torque: float = field(kw_only=True)
@@ -94,12 +113,13 @@ class CoulombFriction(_RestingFriction):
         number=15,
         family=Family.REVERSAL,
         equation="F = torque sign(v), |F| <= torque at rest; "
-        "soft: F = torque (v + onset_time v') / onset, |F| <= torque",
+        "soft: F = torque (v + onset_time v') / onset, |F| <= torque; elastic: F' = bristle (v - |v| F / torque)",
         source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7); "
         "MuJoCo's documentation, Computation, constraint model",
         parameters=(
             Parameter("torque", "size of the friction", *TORQUE),
             CREEP,
+            BEND,
         ),
         needs=TORQUES,
         neighbours=("viscous_friction", "delay", "backlash"),
@@ -140,7 +160,7 @@ class ViscousFriction(FrictionEffect):
 class StribeckFriction(_RestingFriction):
     """Friction that falls from a static to a kinetic value as the joint picks up speed.
 
-    Dry, or soft at rest: :class:`_RestingFriction`.
+    Dry, soft or elastic at rest: :class:`_RestingFriction`.
     """
 
     torque: float = field(kw_only=True)
@@ -151,7 +171,7 @@ class StribeckFriction(_RestingFriction):
         name="stribeck_friction",
         number=17,
         family=Family.REVERSAL,
-        equation="F = (torque + (static_torque - torque) exp(-(v / speed)^2)) sign v; soft: as of Coulomb's",
+        equation="F = (torque + (static_torque - torque) exp(-(v / speed)^2)) sign v; at rest as Coulomb's",
         source="Bo and Pavelescu 1982, Wear 82(3); Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
         parameters=(
             Parameter("torque", "friction at speed", *TORQUE),
@@ -160,6 +180,7 @@ class StribeckFriction(_RestingFriction):
                 "speed", "speed over which the one becomes the other", *SPEED, ladder=Ladder(Per.PRIOR, (0.2, 1.0, 5.0))
             ),
             CREEP,
+            BEND,
         ),
         needs=TORQUES,
         neighbours=("coulomb_friction", "viscous_friction"),
