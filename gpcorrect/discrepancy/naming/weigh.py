@@ -19,6 +19,7 @@ from gpcorrect.discrepancy.search.linearisation import Linearisation, held_out
 from gpcorrect.discrepancy.search.state import Search, penalty
 from gpcorrect.discrepancy.search.stepwise import Ranked, rank
 from gpcorrect.discrepancy.settings import NAMING
+from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray
 
 
@@ -212,7 +213,7 @@ def _rivals(view: View, own: Own, fit: FittedEffect, margin: float) -> list[Riva
             continue
         if any(candidate.called_like(r.candidate) and candidate.extra == r.candidate.extra for r in found):
             continue
-        if _likeness(_change(view, own, (*own.rest, leader.fit)), change, bare.slopes) < NAMING.likeness:
+        if _likeness(view, own, leader.fit, change, bare.slopes) < NAMING.likeness:
             continue
         fitted = search.refit((*own.rest, leader.fit), candidate, worth)
         if fitted[-1].at_edge:
@@ -258,8 +259,15 @@ def _is_fuller(rival: Candidate, candidate: Candidate) -> bool:
     return _is_kin(rival, candidate) and rival.extra > candidate.extra
 
 
-def _likeness(a: FloatArray, b: FloatArray, slopes: FloatArray) -> float:
-    """Cosine of two whitened changes once the part along the others' tangents is taken off both."""
+def _likeness(view: View, own: Own, other: FittedEffect, b: FloatArray, slopes: FloatArray) -> float:
+    """Cosine of another effect's whitened change with one, once the part along the others' tangents is taken off both.
+
+    None of one that is no machine, such as a loop that a stop makes unstable at the size that its signature asks for.
+    """
+    try:
+        a = _change(view, own, (*own.rest, other))
+    except DataError:
+        return 0.0
     if slopes.shape[1]:
         basis, _ = np.linalg.qr(slopes)
         a, b = a - basis @ (basis.T @ a), b - basis @ (basis.T @ b)
