@@ -18,9 +18,17 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.arms.arm import Arm, Link
 from gpcorrect.arms.chain import Chain, Joint
-from gpcorrect.arms.robot_friction import friction_onsets
-from gpcorrect.arms.robot_path import ArmPath, about_z, arm_path, joint_frame, pose_of, to_common_normal
-from gpcorrect.errors import DataError, MissingExtraError
+from gpcorrect.arms.robot_path import (
+    ArmPath,
+    about_z,
+    arm_path,
+    friction_onsets,
+    joint_frame,
+    mujoco_library,
+    pose_of,
+    to_common_normal,
+)
+from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray
 
 LONGEST = 50.0  # m that an arm's links come to: a crane's; in millimetres the shortest arm is longer
@@ -184,15 +192,6 @@ def _read(
     )
     step, late = float(model.opt.timestep), model.opt.integrator == mujoco_library().mjtIntegrator.mjINT_EULER
     return Robot(arm, found.names, found.tool, drives, step, bool(late), (*found.remarks, *remarks), turned)
-
-
-def mujoco_library() -> Any:
-    """Return the module."""
-    try:
-        import mujoco
-    except ImportError as error:
-        raise MissingExtraError("mujoco", extra="mujoco", purpose="Reading a robot file (MJCF or URDF)") from error
-    return mujoco
 
 
 def parse(path: str | Path) -> Any:

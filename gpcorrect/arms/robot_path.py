@@ -1,4 +1,4 @@
-"""Which joints of a robot file make one serial arm, and why a file holds none. Works on MuJoCo's compiled model."""
+"""What MuJoCo's compiled model of a robot file says: which joints make one serial arm, its frames, its friction."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.errors import DataError
+from gpcorrect.errors import DataError, MissingExtraError
 from gpcorrect.types import FloatArray
 
 WORLD = 0  # MuJoCo's number of the world's body
@@ -249,3 +249,31 @@ def _held(model: Any, body: int) -> list[int]:
 
 def _name(model: Any, j: int) -> str:
     return str(model.joint(j).name)
+
+
+def mujoco_library() -> Any:
+    """Return the module."""
+    try:
+        import mujoco
+    except ImportError as error:
+        raise MissingExtraError("mujoco", extra="mujoco", purpose="Reading a robot file (MJCF or URDF)") from error
+    return mujoco
+
+
+def friction_onsets(model: Any) -> FloatArray:
+    """Return `onset` and `onset_time` `(2, nv)` of each degree of freedom's friction: 0 where there is none.
+
+    MuJoCo's friction f leaves an acceleration v' by which `v' + R f = -b v`, as long as f is below the friction loss
+    (its documentation, Computation, constraint model). R and b are taken where the arm is at its zero.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+    """
+    mujoco = mujoco_library()
+    onsets, data = np.zeros((2, model.nv)), mujoco.MjData(model)
+    mujoco.mj_fwdPosition(model, data)
+    rows = np.flatnonzero(data.efc_type == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF)
+    b = np.maximum(data.efc_KBIP.reshape(-1, 4)[rows, 1], mujoco.mjMINVAL)
+    onsets[:, data.efc_id[rows]] = data.efc_frictionloss[rows] * data.efc_R[rows] / b, 1.0 / b
+    return onsets

@@ -13,16 +13,20 @@ from gpcorrect.calibration.joint_route import JointRoute
 from gpcorrect.calibration.memory import Memory, choose_memory
 from gpcorrect.calibration.metrics import error_table
 from gpcorrect.calibration.pose_answers import PoseAnswers
-from gpcorrect.calibration.pose_samples import (
+from gpcorrect.calibration.poses import (
     WORTH_IT,
     PosePairs,
     changes,
     changes_text,
     features_of,
+    observed_twists,
     pose_layout,
+    pose_pair,
+    reference_twists,
+    rotations_of,
     samples_of_poses,
+    stencil_step,
 )
-from gpcorrect.calibration.poses import observed_twists, pose_pair, reference_twists, rotations_of, stencil_step
 from gpcorrect.calibration.queries import POSE, POSITION
 from gpcorrect.calibration.settings import JOINTS, MEMORY, FitSettings
 from gpcorrect.calibration.task import LearnLaw, Measured, Outcome

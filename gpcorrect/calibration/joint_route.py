@@ -22,7 +22,7 @@ from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import PolynomialMap
 from gpcorrect.calibration.learners.learner import cross_predicted
 from gpcorrect.calibration.one_pose import command
-from gpcorrect.calibration.pose_samples import WORTH_IT, changes, changes_text
+from gpcorrect.calibration.poses import WORTH_IT, changes, changes_text
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.calibration.task import LearnLaw, Outcome
 from gpcorrect.calibration.training_motion import TrainingMotion

@@ -19,7 +19,6 @@ from numba import njit
 
 from gpcorrect import se3
 from gpcorrect.calibration.law import Law
-from gpcorrect.calibration.poses import rotations_of
 from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal, frozen_array
 
 LADDER = (1.0, 3.0)  # radii over the smallest of them; chosen by hand
@@ -169,10 +168,10 @@ def steps(poses: PoseSignal) -> FloatArray:
     ----------
     poses : PoseSignal, n poses, in order; without orientation there are no turns
     """
-    position, rotations = poses.position, rotations_of(poses)
-    linear = np.diff(position, axis=0, prepend=position[:1])
-    if rotations is None:
+    linear = np.diff(poses.position, axis=0, prepend=poses.position[:1])
+    if poses.quaternion is None:
         return linear
+    rotations = se3.matrix_from_quaternion(poses.quaternion)
     before = np.concatenate([rotations[:1], rotations[:-1]])
     return np.hstack([linear, se3.rotvec_from_matrix(np.swapaxes(before, -1, -2) @ rotations)])
 

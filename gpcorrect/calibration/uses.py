@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from gpcorrect.calibration.joints import require_joints
-from gpcorrect.calibration.pose_samples import require_poses
+from gpcorrect.calibration.poses import require_poses
 from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.errors import GpCorrectError, LogError
 from gpcorrect.logs import ValidationReport

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 from gpcorrect.errors import GpCorrectError, LogError, MissingExtraError
 from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.logs.messages import (
+    RAVEN_STATE_DEFINITION,
+    RAVEN_STATE_TYPE,
     Recorded,
     Times,
     array_row,
@@ -19,8 +21,9 @@ from gpcorrect.logs.messages import (
     joint_streams,
     pose_row,
     pose_streams,
+    raven_row,
+    raven_streams,
 )
-from gpcorrect.logs.raven2 import RAVEN_STATE_DEFINITION, RAVEN_STATE_TYPE, raven_row, raven_streams
 from gpcorrect.logs.streams import Stream, combine
 from gpcorrect.logs.tf import TF_TYPES, Tree, frames_of
 from gpcorrect.logs.topics import choose_topics, element_of

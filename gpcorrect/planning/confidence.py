@@ -9,8 +9,7 @@ from typing import Literal
 import numpy as np
 
 from gpcorrect.errors import DataError
-from gpcorrect.planning.correction import CommandPath, Corrects, Mode, corrected
-from gpcorrect.planning.paths import DesiredPath
+from gpcorrect.planning.paths import CommandPath, Corrects, DesiredPath, Mode, corrected
 
 Cause = Literal["out of domain", "position interval", "rotation interval"]
 

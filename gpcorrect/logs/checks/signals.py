@@ -8,7 +8,7 @@ import numpy as np
 
 from gpcorrect.logs.checks.evidence import JOINT_POSITIONS, Evidence, Finding, Severity, check, runs
 from gpcorrect.logs.copies import OUTSIDE, stretches
-from gpcorrect.logs.mocap.tool import RIGID, typical_misfit
+from gpcorrect.logs.mocap.take import RIGID, typical_misfit
 from gpcorrect.logs.sync import REFERENCES
 from gpcorrect.types import FloatArray, IntArray
 

@@ -10,11 +10,10 @@ from scipy.special import stdtrit  # scipy.stats has it too, and takes half a se
 
 from gpcorrect.errors import DataError
 from gpcorrect.logs.streams import Stream, default_max_gap
-from gpcorrect.logs.sync.blocks import block_sums
 from gpcorrect.logs.sync.correlation import LagCurve, lag_curve, peaks, typical_step
 from gpcorrect.logs.sync.motion import MotionPair, default_pair, pairs_of, stream_pair, stretches
 from gpcorrect.logs.sync.offset import ClockDrift, TimeOffset, Verdict
-from gpcorrect.logs.sync.refine import MIN_INFORMATION, Refinement, Timing
+from gpcorrect.logs.sync.refine import MIN_INFORMATION, Refinement, Timing, block_sums
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, frozen_array
 
 Finding = tuple[Verdict, str]
