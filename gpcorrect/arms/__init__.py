@@ -47,8 +47,7 @@ def arm_named(name: str) -> RemoteCentreArm:
 
     Parameters
     ----------
-    name : str
-        "raven2_left", "raven2_right" or "dvrk_psm".
+    name : str, "raven2_left", "raven2_right" or "dvrk_psm"
 
     Raises
     ------

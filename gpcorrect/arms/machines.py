@@ -70,8 +70,7 @@ class Raven2Tool:
     ----------
     wrist_length : float, pitch axis to yaw axis, m
     jaw_coupling : float, yaw rad added by each pitch rad
-    insertion_sign : int
-        Sense in which insertion drags the tool cables of the left arm; the right arm's is opposite.
+    insertion_sign : int, sense in which insertion drags the tool cables of the left arm; the right arm's is opposite
     opposed_jaws : bool
         Whether the first jaw's cable runs the other way, so that insertion drags both jaws' mean direction.
     """
@@ -91,12 +90,9 @@ def raven2(side: Side, instrument: Raven2Tool = RAVEN_TOOL, tool: ArrayLike | No
 
     Parameters
     ----------
-    side : "left" or "right"
-        The gold or the green arm.
-    instrument : Raven2Tool
-        Tool on the arm.
-    tool : (4, 4) array, optional
-        Tip in frame 6; frame 6 itself by default.
+    side : "left" or "right", the gold or the green arm
+    instrument : Raven2Tool, tool on the arm
+    tool : (4, 4) array, optional, tip in frame 6; frame 6 itself by default
 
     Raises
     ------

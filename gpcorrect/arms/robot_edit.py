@@ -27,10 +27,8 @@ class RobotEdit:
 
     Parameters
     ----------
-    path : str or Path
-        MJCF or URDF; it is not touched.
-    tool, base : str, optional
-        As of :func:`gpcorrect.arms.read_robot`.
+    path : str or Path, MJCF or URDF; it is not touched
+    tool, base : str, optional, as of :func:`gpcorrect.arms.read_robot`
 
     Raises
     ------
@@ -210,8 +208,7 @@ class RobotEdit:
         Parameters
         ----------
         joint : int, number on the arm, from 1
-        motion : (4, 4) array
-            In the frame of the joint's row, whose z axis is the joint's, and x the common normal's.
+        motion : (4, 4) array, in the frame of the joint's row, whose z axis is the joint's, and x the common normal's
         """
         found = self._joint(joint)
         body = found.parent

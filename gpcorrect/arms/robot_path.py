@@ -137,18 +137,16 @@ def _end(model: Any, file: str, start: int, names: list[str], tool: str | None) 
     """Body at which the arm ends, pose of the tip, and its name."""
     sites = [model.site(s).name for s in range(model.nsite)]
     if tool is None:
-        tool = _only_tip(model, _last_named(model, names) if names else _only_end(model, file, start))
+        # With names: the body of the named joint that is farthest from the world.
+        bodies = [int(model.joint(name).bodyid[0]) for name in names]
+        last = max(bodies, key=lambda b: len(_ancestors(model, b))) if names else _only_end(model, file, start)
+        tool = _only_tip(model, last)
     if tool in sites:
         site = sites.index(tool)
         body = int(model.site_bodyid[site])
         return body, pose_of(model, body) @ se3.from_parts(model.site_pos[site], model.site_quat[site]), str(tool)
     body = _body(model, file, tool, "tool")
     return body, pose_of(model, body), tool
-
-
-def _last_named(model: Any, names: list[str]) -> int:
-    """Body of the named joint that is farthest from the world."""
-    return max((int(model.joint(name).bodyid[0]) for name in names), key=lambda b: len(_ancestors(model, b)))
 
 
 def _only_tip(model: Any, body: int) -> str:

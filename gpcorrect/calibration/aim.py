@@ -119,16 +119,7 @@ class _AimStream:
             stream.reset()
 
     def moved(self, time: float, q: FloatArray, first: FloatArray) -> tuple[FloatArray, bool]:
-        """Return what to command `(d,)`, and whether the model was asked beyond what it learned.
-
-        With a missing number the command is NaN, and the path begins anew.
-
-        Parameters
-        ----------
-        time : float, s, later than that of the sample before
-        q : (d,) array, desired joints, rad or m
-        first : (d,) array, what to command for them without this model
-        """
+        """Return what to command `(d,)`, see :meth:`Aim.moved`; NaN with a missing number, and the path begins anew."""
         found, beyond = first, False
         for stream in self._streams:
             reached = stream.correct(time, found)

@@ -135,8 +135,7 @@ def path_starts(time: FloatArray, session: IntArray, known: BoolArray) -> BoolAr
     apart = (step > max(LIMITS.pause_steps * usual, LIMITS.pause_seconds)) | (step < 0)
     homed = np.diff(session, prepend=session[:1]) != 0
     before = np.concatenate([[False], known])[:-1]
-    new: BoolArray = apart | homed | ~known | ~before
-    return new
+    return np.asarray(apart | homed | ~known | ~before)
 
 
 def pieces(time: FloatArray, trajectory: IntArray) -> IntArray:

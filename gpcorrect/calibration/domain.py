@@ -74,8 +74,7 @@ class Surroundings:
         ----------
         X : (n, d) array, inputs
         """
-        near: BoolArray = _to_nearest(self.scaler.apply(X), self.points, self.squares) <= self.farthest
-        return near
+        return np.asarray(_to_nearest(self.scaler.apply(X), self.points, self.squares) <= self.farthest)
 
     def joined(self, X: FloatArray) -> Self:
         """Return the surroundings of these training inputs too, with no more points than a training has.

@@ -370,13 +370,7 @@ class _RouteStream:
             self._aim.reset()
 
     def correct(self, time: float, q: FloatArray) -> Correction:
-        """Return what to command `(d,)`; with a missing number NaN, and the path begins anew.
-
-        Parameters
-        ----------
-        time : float, s, later than that of the sample before
-        q : (d,) array, desired joints, rad or m
-        """
+        """Return what to command `(d,)`; with a missing number NaN, and the path begins anew."""
         answer = self._first.correct(time, q)
         if self._aim is None:
             return answer

@@ -292,8 +292,7 @@ def changes(with_it: LeftOut, without: LeftOut) -> FloatArray:
     with_it, without : LeftOut, of two ways to answer the same log
     """
     sizes = [np.sqrt(np.nanmean(left_out.errors**2, axis=0)) for left_out in (with_it, without)]
-    relative: FloatArray = (sizes[0] / sizes[1] - 1.0).reshape(-1, 3).mean(axis=1)
-    return relative
+    return np.asarray((sizes[0] / sizes[1] - 1.0).reshape(-1, 3).mean(axis=1))
 
 
 def changes_text(change: FloatArray) -> str:

@@ -97,8 +97,7 @@ class Limits:
     far_sizes, far_least : float
         A query beyond the training's range by more than so many of its sizes, and than so many m or rad, is refused.
         A unit's factor is 57 or 1000, a workspace away from the origin by a few of its sizes.
-    far_away : float
-        m from the base at which no tool is: in millimetres every tool is farther than that.
+    far_away : float, m from the base at which no tool is: in millimetres every tool is farther than that
     slow_step, slow_ratio, slow_travel : float
         A path of samples at least so many s apart, so many times slower than the training, that travels so much of the
         training's size, is refused: milliseconds taken for seconds are 1000 times slower. Paths at half and at twice

@@ -49,8 +49,7 @@ class Part(NamedTuple):
         ----------
         errors : (n, m) array, m or rad
         """
-        sizes: FloatArray = self.scale * np.linalg.norm(errors[:, self.columns], axis=1)
-        return sizes
+        return np.asarray(self.scale * np.linalg.norm(errors[:, self.columns], axis=1))
 
 
 @dataclass(frozen=True, eq=False)

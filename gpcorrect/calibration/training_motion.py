@@ -268,5 +268,4 @@ class MotionLimits:
         if path.quaternion is not None and len(self.speeds) > 1:
             steps.append(se3.quaternion_angle(path.quaternion[i], path.quaternion[j]))
         limits = zip(steps, self.speeds, self.noise, strict=False)
-        far: BoolArray = np.any([step - noise > speed * dt for step, speed, noise in limits], axis=0)
-        return far
+        return np.asarray(np.any([step - noise > speed * dt for step, speed, noise in limits], axis=0))

@@ -368,5 +368,4 @@ def _rejected_nearby(run: IntArray, keep: BoolArray) -> FloatArray:
     low = np.maximum(np.arange(n) - NEARBY, bounds[stretch])
     high = np.minimum(np.arange(n) + NEARBY + 1, bounds[stretch + 1])
     rejected = np.concatenate([[0], np.cumsum(~keep)])
-    fraction: FloatArray = (rejected[high] - rejected[low] - ~keep) / np.maximum(high - low - 1, 1)
-    return fraction
+    return np.asarray((rejected[high] - rejected[low] - ~keep) / np.maximum(high - low - 1, 1))

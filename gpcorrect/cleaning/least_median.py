@@ -183,7 +183,8 @@ def least_median_plane(X: FloatArray, Y: FloatArray, rng: np.random.Generator) -
 
     def planes(drawn: IntArray) -> tuple[list[FloatArray], FloatArray]:
         models = np.linalg.pinv(design[drawn]) @ Y[drawn]
-        medians = [np.median(np.linalg.norm(Y - design @ part, axis=2), axis=1) for part in _in_parts(models)]
+        stacks = np.array_split(models, -(-len(models) // STACK))
+        medians = [np.median(np.linalg.norm(Y - design @ part, axis=2), axis=1) for part in stacks]
         return list(models), np.concatenate(medians)[:, None]
 
     return least_median(
@@ -195,10 +196,6 @@ def least_median_plane(X: FloatArray, Y: FloatArray, rng: np.random.Generator) -
         dimension=Y.shape[1],
         fit_stack=planes,
     )
-
-
-def _in_parts(models: FloatArray) -> list[FloatArray]:
-    return np.array_split(models, -(-len(models) // STACK))
 
 
 def least_median_pose(

@@ -99,8 +99,7 @@ class Labels:
     @property
     def keep(self) -> BoolArray:
         """(n,) mask of samples that no rule has rejected."""
-        keep: BoolArray = self.reason == ""
-        return keep
+        return np.asarray(self.reason == "")
 
     def replaced(self, rows: IntArray, found: Labels) -> Self:
         """Labels in which those of `rows` are the ones that were found.
@@ -177,8 +176,7 @@ class CleaningReport:
     @property
     def keep(self) -> BoolArray:
         """(n,) mask of samples that pass."""
-        keep: BoolArray = self.reason == ""
-        return keep
+        return np.asarray(self.reason == "")
 
     @property
     def counts(self) -> dict[str, int]:

@@ -107,8 +107,7 @@ class Samples:
     @property
     def error_lengths(self) -> FloatArray:
         """(n, g) lengths of the error's groups, m or rad."""
-        lengths: FloatArray = np.linalg.norm(self.error, axis=2)
-        return lengths
+        return np.asarray(np.linalg.norm(self.error, axis=2))
 
     def steps(self, signal: tuple[FloatArray, ...], i: IntArray, j: IntArray) -> FloatArray:
         """Return the distances (m, g), m or rad, of a signal's groups between samples i and j (m,) each.
@@ -118,7 +117,10 @@ class Samples:
         signal : tuple of (n, k) arrays, observed or commanded groups
         i, j : (m,) array, samples
         """
-        return np.stack([_distance(values[i], values[j]) for values in signal], axis=1)
+        pairs = [(values[i], values[j]) for values in signal]
+        return np.stack(
+            [se3.quaternion_angle(a, b) if a.shape[1] == 4 else np.linalg.norm(a - b, axis=1) for a, b in pairs], axis=1
+        )
 
     def trend_inputs(self, group: int) -> FloatArray:
         """Return what an error may be proportional to: the position and the group's velocity, or both of the joint.
@@ -279,11 +281,6 @@ def _bad_numbers(signal: PoseSignal) -> FloatArray:
         skewed = np.abs(np.linalg.norm(signal.quaternion, axis=1) - 1.0) > QUATERNION_TOLERANCE
         count += np.where(missing == 0, 4.0 * skewed, missing)
     return count
-
-
-def _distance(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Distances (m,) of positions or joints, or angles of quaternions, between the rows of a and b (m, k)."""
-    return np.linalg.norm(a - b, axis=1) if a.shape[1] != 4 else se3.quaternion_angle(a, b)
 
 
 def _centred(values: FloatArray, session: IntArray) -> FloatArray:

@@ -210,8 +210,7 @@ class _Data:
     def lengths(self, mean: FloatArray, deviation: FloatArray | float) -> FloatArray:
         """Lengths (n, g) of what a mean leaves, over the deviation (n,)."""
         left = (self.Y - mean).reshape(len(mean), -1, self.width)
-        lengths: FloatArray = np.linalg.norm(left, axis=2) / np.broadcast_to(deviation, len(mean))[:, None]
-        return lengths
+        return np.asarray(np.linalg.norm(left, axis=2) / np.broadcast_to(deviation, len(mean))[:, None])
 
 
 def learn_smooth_model(
@@ -229,12 +228,11 @@ def learn_smooth_model(
     resolution = settings.resolution(samples.units)
     rows = np.flatnonzero(trusted)
     rows = rows[evenly_spaced(len(rows), settings.field_samples)]
-    planes = [
-        least_median_plane(samples.trend_inputs(group)[rows], samples.error[rows, group], rng)
-        for group in range(len(samples.units))
-    ]
+    inputs = [samples.trend_inputs(group)[rows] for group in range(len(samples.units))]
+    planes = [least_median_plane(x, samples.error[rows, group], rng) for group, x in enumerate(inputs)]
     trend = tuple(frozen_array(plane.model) for plane in planes)
-    reach = tuple(_reach(samples.trend_inputs(group)[rows]) for group in range(len(samples.units)))
+    ends = [(np.min(x, axis=0), np.max(x, axis=0)) for x in inputs]
+    reach = tuple(frozen_array([2 * low - high, 2 * high - low]) for low, high in ends)
     unit = np.maximum([plane.scales[0] for plane in planes], resolution)
     scaling = InputScaling.learn(samples, settings)
     X, n_place = scaling.transform(samples)
@@ -269,12 +267,6 @@ def _less_field(left: FloatArray, rows: IntArray, mean: FloatArray) -> FloatArra
     return left - field
 
 
-def _reach(inputs: FloatArray) -> FloatArray:
-    """Return how far a trend of training inputs `(n, r)` is followed, `(2, r)`."""
-    low, high = inputs.min(axis=0), inputs.max(axis=0)
-    return frozen_array([2 * low - high, 2 * high - low])
-
-
 def _scaled(
     samples: Samples, trend: tuple[FloatArray, ...], reach: tuple[FloatArray, ...], unit: FloatArray
 ) -> FloatArray:
@@ -290,8 +282,7 @@ def _folds(samples: Samples) -> IntArray:
     """Fold (n,) of each sample: stretches of consecutive whole trajectories, or of time where there are few of them."""
     starts = np.concatenate([[0], np.cumsum(np.diff(samples.trajectory) != 0)])
     if starts[-1] + 1 >= FOLDS:
-        by_trajectory: IntArray = starts * FOLDS // (starts[-1] + 1)
-        return by_trajectory
+        return np.asarray(starts * FOLDS // (starts[-1] + 1))
     return np.arange(len(samples)) * FOLDS // len(samples)
 
 

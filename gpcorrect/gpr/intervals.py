@@ -148,8 +148,7 @@ def _needed_by_parts(scores: FloatArray, parts: IntArray) -> FloatArray:
         return np.zeros(scores.shape[1])
     logs = np.log(np.maximum(needed, LEAST_NEEDED * needed.max(axis=0) + np.finfo(float).tiny))
     beyond = float(student.ppf(PARTS_COVERED, count - 1)) * np.sqrt(1 + 1 / count)
-    factor: FloatArray = np.exp(logs.mean(axis=0) + beyond * logs.std(axis=0, ddof=1))
-    return factor
+    return np.asarray(np.exp(logs.mean(axis=0) + beyond * logs.std(axis=0, ddof=1)))
 
 
 @dataclass(frozen=True, eq=False)

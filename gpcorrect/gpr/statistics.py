@@ -96,8 +96,7 @@ class Statistics:
             solved[:, o] = cho_solve(
                 cho_factor(system, lower=True, overwrite_a=True, check_finite=False), self.Vy[:, o]
             )
-        weights: FloatArray = solve_triangular(L, solved, lower=True, trans="T", check_finite=False)
-        return weights
+        return np.asarray(solve_triangular(L, solved, lower=True, trans="T", check_finite=False))
 
     def variance_factors(self, L: FloatArray, ratio: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
         """Projection `(r, count)` and explained shares `(m, r)` of the variance that the first `count` points give.

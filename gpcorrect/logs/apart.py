@@ -96,8 +96,7 @@ def parse_apart(
     ----------
     kind : type, what `read` returns: a dataclass that :func:`gpcorrect.codec.pack` takes apart
     title, read, path, settings : as for :func:`parse`; `read` can be pickled
-    libraries : sequence of str
-        Modules that the reader needs, loaded once; one that is not installed is left out.
+    libraries : sequence of str, modules that the reader needs, loaded once; one that is not installed is left out
     """
     parts = path.rglob("*") if path.is_dir() else [path]
     size = sum(part.stat().st_size for part in parts)

@@ -140,10 +140,8 @@ def with_tracker(robot: CalibrationLog, take: CalibrationLog, ahead: float | Non
 
     Parameters
     ----------
-    robot : CalibrationLog
-        Without a tracker; its clock runs through all trajectories.
-    take : CalibrationLog
-        With `tracker_cp`.
+    robot : CalibrationLog, without a tracker; its clock runs through all trajectories
+    take : CalibrationLog, with `tracker_cp`
     ahead : float, optional
         Seconds by which the take's stamps run ahead of the robot's. Found from the motion when not given, wherever the
         two clocks begin; a lag of the robot behind its command is part of what is found where the robot reports no

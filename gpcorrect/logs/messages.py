@@ -59,8 +59,7 @@ def pose_row(message: Any) -> tuple[float, ...]:
 
     Parameters
     ----------
-    message : object
-        Pose, PoseStamped, PoseWithCovarianceStamped, Odometry, TransformStamped or PointStamped.
+    message : object, Pose, PoseStamped, PoseWithCovarianceStamped, Odometry, TransformStamped or PointStamped
     """
     if hasattr(message, "point"):
         return message.point.x, message.point.y, message.point.z, *NO_ROTATION
@@ -73,13 +72,24 @@ def pose_row(message: Any) -> tuple[float, ...]:
     return p.x, p.y, p.z, q.w, q.x, q.y, q.z
 
 
-def array_row(place: int | None) -> Callable[[Any], tuple[float, ...]]:
-    """Make a function that takes one pose out of a PoseArray; NaN where the array is too short.
+def extractor(kind: str, msgtype: str, place: int | None) -> Callable[[Any], Any]:
+    """Return what takes out of a message what is needed of it.
 
     Parameters
     ----------
-    place : int or None, which one, counted from 0; None for the only one
+    kind : str, signal of a pose, CRTK name of a joint state, such as "measured_js", or "raven_state"
+    msgtype : str, type of message
+    place : int or None, which pose of an array, counted from 0; None for the only one
     """
+    if kind == "raven_state":
+        return _raven_row
+    if kind.endswith("_js"):
+        return lambda message: (tuple(message.name), message.position, message.velocity, message.effort)
+    return _array_row(place) if msgtype.endswith("/PoseArray") else pose_row
+
+
+def _array_row(place: int | None) -> Callable[[Any], tuple[float, ...]]:
+    """Make a function that takes one pose out of a PoseArray; NaN where the array is too short."""
 
     def _row(message: Any) -> tuple[float, ...]:
         count, k = len(message.poses), place or 0
@@ -88,16 +98,6 @@ def array_row(place: int | None) -> Callable[[Any], tuple[float, ...]]:
         return pose_row(message.poses[k]) if k < count else (math.nan,) * 3 + NO_ROTATION
 
     return _row
-
-
-def joint_row(message: Any) -> tuple[tuple[str, ...], FloatArray, FloatArray, FloatArray]:
-    """Names, positions, velocities and efforts of a message.
-
-    Parameters
-    ----------
-    message : object, JointState
-    """
-    return tuple(message.name), message.position, message.velocity, message.effort
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,14 +131,25 @@ class Times:
         return cls((stamp[rows] - origin) / 1e9, rows, remarks)
 
 
-def pose_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Stream], list[str]]:
-    """Stream of poses; a quaternion that is none becomes missing, and a remark says how many.
+def streams_of(
+    kind: str, recorded: Recorded, times: Times, arm: Arm | None
+) -> tuple[list[Stream], list[str], LogMeta | None]:
+    """Streams of the messages of a topic, remarks, and what they say of the robot.
 
     Parameters
     ----------
-    name : str
+    kind : str, see :func:`extractor`
     recorded, times : messages of a topic, and when they were taken
+    arm : {"left", "right"}, optional, which arm of RAVEN-II states; the only one there when not given
     """
+    if kind == "raven_state":
+        return _raven_streams(recorded, times, arm)
+    streams, remarks = (_joint_streams if kind.endswith("_js") else _pose_streams)(kind, recorded, times)
+    return streams, remarks, None
+
+
+def _pose_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Stream], list[str]]:
+    """Stream of poses; a quaternion that is none becomes missing, and a remark says how many."""
     table = np.array(recorded.rows, dtype=np.float64)[times.rows]
     quaternion = unit_quaternions(table[:, 3:])
     bad = int((np.isfinite(table[:, 3:]).all(axis=1) & np.isnan(quaternion).any(axis=1)).sum())
@@ -179,14 +190,8 @@ def _moved(row: tuple[Any, ...], names: tuple[str, ...], order: tuple[str, ...])
     return (order, *(part[places] if len(part) == len(names) else part for part in row[1:]))
 
 
-def joint_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Stream], list[str]]:
-    """Streams of joint positions, and of measured velocities and efforts where they were published; and remarks.
-
-    Parameters
-    ----------
-    name : str, CRTK name of the topic, such as "measured_js"
-    recorded, times : messages of a topic, and when they were taken
-    """
+def _joint_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Stream], list[str]]:
+    """Streams of joint positions, and of measured velocities and efforts where they were published; and remarks."""
     if len({row[0] for row in recorded.rows}) > 1:
         raise LogError(f"the joints of {recorded.topic} change from message to message.")
     names = JOINT_SIGNALS[name]
@@ -251,28 +256,18 @@ INSERTION = 2  # place of the prismatic joint
 LONGEST_INSERTION = 100.0  # 1.7 m times 180/pi: what is beyond it can only be millimetres
 
 
-def raven_row(message: Any) -> FloatArray:
-    """Take the numbers of a message that are used, one after the other.
-
-    Parameters
-    ----------
-    message : object, raven_state, as the bag's reader decoded it
-    """
+def _raven_row(message: Any) -> FloatArray:
+    """Take the numbers of a raven_state message that are used, one after the other."""
     missing = [name for name in FIELDS if not hasattr(message, name)]
     if missing:
         raise LogError(f"the raven_state message lacks {', '.join(missing)}.")
     return np.concatenate([np.atleast_1d(getattr(message, name)) for name in FIELDS]).astype(np.float64)
 
 
-def raven_streams(recorded: Recorded, times: Times, arm: Arm | None) -> tuple[list[Stream], list[str], LogMeta]:
+def _raven_streams(recorded: Recorded, times: Times, arm: Arm | None) -> tuple[list[Stream], list[str], LogMeta]:
     """Streams of one arm: commanded and reported pose and joints, joint velocities, desired motor torques; and remarks.
 
     The sixth joint is the wrist's yaw, half the difference of the two jaws, as in the software's kinematics.
-
-    Parameters
-    ----------
-    recorded, times : messages of a topic, and when they were taken
-    arm : {"left", "right"}, optional, the only one there when not given
     """
     ends = np.cumsum(list(FIELDS.values()))
     state = dict(zip(FIELDS, np.split(np.stack(recorded.rows)[times.rows], ends[:-1], axis=1), strict=True))

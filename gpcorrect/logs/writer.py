@@ -55,10 +55,8 @@ def write_log(log: CalibrationLog, path: str | Path) -> None:
 
     Parameters
     ----------
-    log : CalibrationLog
-        The log; its extra columns are written too.
-    path : str or Path
-        Ends in .csv or .parquet.
+    log : CalibrationLog, the log; its extra columns are written too
+    path : str or Path, ends in .csv or .parquet
 
     Raises
     ------

@@ -21,10 +21,8 @@ class DesiredPath:
 
     Parameters
     ----------
-    times : (n,) array
-        Seconds, strictly increasing.
-    T : (n, 4, 4) array
-        Desired tool poses, planner's frame.
+    times : (n,) array, seconds, strictly increasing
+    T : (n, 4, 4) array, desired tool poses, planner's frame
     """
 
     times: FloatArray
@@ -49,8 +47,7 @@ class DesiredPath:
     @property
     def goal(self) -> FloatArray:
         """(4, 4) last pose."""
-        last: FloatArray = self.T[-1]
-        return last
+        return np.asarray(self.T[-1])
 
 
 def reach(stops: FloatArray, pace: Pace) -> DesiredPath:
@@ -58,10 +55,8 @@ def reach(stops: FloatArray, pace: Pace) -> DesiredPath:
 
     Parameters
     ----------
-    stops : (k + 1, 4, 4) array
-        Start, stops and goal.
-    pace : Pace
-        Speed, acceleration and rests.
+    stops : (k + 1, 4, 4) array, start, stops and goal
+    pace : Pace, speed, acceleration and rests
     """
     count = len(stops) - 1
     path = tour(stops, range(count), [pace] * count, PATH_RATE_HZ)
@@ -75,16 +70,11 @@ def circle(
 
     Parameters
     ----------
-    T_centre : (4, 4) array
-        Pose of the centre; the tool keeps its orientation.
-    radius : float
-        m.
-    speed : float
-        m/s.
-    rounds : float
-        Circles.
-    rate_hz : float
-        Poses a second.
+    T_centre : (4, 4) array, pose of the centre; the tool keeps its orientation
+    radius : float, m
+    speed : float, m/s
+    rounds : float, circles
+    rate_hz : float, poses a second
 
     Raises
     ------
@@ -114,10 +104,8 @@ class Corrects(Protocol):
 
         Parameters
         ----------
-        poses : (n, 7) array
-            Positions (m) and quaternions wxyz.
-        times : (n,) array
-            Seconds.
+        poses : (n, 7) array, positions (m) and quaternions wxyz
+        times : (n,) array, seconds
         """
 
 
@@ -127,16 +115,11 @@ class CommandPath:
 
     Parameters
     ----------
-    times : (n,) array
-        Seconds.
-    T : (n, 4, 4) array
-        Tool poses to command, base frame.
-    interval95 : (m, 6) array
-        Half widths at the poses that were asked for: all of them, or the two ends; m then rad.
-    in_domain : (m,) array
-        Whether each lies near training data.
-    status : tuple of m str
-        Of each, as `Correction` has it.
+    times : (n,) array, seconds
+    T : (n, 4, 4) array, tool poses to command, base frame
+    interval95 : (m, 6) array, half widths at the poses that were asked for: all of them, or the two ends; m then rad
+    in_domain : (m,) array, whether each lies near training data
+    status : tuple of m str, of each, as `Correction` has it
     """
 
     times: FloatArray
@@ -152,8 +135,7 @@ def corrected(corrector: Corrects, path: DesiredPath, mode: Mode = "full") -> Co
     Parameters
     ----------
     corrector : Corrects
-    path : DesiredPath
-        In the frame that the model was trained in.
+    path : DesiredPath, in the frame that the model was trained in
     mode : "full" or "endpoints"
         Correct every pose with its velocity; or the two ends, at rest, with the path's own course between.
 

@@ -42,10 +42,8 @@ def fit_marker(observed: PoseSignal, command: PoseSignal, near: RigidModel | Non
 
     Parameters
     ----------
-    observed : PoseSignal
-        Poses X_i of the marker in the tracker's frame, with orientations; n samples, all finite.
-    command : PoseSignal
-        Poses U_i (or positions) of the tip in the base frame.
+    observed : PoseSignal, poses X_i of the marker in the tracker's frame, with orientations; n samples, all finite
+    command : PoseSignal, poses U_i (or positions) of the tip in the base frame
     near : RigidModel, optional
         Solution of nearly the same samples: the refinement starts from it alone, and ends where a step moves
         less than any noise: to be compared, not to be kept.
@@ -108,8 +106,7 @@ def fit_separate(observed: PoseSignal, command: PoseSignal, near: RigidModel | N
 
     Parameters
     ----------
-    observed, command : PoseSignal
-        n samples each with orientations, all finite.
+    observed, command : PoseSignal, n samples each with orientations, all finite
     near : RigidModel, optional
         Solution of nearly the same samples: the refinement of orientations starts from it, and ends as for
         :func:`fit_marker`.

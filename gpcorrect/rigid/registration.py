@@ -42,10 +42,8 @@ def fit_pose(
 
     Parameters
     ----------
-    observed, command : PoseSignal
-        n samples each, all finite, at least three.
-    weights : (n,) array, optional
-        Non-negative weight of each sample; equal when not given.
+    observed, command : PoseSignal, n samples each, all finite, at least three
+    weights : (n,) array, optional, non-negative weight of each sample; equal when not given
     rotation_weight : float
         Square metres that a squared Frobenius distance of one between rotations counts as. The paper's plain
         norm over metres is 1, in which orientations far outweigh positions in a workspace of centimetres.
@@ -70,11 +68,9 @@ def fit_position(observed: PoseSignal, command: PoseSignal, *, weights: FloatArr
 
     Parameters
     ----------
-    observed : PoseSignal
-        Poses of the marker in the tracker frame.
+    observed : PoseSignal, poses of the marker in the tracker frame
     command : PoseSignal, poses of the tip in the base frame
-    weights : (n,) array, optional
-        Non-negative weight of each sample; equal when not given.
+    weights : (n,) array, optional, non-negative weight of each sample; equal when not given
 
     Raises
     ------
@@ -258,8 +254,7 @@ def _reweighted(pairs: _Pairs, rotation_weight: float | None, near: RigidModel |
 
 
 def _weights(pairs: _Pairs, model: RigidModel) -> FloatArray:
-    weights: FloatArray = np.min([cauchy_weights(r, component_scale(r)) for r in pairs.norms(model)], axis=0)
-    return weights
+    return np.asarray(np.min([cauchy_weights(r, component_scale(r)) for r in pairs.norms(model)], axis=0))
 
 
 def _cross_covariance(pairs: _Pairs, w: FloatArray) -> FloatArray:

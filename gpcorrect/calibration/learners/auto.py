@@ -107,5 +107,4 @@ def _stacking_weights(errors: list[FloatArray]) -> FloatArray:
 
 def _sum(weights: FloatArray, parts: Sequence[FloatArray]) -> FloatArray:
     """Return the weighted sum `(n, m)` of k parts `(n, m)` under weights `(k, m)`."""
-    total: FloatArray = np.einsum("km,knm->nm", weights, np.stack(parts))
-    return total
+    return np.asarray(np.einsum("km,knm->nm", weights, np.stack(parts)))

@@ -37,16 +37,11 @@ class Finding:
     ----------
     severity : {"error", "warning", "info"}
         error: what is learned from this log will be wrong; warning: look at it first; info: good to know.
-    code : str
-        Short fixed name, for programs.
-    signal : str
-        Name of the log's signal, "time" or "trajectory"; empty when it is about the log as a whole.
-    message : str
-        What was found, with numbers and units.
-    hint : str
-        What to do about it.
-    count : int
-        Samples (or trajectories) it is about.
+    code : str, short fixed name, for programs
+    signal : str, name of the log's signal, "time" or "trajectory"; empty when it is about the log as a whole
+    message : str, what was found, with numbers and units
+    hint : str, what to do about it
+    count : int, samples (or trajectories) it is about
     rows : sequence of int
         Those samples: rows of the log counted from 0, or trajectory numbers when the signal is "trajectory". The
         first few stay.
@@ -73,10 +68,8 @@ class Evidence:
 
     Parameters
     ----------
-    log : CalibrationLog
-        Any; nothing about it is taken for granted.
-    compared : collection of str, optional
-        Signals whose motion is compared with the robot's; all by default.
+    log : CalibrationLog, any; nothing about it is taken for granted
+    compared : collection of str, optional, signals whose motion is compared with the robot's; all by default
     """
 
     def __init__(self, log: CalibrationLog, compared: Collection[str] | None = None) -> None:
@@ -278,8 +271,7 @@ def mirrored(reference: FloatArray, observed: FloatArray, *, axial: bool = False
     Parameters
     ----------
     reference, observed : (n, k) arrays, NaN where missing
-    axial : bool
-        Whether a point and its negative are the same, as of unit quaternions; they are not centred then.
+    axial : bool, whether a point and its negative are the same, as of unit quaternions; they are not centred then
     """
     known = np.isfinite(reference).all(axis=1) & np.isfinite(observed).all(axis=1)
     if known.sum() < MIN_PAIRED:

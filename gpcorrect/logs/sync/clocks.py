@@ -33,10 +33,8 @@ class Clocks:
 
     Parameters
     ----------
-    offset : TimeOffset or None
-        Estimate of how far the signal's stamps run ahead; None when it was not asked for.
-    applied : float
-        Seconds by which the signal was shifted; 0 when it was left alone.
+    offset : TimeOffset or None, estimate of how far the signal's stamps run ahead; None when it was not asked for
+    applied : float, seconds by which the signal was shifted; 0 when it was left alone
     remark : str, the same in a sentence
     to_note : bool
         Whether a person must know: the signal was shifted, or seems to be on another clock and was left alone.
@@ -71,16 +69,12 @@ def match_clocks(
 
     Parameters
     ----------
-    log : CalibrationLog
-        Not changed.
+    log : CalibrationLog, not changed
     moving, reference : str
         The signal that another clock may have stamped, and what it is compared with: both poses or both joints.
-    mode : {"auto", "none"} or str
-        "none" leaves the stamps alone; a number shifts the signal by so many seconds.
-    plausible_lag : (float, float)
-        Seconds by which the robot itself may make the signal run behind.
-    shifts : bool
-        Whether "auto" shifts; it only says what it found otherwise.
+    mode : {"auto", "none"} or str, "none" leaves the stamps alone; a number shifts the signal by so many seconds
+    plausible_lag : (float, float), seconds by which the robot itself may make the signal run behind
+    shifts : bool, whether "auto" shifts; it only says what it found otherwise
 
     Returns
     -------
@@ -160,8 +154,7 @@ def seconds_of(text: str) -> float:
 
     Parameters
     ----------
-    text : str
-        A finite number.
+    text : str, a finite number
 
     Raises
     ------
@@ -187,8 +180,7 @@ def align(
 
     Parameters
     ----------
-    log : CalibrationLog
-        Not changed.
+    log : CalibrationLog, not changed
     offset : TimeOffset or float
         Seconds d by which the stamps of these signals run ahead; an estimate brings its drift along.
     signals : sequence of str
@@ -197,8 +189,7 @@ def align(
     Returns
     -------
     CalibrationLog
-        Same rows; NaN where no sample of the other clock is near enough in time, as at one end of the
-        recording.
+        Same rows; NaN where no sample of the other clock is near enough in time, as at one end of the recording.
 
     Raises
     ------

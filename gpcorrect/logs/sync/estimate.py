@@ -79,10 +79,8 @@ def stream_offset(
 
     Parameters
     ----------
-    observed, reference : Stream
-        Both poses or both joints.
-    max_lag, centre : float, optional
-        See :func:`estimate_offset`.
+    observed, reference : Stream, both poses or both joints
+    max_lag, centre : float, optional, see :func:`estimate_offset`
 
     Raises
     ------
@@ -114,10 +112,8 @@ def estimate_offset(
     max_lag : float, optional
         Largest distance from `centre` searched, s; by default 2 s, or a quarter of the time recorded if that is
         less, but at least five samples of the slower signal.
-    centre : float
-        Where to search: a rough offset, when the clocks have different origins.
-    names : (str, str)
-        Of the observed and the reference signal, for messages.
+    centre : float, where to search: a rough offset, when the clocks have different origins
+    names : (str, str), of the observed and the reference signal, for messages
 
     Raises
     ------
@@ -228,8 +224,7 @@ def regression(pieces: Sequence[MotionPair], starts: FloatArray) -> Timing | Non
 
     Parameters
     ----------
-    pieces : sequence of MotionPair
-        What to compare; a drift turns about the middle of their observed stamps.
+    pieces : sequence of MotionPair, what to compare; a drift turns about the middle of their observed stamps
     starts : (k,) array, shifts, s; enough samples must be in common at one of them
     """
     stamps = np.concatenate([p.observed.time for p in pieces])

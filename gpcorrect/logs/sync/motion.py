@@ -29,15 +29,12 @@ class Motion:
 
     Parameters
     ----------
-    time : (n,) array
-        Stamps, s, of any spacing; samples out of order are left out.
-    values : (n, k) array
-        Positions in any frame, or joint positions; a row with NaN is a missing sample and left out.
+    time : (n,) array, stamps, s, of any spacing; samples out of order are left out
+    values : (n, k) array, positions in any frame, or joint positions; a row with NaN is a missing sample and left out
     lever : (n, m) array or None
         Further columns that a constant matrix may mix into what the other clock saw: the nine entries of
         the rotation matrix stand for an unknown lever arm between the two points.
-    label : (n,) int array or None
-        Trajectory of each sample, for offsets trajectory by trajectory.
+    label : (n,) int array or None, trajectory of each sample, for offsets trajectory by trajectory
     """
 
     time: FloatArray
@@ -137,10 +134,8 @@ def pairs_of(log: CalibrationLog, observed: str, reference: str) -> list[MotionP
 
     Parameters
     ----------
-    log : CalibrationLog
-        With a clock.
-    observed, reference : str
-        Names of the signals.
+    log : CalibrationLog, with a clock
+    observed, reference : str, names of the signals
 
     Raises
     ------

@@ -166,8 +166,7 @@ class Timing:
     def refine(self, start: FloatArray, bracket: float) -> Refinement | None:
         """Gauss-Newton on the timing with Huber weights from `start`, at most `bracket` s away.
 
-        It ends where it stands as soon as the motion turns out to hold no information; None where it does not
-        converge.
+        It ends where it stands as soon as the motion turns out to hold no information; None where it does not converge.
 
         Parameters
         ----------
