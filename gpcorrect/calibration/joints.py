@@ -12,13 +12,7 @@ from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.joint_features import JointFeatures
 from gpcorrect.calibration.joint_path import JointPath, joint_path, usual_steps
-from gpcorrect.calibration.joint_view import (
-    JointView,
-    ViewCorrector,
-    directed,
-    joint_layout,
-    path_and_error,
-)
+from gpcorrect.calibration.joint_view import JointView, ViewCorrector, directed, joint_layout, path_and_error
 from gpcorrect.calibration.metrics import joint_units, spread
 from gpcorrect.calibration.queries import checked_times, numbers
 from gpcorrect.calibration.settings import LIMITS, FitSettings, InputSignal

@@ -18,7 +18,7 @@ from gpcorrect.cleaning.steps import Path, Pieces, StepThresholds, excursions, l
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.one_thread import on_one_thread
 from gpcorrect.rigid import MarkerOption, RigidModel, register
-from gpcorrect.robust import robust_scale
+from gpcorrect.robust import medians_of, robust_scale
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, frozen_array
 from gpcorrect.velocity import sampled_rows
 
@@ -281,8 +281,8 @@ def _label_motion(
     steps = thresholds.steps
     path = Path.of(samples[left], residual.along[left], steps, settings.response_time)
     pieces = split_pieces(path)
-    from_rigid = pieces.medians((path.samples.error_lengths / thresholds.scales).max(axis=1))
-    from_smooth = pieces.medians(residual.distance[left])
+    from_rigid = medians_of((path.samples.error_lengths / thresholds.scales).max(axis=1), pieces.label)
+    from_smooth = medians_of(residual.distance[left], pieces.label)
     badness = np.maximum(from_rigid / settings.outlier_factor, from_smooth / settings.offset_factor)
     occlusion = _occlusion_samples(path, settings)
     scores = pieces.counts * (1 - badness**2)

@@ -18,7 +18,7 @@ from gpcorrect.cleaning.report import Reason
 from gpcorrect.cleaning.settings import CleaningSettings
 from gpcorrect.cleaning.signals import Samples
 from gpcorrect.cleaning.smooth import Residual
-from gpcorrect.robust import medians_of, robust_scale
+from gpcorrect.robust import robust_scale
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
 # The constants here were chosen by hand on the simulated recordings of bench/cleaning_faults.py.
@@ -189,15 +189,6 @@ class Pieces:
         """(m,) samples in each piece."""
         return self.last - self.first + 1
 
-    def medians(self, values: FloatArray) -> FloatArray:
-        """Return the median (m,) of the values (n,) of each piece's samples.
-
-        Parameters
-        ----------
-        values : (n,) array, A value a sample
-        """
-        return medians_of(values, self.label)
-
 
 def split_pieces(path: Path) -> Pieces:
     """Cut the samples where a run ends or a step breaks a limit.
@@ -276,13 +267,7 @@ def best_chain(
     return np.array(chain[::-1])
 
 
-def excursions(
-    pieces: Pieces,
-    candidates: BoolArray,
-    path: Path,
-    residual: FloatArray,
-    occlusion: float,
-) -> BoolArray:
+def excursions(pieces: Pieces, candidates: BoolArray, path: Path, residual: FloatArray, occlusion: float) -> BoolArray:
     """Return the mask (m,) of pieces that lie between two impossible steps which cancel, found shortest first.
 
     Two independent steps do not cancel in three or six numbers; a marker that is lost and found again does that.

@@ -24,7 +24,6 @@ MAX_MISFIT = 0.5
 drive that looked like 0.38 s left 0.95, and one reach taken for another 0.5 to 1.3."""
 
 NAMES = {"tracker_cp": "the tracker", "external_jp": "the outside encoders"}
-REFERENCES = {"setpoint_cp": "the commands", "setpoint_jp": "the commands"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +51,7 @@ class Clocks:
 
 
 def match_clocks(
-    log: CalibrationLog,
-    moving: str,
-    reference: str,
-    mode: str,
-    *,
-    plausible_lag: tuple[float, float] = PLAUSIBLE_LAG,
-    shifts: bool = True,
+    log: CalibrationLog, moving: str, reference: str, mode: str, *, shifts: bool = True
 ) -> tuple[CalibrationLog, Clocks]:
     """Return the log with one signal on the clock of another, as `mode` says.
 
@@ -73,7 +66,6 @@ def match_clocks(
     moving, reference : str
         The signal that another clock may have stamped, and what it is compared with: both poses or both joints.
     mode : {"auto", "none"} or str, "none" leaves the stamps alone; a number shifts the signal by so many seconds
-    plausible_lag : (float, float), seconds by which the robot itself may make the signal run behind
     shifts : bool, whether "auto" shifts; it only says what it found otherwise
 
     Returns
@@ -104,14 +96,14 @@ def match_clocks(
     if not found.observable:
         return log, Clocks(found, 0.0, f"the time offset of {name} is not observable: {found.reason}")
     middle, low, high = (1e3 * seconds for seconds in (found.offset, *found.ci95))
-    what = REFERENCES.get(reference, "what the robot reports")
+    what = "the commands" if reference.startswith("setpoint") else "what the robot reports"
     drift = "" if found.drift is None else f", and its clock {found.drift.ppm:+.0f} ppm against theirs"
     size = f"{name} runs {middle:.1f} ms behind {what} (95 %: {low:.1f} to {high:.1f}){drift}"
     inside = np.diff(log.trajectory) == 0
     step = float(np.median(np.diff(log.time)[inside])) if inside.any() else 0.0  # less is not worth an interpolation
-    if plausible_lag[0] - step <= found.ci95[1] and found.ci95[0] <= plausible_lag[1] + step:
+    if PLAUSIBLE_LAG[0] - step <= found.ci95[1] and found.ci95[0] <= PLAUSIBLE_LAG[1] + step:
         return log, _left(found, size, reference == "measured_cp" and found.ci95[0] > step)
-    doubt = _doubt(log, found, float(np.clip(found.offset, *plausible_lag)))
+    doubt = _doubt(log, found, float(np.clip(found.offset, *PLAUSIBLE_LAG)))
     if doubt:
         remark = f"{size}, but {doubt}: left alone; if it is the clock, give the seconds"
         return log, Clocks(found, 0.0, remark, to_note=True)
