@@ -152,20 +152,6 @@ def pieces(time: FloatArray, trajectory: IntArray) -> IntArray:
     return np.cumsum(begins | (np.diff(inside, prepend=0) != 0)) - 1
 
 
-def scores_by_piece(ratio: FloatArray, labels: IntArray) -> FloatArray:
-    """Return root mean squares of ratios `(n, m)` of error over standard deviation, a piece each, in order.
-
-    Parameters
-    ----------
-    ratio : (n, m) array, about 1 while a model holds; NaN where not known
-    labels : (n,) int array, pieces
-    """
-    squares = np.mean(ratio**2, axis=1)
-    known = np.isfinite(squares)
-    scores = [np.sqrt(squares[known & (labels == label)].mean()) for label in np.unique(labels[known])]
-    return np.array(scores)
-
-
 class HoldOut(StrEnum):
     """What is held out whole."""
 

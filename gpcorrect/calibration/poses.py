@@ -1,4 +1,4 @@
-"""Poses of a log as the regression sees them: observed and commanded, their velocities, the reference G(x), inputs."""
+"""Poses of a log: observed and commanded, their velocities, the reference G(x), and what of them is complete."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from typing import Self
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.calibration.dataset import Layout, Samples, evenly_spread, path_starts
-from gpcorrect.calibration.memory import MemoryMap
-from gpcorrect.calibration.settings import JOINTS, LIMITS, MEMORY, FitSettings
-from gpcorrect.errors import DataError, LogError
-from gpcorrect.gpr import FeatureMap, LeftOut
-from gpcorrect.rigid import Registration, RigidModel, pose_residual, register
+from gpcorrect.calibration.dataset import evenly_spread, path_starts
+from gpcorrect.calibration.settings import LIMITS, FitSettings
+from gpcorrect.errors import LogError
+from gpcorrect.gpr import LeftOut
+from gpcorrect.rigid import Registration, RigidModel, register
 from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
 from gpcorrect.velocity import sampled_rows, segment_labels, twists
@@ -160,8 +159,6 @@ def _median(values: FloatArray) -> float:
     return float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else 0.0
 
 
-INDUCING = 700
-"""Points of the Gaussian process: within a tenth of 1500 points' error on simulated reaches (bench/gpr_choices.py)."""
 CHECK_QUERIES = 8  # training queries that a model file asks again at load; chosen by hand
 WORTH_IT = 0.02  # least fraction of the error that memory must take away not to be called useless; chosen by hand
 
@@ -219,69 +216,6 @@ class PosePairs:
         if not settings.rigid:
             return Registration(RigidModel(), "the registration was switched off", (), None)
         return register(self.observed, self.command, log.trajectory[self.rows], settings.marker)
-
-
-def features_of(log: CalibrationLog, settings: FitSettings) -> tuple[tuple[str, ...], FeatureMap]:
-    """Return the kinds of features, memory among them, and the map of the others; unknown ones are refused.
-
-    Parameters
-    ----------
-    log : CalibrationLog, to learn from
-    settings : FitSettings, Kinds, where the user names them
-    """
-    kinds = settings.features or (("pose",) if log.static else ("pose", "velocity"))
-    if MEMORY in kinds and JOINTS in kinds:
-        raise DataError("memory is of the pose, joints have a memory of their own: name one of the two.")
-    return kinds, FeatureMap(tuple(kind for kind in kinds if kind not in (MEMORY, JOINTS)))
-
-
-def pose_layout(features: FeatureMap, states: MemoryMap | None) -> Layout:
-    """Return how the regression's columns are grouped: pose, velocity, memory.
-
-    Parameters
-    ----------
-    features : FeatureMap, of poses and twists
-    states : MemoryMap or None, of the memory features behind them, if any
-    """
-    groups, width = features.groups, features.n_features
-    if states is not None:
-        groups = (*groups, tuple(range(width, width + states.radii.size)))
-    return Layout(
-        targets=(3, 3) if features.has_orientation else (3,),
-        inputs=groups,
-        smooth=np.arange(sum(map(len, groups))),
-        penalties=None,
-        slack=features.slack,
-        inducing=INDUCING,
-        fading=np.array(features.groups[-1] if features.uses_velocity else (), dtype=np.int64),
-    )
-
-
-def samples_of_poses(
-    pairs: PosePairs, log: CalibrationLog, rigid: RigidModel, features: FeatureMap, states: MemoryMap | None
-) -> Samples:
-    """Return the log as a law sees it: NaN where a sample is none of the pairs.
-
-    Parameters
-    ----------
-    pairs : PosePairs, complete samples
-    log : CalibrationLog, n samples
-    rigid : RigidModel, from the observer's frame to the command's
-    features : FeatureMap, of poses and twists
-    states : MemoryMap or None, of the memory features behind them, if any
-    """
-    reference, rows, n = rigid.apply(pairs.observed), pairs.rows, len(log)
-    moved = reference_twists(rigid, rotations_of(pairs.observed), pairs.twist)
-    known = features.transform(reference.position, rotations_of(reference), moved)
-    if states is not None:
-        known = np.hstack([known, states.transform(pairs.command, reference, np.cumsum(pairs.new, dtype=np.int64))])
-    size = 6 if features.has_orientation else 3
-    X, target = np.full((n, known.shape[1]), np.nan), np.full((n, size), np.nan)
-    begins, usable = np.zeros((2, n), dtype=bool)
-    X[rows], begins[rows], usable[rows] = known, pairs.new, True
-    target[rows] = pose_residual(reference, pairs.command)[:, :size]
-    nothing = np.zeros((n, size))
-    return Samples(log.time, log.trajectory, log.session, begins, X, target, nothing, usable, np.zeros((n, 0)))
 
 
 def changes(with_it: LeftOut, without: LeftOut) -> FloatArray:

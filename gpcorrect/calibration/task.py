@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from gpcorrect.calibration.dataset import Layout, Samples, pieces, scores_by_piece
+from gpcorrect.calibration.dataset import Layout, Samples, pieces
 from gpcorrect.calibration.history import Step
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.metrics import Z95, coverage
@@ -80,7 +80,7 @@ class Outcome:
         """Scores of left-out pieces of the training, with which later scores are compared."""
         rows, left_out = self.samples.rows, self.left_out
         labels = pieces(self.samples.time[rows], self.samples.trajectory[rows])
-        return scores_by_piece(left_out.errors * Z95 / self.intervals.interval95(left_out.std), labels)
+        return _scores_by_piece(left_out.errors * Z95 / self.intervals.interval95(left_out.std), labels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +127,7 @@ class Measured:
         ratio = self.corrected * Z95 / self.interval95
         known = np.isfinite(ratio).any(axis=0)
         ratio = np.where(self.in_domain[:, None], ratio, np.nan)[:, known]
-        return scores_by_piece(ratio, pieces(self.time, self.trajectory))
+        return _scores_by_piece(ratio, pieces(self.time, self.trajectory))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -355,3 +355,11 @@ class Corrector(ABC):
     def info(self) -> dict[str, Any]:
         """Return the model's description; JSON-able."""
         return dict(self.summary)
+
+
+def _scores_by_piece(ratio: FloatArray, labels: IntArray) -> FloatArray:
+    """Return root mean squares of ratios `(n, m)` of error over standard deviation, a piece each, in order."""
+    squares = np.mean(ratio**2, axis=1)
+    known = np.isfinite(squares)
+    scores = [np.sqrt(squares[known & (labels == label)].mean()) for label in np.unique(labels[known])]
+    return np.array(scores)

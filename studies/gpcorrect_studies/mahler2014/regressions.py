@@ -17,7 +17,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gpcorrect.calibration import CommandCorrector, Experiment, FitSettings, folds_of, run_experiment
-from gpcorrect.calibration.poses import INDUCING, pose_pair
+from gpcorrect.calibration.cartesian import INDUCING
+from gpcorrect.calibration.poses import pose_pair
 from gpcorrect.gpr import ExactGPR, SparseGPR, learn_inflation
 from gpcorrect.rigid import apply_residual, pose_residual
 from gpcorrect.sim import debridement_log, preset
