@@ -215,8 +215,8 @@ def _registered(
         first = marker != "none"
         rigid = register(observed, command, trajectory, marker, held_out=False).model if first else RigidModel()
     both = observed.quaternion is not None and command.quaternion is not None
-    found = least_median_pose(rigid.apply(observed), command, settings.resolution("PR" if both else "P"), rng)
-    return rigid.followed_by(found.model), found.scales
+    found, scales = least_median_pose(rigid.apply(observed), command, settings.resolution("PR" if both else "P"), rng)
+    return rigid.followed_by(found), scales
 
 
 def _usable(log: CalibrationLog, pair: Pair, settings: CleaningSettings) -> tuple[IntArray, Labels]:

@@ -230,10 +230,10 @@ def learn_smooth_model(
     rows = rows[evenly_spaced(len(rows), settings.field_samples)]
     inputs = [samples.trend_inputs(group)[rows] for group in range(len(samples.units))]
     planes = [least_median_plane(x, samples.error[rows, group], rng) for group, x in enumerate(inputs)]
-    trend = tuple(frozen_array(plane.model) for plane in planes)
+    trend = tuple(frozen_array(plane) for plane, _ in planes)
     ends = [(np.min(x, axis=0), np.max(x, axis=0)) for x in inputs]
     reach = tuple(frozen_array([2 * low - high, 2 * high - low]) for low, high in ends)
-    unit = np.maximum([plane.scales[0] for plane in planes], resolution)
+    unit = np.maximum([scales[0] for _, scales in planes], resolution)
     scaling = InputScaling.learn(samples, settings)
     X, n_place = scaling.transform(samples)
     left = _scaled(samples, trend, reach, unit)

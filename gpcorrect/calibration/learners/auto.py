@@ -57,11 +57,6 @@ def learn_mixture(samples: Samples, layout: Layout, settings: FitSettings, progr
     """Learn a :class:`MixedMap` of the Gaussian process, trees, and a line.
 
     Of joints, whose learners have a law first: trees without it, and a Gaussian process without the past for the line.
-
-    Parameters
-    ----------
-    samples, layout, settings, progress
-        See :data:`Learner`.
     """
     members: list[Learner] = [learn_gp, learn_trees]
     if layout.penalties is None:

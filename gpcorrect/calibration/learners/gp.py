@@ -89,11 +89,6 @@ def learn_gp(samples: Samples, layout: Layout, settings: FitSettings, progress: 
     Without a linear law, how many neighbouring samples count as one is chosen on errors at folds of trajectories that
     the regression was not fitted to (:func:`gpcorrect.gpr.learn_inflation`). After one, the regression is used of those
     targets alone whose errors there it clearly lessens.
-
-    Parameters
-    ----------
-    samples, layout, settings, progress
-        See :data:`Learner`.
     """
     from gpcorrect.gpr import SparseGPR  # a scikit-learn estimator; answering needs no scikit-learn
 

@@ -89,12 +89,6 @@ class NetworkMap:
 
 
 def learn_network(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-    """Learn a :class:`NetworkMap`; one fold is left out, for training takes long.
-
-    Parameters
-    ----------
-    samples, layout, settings, progress
-        See :data:`Learner`.
-    """
+    """Learn a :class:`NetworkMap`; one fold is left out, for training takes long."""
     layers, epochs, seed = settings.layers, settings.epochs, settings.seed
     return fitted(lambda part: NetworkMap.fit(*part.learnable(), layers, epochs, seed), samples, 1)

@@ -93,13 +93,7 @@ class CableModel:
 
 
 def learn_cable(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-    """Learn a :class:`CableModel`: so few numbers a joint that errors in training stand for left-out ones.
-
-    Parameters
-    ----------
-    samples, layout, settings, progress
-        See :data:`Learner`.
-    """
+    """Learn a :class:`CableModel`: so few numbers a joint that errors in training stand for left-out ones."""
     if samples.path.shape[1] != samples.target.shape[1]:
         raise DataError("the cable model (ukf) is of joints.", hint="Use: gpcorrect joint fit --method ukf")
     samples.learnable()

@@ -111,21 +111,6 @@ def stretches(pair: MotionPair, gap: float, margin: float) -> Iterator[MotionPai
         yield MotionPair(reference.rows(keep), observed.rows((observed.time >= start) & (observed.time <= stop)))
 
 
-def default_pair(log: CalibrationLog) -> tuple[str, str]:
-    """Names of the observed and the reference signal to compare: the first of REFERENCES in the log.
-
-    Parameters
-    ----------
-    log : CalibrationLog
-    """
-    for observed, references in REFERENCES.items():
-        for reference in references:
-            if observed in log.signals and reference in log.signals:
-                return observed, reference
-    hint = "Record the command (setpoint_cp or setpoint_jp) beside what was observed."
-    raise LogError(f"expected two signals of one motion, got {', '.join(log.signals) or 'no signal'}.", hint=hint)
-
-
 def pairs_of(log: CalibrationLog, observed: str, reference: str) -> list[MotionPair]:
     """Two signals of a log, both poses or both joints, as a pair for each run of the clock.
 
