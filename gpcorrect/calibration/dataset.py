@@ -7,6 +7,7 @@ from enum import StrEnum
 from typing import Self
 
 import numpy as np
+from scipy.special import stdtrit  # scipy.stats has it too, and takes half a second to import
 
 from gpcorrect.calibration.metrics import Z95
 from gpcorrect.calibration.settings import LIMITS
@@ -63,10 +64,8 @@ class Samples:
 
         A lone motion, of which the parts tell of each other, is taken for two.
         """
-        from scipy.stats import t as student
-
         count = max(self.motions, 2)
-        return float(student.ppf(0.975, count - 1) * np.sqrt(1 + 1 / count)) / Z95
+        return float(stdtrit(count - 1, 0.975) * np.sqrt(1 + 1 / count)) / Z95
 
     def without(self, rows: BoolArray | IntArray) -> Self:
         """Return the same samples, of which `rows` may not be learned from.

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtrit
 
 from gpcorrect.calibration.metrics import Z95
 from gpcorrect.errors import DataError
@@ -154,11 +155,9 @@ def estimate_ageing(
 
 def _inflation(logs: IntArray) -> float:
     """By how much a bootstrap of few units is too narrow: their lost degree of freedom, and Student's t for 1.96."""
-    from scipy.stats import t as student
-
     names = len(np.unique(logs))
     units = names if names >= ENOUGH_LOGS else len(logs)
-    return float(np.sqrt(units / max(units - 1, 1)) * student.ppf(1 - TAIL / 100, max(units - 1, 1)) / Z95)
+    return float(np.sqrt(units / max(units - 1, 1)) * stdtrit(max(units - 1, 1), 1 - TAIL / 100) / Z95)
 
 
 def _line(baseline: FloatArray, scores: FloatArray, ages: FloatArray, newest: float) -> tuple[float, float]:

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
+from scipy.special import stdtrit
 
 from gpcorrect.errors import DataError
 from gpcorrect.gpr.statistics import Statistics
@@ -147,13 +148,11 @@ def _needed_by_parts(scores: FloatArray, parts: IntArray) -> FloatArray:
 
     What parts needed is taken for draws from a log-normal distribution, of which the next is predicted by Student's t.
     """
-    from scipy.stats import t as student
-
     needed = np.array([np.quantile(scores[parts == part], LEVEL, axis=0) for part in np.unique(parts)])
     if (count := len(needed)) < 2:
         return np.zeros(scores.shape[1])
     logs = np.log(np.maximum(needed, LEAST_NEEDED * needed.max(axis=0) + np.finfo(float).tiny))
-    beyond = float(student.ppf(PARTS_COVERED, count - 1)) * np.sqrt(1 + 1 / count)
+    beyond = float(stdtrit(count - 1, PARTS_COVERED)) * np.sqrt(1 + 1 / count)
     return np.asarray(np.exp(logs.mean(axis=0) + beyond * logs.std(axis=0, ddof=1)))
 
 

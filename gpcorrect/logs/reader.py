@@ -19,8 +19,8 @@ from gpcorrect.logs.apart import parse, parse_apart
 from gpcorrect.logs.columns import DEFAULT_MAX_BYTES, ColumnMap, ReadSettings, load_columns
 from gpcorrect.logs.mocap import motive, ndi, qualisys, trc, vicon
 from gpcorrect.logs.mocap.take import Take, log_of
+from gpcorrect.logs.native import read_sidecar, sidecar_path
 from gpcorrect.logs.order import Disorder, check_order
-from gpcorrect.logs.sidecar import read_sidecar, sidecar_path
 from gpcorrect.types import CalibrationLog, LogMeta, PoseSignal
 
 T = TypeVar("T")
