@@ -1,4 +1,4 @@
-"""The native log out, as CSV or Parquet; and its sidecar, a TOML file beside it that says what robot and tracker made it."""
+"""The native log out, as CSV or Parquet; and its sidecar, a TOML file beside it: what robot and tracker made it."""
 
 from __future__ import annotations
 
