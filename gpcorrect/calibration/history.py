@@ -17,8 +17,7 @@ from gpcorrect.errors import DataError
 from gpcorrect.logs.copies import recalled
 from gpcorrect.types import CalibrationLog
 
-PACKAGES = ("gpcorrect", "numpy", "scipy", "scikit-learn", "numba")
-"""Whose versions can change a model's numbers."""
+PACKAGES = ("gpcorrect", "numpy", "scipy", "scikit-learn", "numba")  # whose versions can change a model's numbers
 
 
 @dataclass(frozen=True)
@@ -143,8 +142,7 @@ OPTIONAL: dict[str, Any] = {
     "training_region": {"position_min": Three, "position_max": Three},
 }
 """That are written of some tasks."""
-KNOWN = {"contents": Sequence[str], "marks": str}
-"""Of data and updates, in models of this version."""
+KNOWN = {"contents": Sequence[str], "marks": str}  # of data and updates, in models of this version
 UPDATE: dict[str, Any] = {"source": str, "sha256": str, "recordings": Sequence[str], "n_added": int, "keep": float}
 """Of each of the `updates`, where there are any."""
 

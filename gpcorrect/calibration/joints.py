@@ -26,8 +26,7 @@ from gpcorrect.errors import DataError, DegenerateError, LogError
 from gpcorrect.logs import validate_log
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
-LEAST_MOTION = {"R": 1e-5, "P": 1e-6}
-"""rad and m: a joint that moves less shows its encoder's noise; chosen by hand."""
+LEAST_MOTION = {"R": 1e-5, "P": 1e-6}  # rad and m: a joint that moves less shows its encoder's noise; chosen by hand
 LEAST_RUN_SECONDS = 5.0  # s of motion from which zeros are set anew; chosen by hand
 MOVED_STDS = 1.0  # a mean error of this many standard deviations of the model is beyond chance; chosen by hand
 INDUCING = 500  # points of the Gaussian process; chosen by hand

@@ -40,8 +40,7 @@ CHECK_TOLERANCE = 1e-7  # m and rad: far below any sensor, far above rounding be
 SLACK_BYTES = 1 << 20
 """By which an archive may unpack to more than it is long: models are stored, not compressed; chosen by hand."""
 
-BEGINS = rb"PK\x03\x04.{26}header\.npy"
-"""An archive whose first entry is the header."""
+BEGINS = rb"PK\x03\x04.{26}header\.npy"  # an archive whose first entry is the header
 
 C = TypeVar("C", bound=Corrector)
 Arrays = dict[str, FloatArray]

@@ -11,11 +11,9 @@ from gpcorrect.rigid import MarkerOption
 Direction = Literal["estimate", "command"]
 InputSignal = Literal["measured_jp", "setpoint_jp"]
 
-MEMORY = "memory"
-"""Name of the features that say where in its slack the arm is, in every task."""
+MEMORY = "memory"  # name of the features that say where in its slack the arm is, in every task
 
-JOINTS = "joints"
-"""Poses: name of the features that the arm's joints are, with their velocities and memory."""
+JOINTS = "joints"  # poses: name of the features that the arm's joints are, with their velocities and memory
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,7 @@ from gpcorrect.cleaning.steps import best_chain
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, frozen_array
 
-UNITS = "radians and metres"
-"""Of joints."""
+UNITS = "radians and metres"  # of joints
 
 STRIDE = 5  # samples between which a speed is taken: noise of a tracker then adds little to it
 FASTER = 90.0

@@ -27,8 +27,7 @@ from gpcorrect.types import FloatArray, Progress
 ONE = 1e3
 """Weight of the sum of the weights, beside errors of unit mean square: a sum off by 1e-6 costs as much as the noise."""
 
-UNSEEN = 1e9
-"""Penalty of a column that a law is not to see: its weight is a billionth of what it would be."""
+UNSEEN = 1e9  # penalty of a column that a law is not to see: its weight is a billionth of what it would be
 
 
 @dataclass(frozen=True, eq=False)
