@@ -104,7 +104,7 @@ class _Covariance:
 
     @classmethod
     def of(cls, part: SharedPredictor, candidates: FloatArray, task: FloatArray) -> _Covariance:
-        """Return them under a predictor, for features of what may be measured and of the task region."""
+        """Return the covariances under a predictor, for features of what may be measured and of the task region."""
         explained, basis = part.explained.mean(axis=0), part.basis[: part.projection.shape[1]]
         w_own, w_task = (part.kernel(X, basis) @ part.projection.T for X in (candidates, task))
         own = part.kernel(candidates, candidates) - (w_own * explained) @ w_own.T

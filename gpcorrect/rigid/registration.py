@@ -165,17 +165,6 @@ def cauchy_weights(norms: FloatArray, scale: float) -> FloatArray:
     return 1.0 / (1.0 + (norms / (WIDTH * scale)) ** 2)
 
 
-def cauchy_loss(norms: FloatArray, scale: float) -> float:
-    """Sum of the loss whose weights :func:`cauchy_weights` are: `WIDTH^2 log(1 + (r / (WIDTH scale))^2)`.
-
-    Parameters
-    ----------
-    norms : (n,) array, residual lengths
-    scale : float, standard deviation of a component, same unit
-    """
-    return float(WIDTH**2 * np.log1p((norms / (WIDTH * scale)) ** 2).sum())
-
-
 def evenly_spaced(n: int, most: int = MAX_SAMPLES) -> IntArray:
     """Rows of at most `most` of n samples, spread evenly over the recording.
 
