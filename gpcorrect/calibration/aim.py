@@ -29,16 +29,10 @@ Both with velocities among what the model knows; without them, as now, .65 mm af
 
 @dataclass(frozen=True, eq=False)
 class Aim:
-    """Where commands take the joints, and how much of what they miss is added to them in each step.
+    """Where commands take the joints, and how much of what they miss is added to them in each step."""
 
-    Parameters
-    ----------
-    reached : JointCorrector, from commanded joints to those reached
-    share : (d,) array, 0 to 1; 0 for joints that are not moved
-    """
-
-    reached: JointCorrector
-    share: FloatArray
+    reached: JointCorrector  # from commanded joints to those reached
+    share: FloatArray  # (d,) 0 to 1; 0 for joints that are not moved
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "share", frozen_array(self.share))

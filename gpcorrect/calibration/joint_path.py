@@ -17,24 +17,14 @@ JOINT_SIGNALS = ("setpoint_jp", "measured_jp", "measured_jv", "measured_jf")
 
 @dataclass(frozen=True, eq=False)
 class JointPath:
-    """n samples of d joints.
+    """n samples of d joints."""
 
-    Parameters
-    ----------
-    time : (n,) array, s
-    new : (n,) mask, where an unbroken path begins
-    q : (n, d) array, joints, rad or m; NaN where missing
-    velocity : (n, d) array, of `q`, from the sample before: what a stream knows too
-    effort : (n, d) array or None, reported efforts, N m or N
-    state : (n, k) array or None, all that the log holds of the robot at each moment
-    """
-
-    time: FloatArray
-    new: BoolArray
-    q: FloatArray
-    velocity: FloatArray
-    effort: FloatArray | None
-    state: FloatArray | None
+    time: FloatArray  # (n,) s
+    new: BoolArray  # (n,) where an unbroken path begins
+    q: FloatArray  # (n, d) joints, rad or m; NaN where missing
+    velocity: FloatArray  # (n, d) of `q`, from the sample before: what a stream knows too
+    effort: FloatArray | None  # (n, d) reported efforts, N m or N
+    state: FloatArray | None  # (n, k) all that the log holds of the robot at each moment
 
 
 def joint_path(

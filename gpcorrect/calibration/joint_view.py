@@ -27,27 +27,16 @@ STILL = {"R": 0.05, "P": 0.005}
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class JointView:
-    """Which of a log's joints go in, and what is to come out.
-
-    Parameters
-    ----------
-    direction : str, "estimate" or "command"
-    input_signal : str, signal of the robot's side
-    types : str, "R" or "P" for each of the d joints
-    moving : (k,) int array, joints that moved in training; only these are corrected
-    rest : (d,) array, where each joint stood in the middle of training, rad or m
-    features : JointFeatures, what the law looks at, of the k joints
-    end_to_end : bool, whether the law predicts the positions themselves, not their error
-    stops : Stops or None, where joints end, whatever is wrong with them besides; None where training showed no stop
-    """
+    """Which of a log's joints go in, and what is to come out."""
 
     direction: Direction
-    input_signal: InputSignal
-    types: str
-    moving: IntArray
-    rest: FloatArray
-    features: JointFeatures
-    end_to_end: bool
+    input_signal: InputSignal  # signal of the robot's side
+    types: str  # "R" or "P" for each of the d joints
+    moving: IntArray  # (k,) joints that moved in training; only these are corrected
+    rest: FloatArray  # (d,) where each joint stood in the middle of training, rad or m
+    features: JointFeatures  # what the law looks at, of the k joints
+    end_to_end: bool  # whether the law predicts the positions themselves, not their error
+    # where joints end, whatever is wrong with them besides; None where training showed no stop
     stops: Stops | None = None
 
     def __post_init__(self) -> None:
@@ -144,16 +133,10 @@ class JointView:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ViewCorrector(Corrector):
-    """A corrector whose samples and answers a view of the log makes, of features of a joint path.
+    """A corrector whose samples and answers a view of the log makes, of features of a joint path."""
 
-    Parameters
-    ----------
-    view : JointView or ToolView, what of a log goes in, and what is to come out
-    usual_step, shortest_step : float
-        Time between samples in training, s: what a pause is, and over what a velocity is taken.
-    """
-
-    view: Any
+    view: Any  # JointView or ToolView: what of a log goes in, and what is to come out
+    # time between samples in training, s: what a pause is, and over what a velocity is taken
     usual_step: float
     shortest_step: float
 

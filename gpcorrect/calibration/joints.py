@@ -253,27 +253,15 @@ class JointCorrector(ViewCorrector):
 
 @dataclass(frozen=True, eq=False)
 class JointTask:
-    """What is learned from a log of joints, before it is.
+    """What is learned from a log of joints, before it is."""
 
-    Parameters
-    ----------
-    view : JointView, what is seen of a log
-    path : JointPath, n samples of the k joints that move
-    source : (n, d) array, joints that go in, back at their stops, rad or m
-    error : (n, k) array, what is to be added to those that move
-    rows : (r,) int array, complete samples
-    samples : Samples, the log as a law sees it
-    still : tuple of int, joints that never move, counted from 1
-    remarks : tuple of str
-    """
-
-    view: JointView
-    path: JointPath
-    source: FloatArray
-    error: FloatArray
-    rows: IntArray
-    samples: Samples
-    still: tuple[int, ...]
+    view: JointView  # what is seen of a log
+    path: JointPath  # n samples of the k joints that move
+    source: FloatArray  # (n, d) joints that go in, back at their stops, rad or m
+    error: FloatArray  # (n, k) what is to be added to those that move
+    rows: IntArray  # (r,) complete samples
+    samples: Samples  # the log as a law sees it
+    still: tuple[int, ...]  # joints that never move, counted from 1
     remarks: tuple[str, ...]
 
     @property

@@ -32,13 +32,9 @@ RIDGE = 1e-3  # of the samples, so that features that do not vary leave the syst
 
 @dataclass(frozen=True, eq=False)
 class MemoryMap:
-    """From a path to its memory features, all within [-1, 1].
+    """From a path to its memory features, all within [-1, 1]."""
 
-    Parameters
-    ----------
-    radii : (h, k) array, half widths of the slacks in the tool's position, m, and its turns about its own axes, rad
-    """
-
+    # (h, k) half widths of the slacks in the tool's position, m, and its turns about its own axes, rad
     radii: FloatArray
 
     def __post_init__(self) -> None:
@@ -72,16 +68,10 @@ class MemoryMap:
 
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """What was learned a second time, with memory features, for paths and streams.
+    """What was learned a second time, with memory features, for paths and streams."""
 
-    Parameters
-    ----------
-    states : MemoryMap, from a path of reference poses to its memory features
-    law : Law, its inputs end in those features
-    """
-
-    states: MemoryMap
-    law: Law
+    states: MemoryMap  # from a path of reference poses to its memory features
+    law: Law  # its inputs end in those features
 
 
 def advance(state: FloatArray, step: FloatArray, radii: FloatArray) -> FloatArray:

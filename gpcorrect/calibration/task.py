@@ -54,26 +54,15 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a task learned of a log.
+    """What a task learned of a log."""
 
-    Parameters
-    ----------
-    corrector : Corrector, without a summary yet
-    samples : Samples, what was learned from
-    left_out : LeftOut, errors at the usable samples, each predicted without its own fold
-    intervals : IntervalCalibration, of the answers
-    report : mapping, the task's report on its fit, JSON-able
-    remarks : tuple of str, what a person should know
-    registration : Any, which rigid model was chosen and why, of tasks that register frames
-    """
-
-    corrector: Corrector
-    samples: Samples
-    left_out: LeftOut
-    intervals: IntervalCalibration
-    report: Mapping[str, Any]
-    remarks: tuple[str, ...] = ()
-    registration: Any = None
+    corrector: Corrector  # without a summary yet
+    samples: Samples  # what was learned from
+    left_out: LeftOut  # errors at the usable samples, each predicted without its own fold
+    intervals: IntervalCalibration  # of the answers
+    report: Mapping[str, Any]  # the task's report on its fit, JSON-able
+    remarks: tuple[str, ...] = ()  # what a person should know
+    registration: Any = None  # which rigid model was chosen and why, of tasks that register frames
 
     @property
     def baseline(self) -> FloatArray:

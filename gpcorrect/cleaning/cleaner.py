@@ -36,19 +36,13 @@ SURROUNDED = 0.6  # fraction of them that is rejected, beyond which what is left
 
 @dataclass(frozen=True, eq=False)
 class Thresholds:
-    """What is learned from training data to label samples by themselves and by their neighbours in time.
+    """What is learned from training data to label samples by themselves and by their neighbours in time."""
 
-    Parameters
-    ----------
-    scales : (g,) array, robust standard deviation of an error component about the registration, m and rad
-    low, high : (g, w) arrays, corners of the box of commands; infinite for rotations
-    steps : StepThresholds, how far the error can change from sample to sample
-    """
-
-    scales: FloatArray
+    scales: FloatArray  # (g,) robust standard deviation of an error component about the registration, m and rad
+    # (g, w) each: corners of the box of commands; infinite for rotations
     low: FloatArray
     high: FloatArray
-    steps: StepThresholds
+    steps: StepThresholds  # how far the error can change from sample to sample
 
     @classmethod
     def learn(cls, samples: Samples, scales: FloatArray, settings: CleaningSettings) -> Self:

@@ -60,33 +60,25 @@ def joint_pair(input_signal: Literal["measured_jp", "setpoint_jp"]) -> Pair:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """n complete samples of a recording in recorded order, g groups of w numbers each.
+    """n complete samples of a recording in recorded order, g groups of w numbers each."""
 
-    Parameters
-    ----------
-    time : (n,) array, seconds
-    trajectory, session : (n,) int arrays, motion, and recording day or homing
-    run : (n,) int array, unbroken stretch of the recording, across trajectories where nothing lies between them
-    units : str, "P" (m) or "R" (rad) for each group
-    observed, command : tuple of (n, k) arrays
-        A group each: positions (k = 3) and quaternions wxyz (k = 4) in the command's frame, or one joint (k = 1).
-    error : (n, g, w) array
-        Command minus observation; for rotations the rotation vector of `R_cmd R_obs^T`. Of joints each session's
-        median is taken out, since homing moves their zero.
-    place : tuple of (n, k) arrays, coordinates of the command: position and rotation-matrix entries, or a joint each
-    velocity : tuple of (n, w) arrays
-        Velocity of the command, m/s or rad/s, for poses always linear and angular; zero where a run is too short.
-    """
-
-    time: FloatArray
+    time: FloatArray  # (n,) seconds
+    # (n,) each: motion, and recording day or homing
     trajectory: IntArray
     session: IntArray
-    run: IntArray
-    units: str
+    run: IntArray  # (n,) unbroken stretch of the recording, across trajectories where nothing lies between them
+    units: str  # "P" (m) or "R" (rad) for each group
+    # (n, k) each: a group each: positions (k = 3) and quaternions wxyz (k = 4) in the command's frame, or one joint (k
+    # = 1)
     observed: tuple[FloatArray, ...]
     command: tuple[FloatArray, ...]
+    # (n, g, w) command minus observation; for rotations the rotation vector of `R_cmd R_obs^T`. Of joints each
+    # session's median is taken out, since homing moves their zero.
     error: FloatArray
+    # (n, k) each: coordinates of the command: position and rotation-matrix entries, or a joint each
     place: tuple[FloatArray, ...]
+    # (n, w) each: velocity of the command, m/s or rad/s, for poses always linear and angular; zero where a run is too
+    # short
     velocity: tuple[FloatArray, ...]
 
     def __len__(self) -> int:

@@ -118,21 +118,13 @@ class Statistics:
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """M inducing points of outputs that share a kernel.
+    """M inducing points of outputs that share a kernel."""
 
-    Parameters
-    ----------
-    kernel : Kernel, in the units of the inputs
-    basis : (M, d) array
-    L : (M, M) array, Cholesky factor of their correlations
-    offset : (m,) array, mean far from all data
-    signal, noise : (m,) arrays, prior and noise variances
-    """
-
-    kernel: Kernel
-    basis: FloatArray
-    L: FloatArray
-    offset: FloatArray
+    kernel: Kernel  # in the units of the inputs
+    basis: FloatArray  # (M, d)
+    L: FloatArray  # (M, M) Cholesky factor of their correlations
+    offset: FloatArray  # (m,) mean far from all data
+    # (m,) each: prior and noise variances
     signal: FloatArray
     noise: FloatArray
 

@@ -32,18 +32,11 @@ UNSEEN = 1e9  # penalty of a column that a law is not to see: its weight is a bi
 
 @dataclass(frozen=True, eq=False)
 class MixedMap:
-    """A weighted mean of maps, and the deviations and novelty of the Gaussian process among them.
+    """A weighted mean of maps, and the deviations and novelty of the Gaussian process among them."""
 
-    Parameters
-    ----------
-    gp : GPMap, which also says where it knows nothing
-    others : tuple of TreesMap, PolynomialMap or GPMap, the other k - 1
-    weights : (k, m) array, of each, the Gaussian process first; columns sum to 1
-    """
-
-    gp: GPMap
-    others: tuple[TreesMap | PolynomialMap | GPMap, ...]
-    weights: FloatArray
+    gp: GPMap  # which also says where it knows nothing
+    others: tuple[TreesMap | PolynomialMap | GPMap, ...]  # the other k - 1
+    weights: FloatArray  # (k, m) of each, the Gaussian process first; columns sum to 1
     extrapolates: ClassVar[bool] = True  # the linear law does
 
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -20,20 +20,15 @@ L2, LEARNING_RATE, BATCH = 5e-4, 1e-3, 1024
 
 @dataclass(frozen=True, eq=False)
 class NetworkMap:
-    """Logistic layers and a linear last one, between scaled inputs and scaled targets.
+    """Logistic layers and a linear last one, between scaled inputs and scaled targets."""
 
-    Parameters
-    ----------
-    scaler, output : Scaler, of inputs and targets
-    weights, biases : tuples of arrays, of each layer
-    std : (m,) array, standard deviation of what is left in training
-    """
-
+    # of inputs and targets
     scaler: Scaler
+    # of each layer
     weights: tuple[FloatArray, ...]
     biases: tuple[FloatArray, ...]
     output: Scaler
-    std: FloatArray
+    std: FloatArray  # (m,) standard deviation of what is left in training
     extrapolates: ClassVar[bool] = True
 
     @classmethod

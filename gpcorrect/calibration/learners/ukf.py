@@ -32,24 +32,17 @@ TINY = 1e-9  # m or rad: keeps variances positive, far below the resolution of a
 
 @dataclass(frozen=True, eq=False)
 class CableModel:
-    """Elastic cable of every joint.
+    """Elastic cable of every joint."""
 
-    Parameters
-    ----------
-    motor : PolynomialMap
-        From positions to the error that coupling, gain and offset make; its deviations are what is left beside the
-        play, which the filter takes for none of its own.
-    gap : (d,) array, half gap, rad or m
-    stretch_per_effort, stretch_at_rest : (d,) arrays, stretch m - q for an effort: `compliance tau + rest`
-    process, measurement : (d,) arrays
-        Standard deviations of the joint's step, and of the stretch that the effort shows; infinite where it shows
-        nothing.
-    """
-
+    # from positions to the error that coupling, gain and offset make; its deviations are what is left beside the play,
+    # which the filter takes for none of its own
     motor: PolynomialMap
-    gap: FloatArray
+    gap: FloatArray  # (d,) half gap, rad or m
+    # (d,) each: stretch m - q for an effort: `compliance tau + rest`
     stretch_per_effort: FloatArray
     stretch_at_rest: FloatArray
+    # (d,) each: standard deviations of the joint's step, and of the stretch that the effort shows; infinite where it
+    # shows nothing
     process: FloatArray
     measurement: FloatArray
 
