@@ -68,16 +68,15 @@ class Samples:
     session: IntArray
     run: IntArray  # (n,) unbroken stretch of the recording, across trajectories where nothing lies between them
     units: str  # "P" (m) or "R" (rad) for each group
-    # (n, k) each: a group each: positions (k = 3) and quaternions wxyz (k = 4) in the command's frame, or one joint (k
-    # = 1)
+    # (n, k), a group each: positions (k = 3) and quaternions wxyz (k = 4) in the command's frame, or one joint (k = 1)
     observed: tuple[FloatArray, ...]
     command: tuple[FloatArray, ...]
     # (n, g, w) command minus observation; for rotations the rotation vector of `R_cmd R_obs^T`. Of joints each
     # session's median is taken out, since homing moves their zero.
     error: FloatArray
-    # (n, k) each: coordinates of the command: position and rotation-matrix entries, or a joint each
+    # (n, k) each, coordinates of the command: position and rotation-matrix entries, or a joint each
     place: tuple[FloatArray, ...]
-    # (n, w) each: velocity of the command, m/s or rad/s, for poses always linear and angular; zero where a run is too
+    # (n, w) each, velocity of the command, m/s or rad/s, for poses always linear and angular; zero where a run is too
     # short
     velocity: tuple[FloatArray, ...]
 

@@ -22,12 +22,11 @@ L2, LEARNING_RATE, BATCH = 5e-4, 1e-3, 1024
 class NetworkMap:
     """Logistic layers and a linear last one, between scaled inputs and scaled targets."""
 
-    # of inputs and targets
-    scaler: Scaler
+    scaler: Scaler  # of the inputs
     # of each layer
     weights: tuple[FloatArray, ...]
     biases: tuple[FloatArray, ...]
-    output: Scaler
+    output: Scaler  # of the targets
     std: FloatArray  # (m,) standard deviation of what is left in training
     extrapolates: ClassVar[bool] = True
 
