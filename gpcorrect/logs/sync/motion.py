@@ -25,22 +25,15 @@ STILL = 1e-6  # a joint that spans less than this fraction of the widest joint d
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Points that moved, on one clock.
+    """Points that moved, on one clock."""
 
-    Parameters
-    ----------
-    time : (n,) array, stamps, s, of any spacing; samples out of order are left out
-    values : (n, k) array, positions in any frame, or joint positions; a row with NaN is a missing sample and left out
-    lever : (n, m) array or None
-        Further columns that a constant matrix may mix into what the other clock saw: the nine entries of
-        the rotation matrix stand for an unknown lever arm between the two points.
-    label : (n,) int array or None, trajectory of each sample, for offsets trajectory by trajectory
-    """
-
-    time: FloatArray
+    time: FloatArray  # (n,) stamps, s, of any spacing; samples out of order are left out
+    # (n, k) positions in any frame, or joint positions; a row with NaN is a missing sample and left out
     values: FloatArray
+    # (n, m) further columns that a constant matrix may mix into what the other clock saw: the nine entries of the
+    # rotation matrix stand for an unknown lever arm between the two points
     lever: FloatArray | None = None
-    label: IntArray | None = None
+    label: IntArray | None = None  # (n,) trajectory of each sample, for offsets trajectory by trajectory
 
     def __post_init__(self) -> None:
         time, values = np.asarray(self.time, dtype=np.float64), np.asarray(self.values, dtype=np.float64)
@@ -77,17 +70,11 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class MotionPair:
-    """One motion as two clocks saw it: the robot's own record, and an observer's.
+    """One motion as two clocks saw it: the robot's own record, and an observer's."""
 
-    Parameters
-    ----------
-    reference : Motion
-        What the robot commanded or reported: the smoother one, because it is the one that is interpolated.
-    observed : Motion
-        What the other clock stamped; its values keep the reference's column order only when they are joints.
-    """
-
+    # what the robot commanded or reported: the smoother one, because it is the one that is interpolated
     reference: Motion
+    # what the other clock stamped; its values keep the reference's column order only when they are joints
     observed: Motion
 
 
