@@ -76,14 +76,14 @@ class Limits:
     # per cent of each input in training between which its range lies: a few wild velocities do not widen it. Chosen by
     # hand.
     range_quantiles: tuple[float, float] = (0.5, 99.5)
-    margin: float = 0.5  # fraction of an input's range that a query may lie beyond it; Chosen by hand
+    margin: float = 0.5  # fraction of an input's range that a query may lie beyond it; chosen by hand
     # part of the way from the middle of the region to its edge by which rates begin to fade, however far training went:
     # halfway through the margin. Chosen by hand.
     fades_from: float = 0.75
     # motions (or pieces of `piece_seconds` of a longer one) below which a fit says that they are few: intervals are
     # then widened by more than a quarter
     enough_motions: int = 9
-    folds: int = 4  # parts of neighbouring trajectories that are left out in turn; Chosen by hand
+    folds: int = 4  # parts of neighbouring trajectories that are left out in turn; chosen by hand
     # length of the pieces, s, whose errors are ranked against each other in the test for ageing. Chosen by hand.
     piece_seconds: float = 20.0
     # a wait longer than so many usual steps, and than so many seconds, ends a path: the arm may have moved. Chosen by
