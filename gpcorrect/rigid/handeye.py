@@ -365,10 +365,6 @@ def _scales(samples: _Samples, state: _State) -> list[float]:
 
 
 def _loss(samples: _Samples, state: _State, scales: list[float]) -> float:
-    norms = _residual_norms(samples, state)
-    return sum(_cauchy_loss(r, scale) for r, scale in zip(norms, scales, strict=True))
-
-
-def _cauchy_loss(norms: FloatArray, scale: float) -> float:
     """Sum of the loss whose weights :func:`cauchy_weights` gives: `WIDTH^2 log(1 + (r / (WIDTH scale))^2)`."""
-    return float(WIDTH**2 * np.log1p((norms / (WIDTH * scale)) ** 2).sum())
+    parts = zip(_residual_norms(samples, state), scales, strict=True)
+    return sum(float(WIDTH**2 * np.log1p((norms / (WIDTH * scale)) ** 2).sum()) for norms, scale in parts)
