@@ -24,7 +24,7 @@ from gpcorrect.types import CalibrationLog
 # Column: file and name of the function whose time it is; none of them calls another.
 PARTS = {
     "cleaning": ("cleaning/cleaner.py", "fit_cleaner"),
-    "registration": ("calibration/pose_samples.py", "register"),
+    "registration": ("calibration/poses.py", "register"),
     "joint features": ("calibration/joint_features.py", "learn"),
     "likelihood": ("gpr/learning.py", "learn"),
     "points": ("gpr/sparse.py", "choose_inducing"),

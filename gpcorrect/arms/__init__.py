@@ -5,9 +5,8 @@ from functools import partial
 
 from gpcorrect.arms.arm import Arm, Link, Transmission
 from gpcorrect.arms.chain import Chain, Joint
-from gpcorrect.arms.dvrk_psm import dvrk_psm
 from gpcorrect.arms.identify import identify_chain, workspace
-from gpcorrect.arms.raven2 import DA_VINCI_TOOL, RAVEN_TOOL, Raven2Tool, raven2
+from gpcorrect.arms.machines import DA_VINCI_TOOL, RAVEN_TOOL, Raven2Tool, dvrk_psm, raven2
 from gpcorrect.arms.remote_centre import RemoteCentreArm, Solutions
 from gpcorrect.arms.robot_edit import RobotEdit
 from gpcorrect.arms.robot_file import JointDrives, Robot, is_robot_file, read_robot
@@ -48,8 +47,7 @@ def arm_named(name: str) -> RemoteCentreArm:
 
     Parameters
     ----------
-    name : str
-        "raven2_left", "raven2_right" or "dvrk_psm".
+    name : str, "raven2_left", "raven2_right" or "dvrk_psm"
 
     Raises
     ------

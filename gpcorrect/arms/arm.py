@@ -21,10 +21,8 @@ class Link:
     Parameters
     ----------
     mass : float, kg
-    com : (3,) array
-        Centre of mass in the link's own frame, m.
-    inertia : (3, 3) array
-        About the centre of mass, along the link frame's axes, kg m^2; none where it is not known.
+    com : (3,) array, centre of mass in the link's own frame, m
+    inertia : (3, 3) array, about the centre of mass, along the link frame's axes, kg m^2; none where it is not known
 
     Raises
     ------
@@ -98,20 +96,13 @@ class Arm:
 
     Parameters
     ----------
-    name : str
-        Its name in messages and logs.
-    chain : Chain
-        Kinematics with limits.
-    home : (dof,) array
-        Rest position, rad and m.
-    gravity : (3,) array
-        Acceleration of free fall in the base frame of a normally mounted arm, m/s^2.
-    links : tuple of Link
-        Known masses of links 1, 2, ...; empty where none are published.
-    velocity_limits : (dof,) array or None
-        Largest joint speeds, rad/s and m/s.
-    transmission : Transmission or None
-        Nominal cable drive.
+    name : str, its name in messages and logs
+    chain : Chain, kinematics with limits
+    home : (dof,) array, rest position, rad and m
+    gravity : (3,) array, acceleration of free fall in the base frame of a normally mounted arm, m/s^2
+    links : tuple of Link, known masses of links 1, 2, ...; empty where none are published
+    velocity_limits : (dof,) array or None, largest joint speeds, rad/s and m/s
+    transmission : Transmission or None, nominal cable drive
 
     Raises
     ------

@@ -29,8 +29,7 @@ class Joint:
 
     Parameters
     ----------
-    kind : "R" or "P"
-        Revolute (the joint value adds to `theta`) or prismatic (it adds to `d`).
+    kind : "R" or "P", revolute (the joint value adds to `theta`) or prismatic (it adds to `d`)
     alpha, a, d, theta : float
         Table entries, rad and m; in the modified convention `alpha` and `a` are those of the link before.
     lower, upper : float, limits of the joint value, rad or m
@@ -240,8 +239,7 @@ class Chain:
             error = np.hstack([(tips[:, :3, 3] - pose[:3, 3]) / LENGTH, turned])
             size = np.linalg.norm(error, axis=1)
             if size.min() < REACHED:
-                found: FloatArray = q[np.argmax(size < REACHED)]
-                return found
+                return np.asarray(q[np.argmax(size < REACHED)])
             if size.min() < best:
                 best, nearest = float(size.min()), error[np.argmin(size)]
         raise DataError(

@@ -20,21 +20,16 @@ from gpcorrect.types import FloatArray, IntArray
 NEIGHBOURHOODS = (60, 240, 400)
 """Samples of the growing fits, the nearest to the home posture first; the last are spread over all. A chain of six
 joints has 42 numbers, and each sample gives six; chosen by hand."""
-CONSIDERED = 4000
-"""Samples that are looked at, evenly spread: neighbours in time repeat each other; chosen by hand."""
-HOMES = 3
-"""Postures to start from before a chain is given up; chosen by hand."""
+CONSIDERED = 4000  # samples that are looked at, evenly spread: neighbours in time repeat each other; chosen by hand
+HOMES = 3  # postures to start from before a chain is given up; chosen by hand
 MISFIT = 1e-3
 """rad (and m over the workspace's size) of root mean square that the chain may miss its own poses by: files that keep
 hundredths of a millimetre stay below (tested), and a recording of no such chain missed by 0.2."""
-LEAST_MOTION = 1e-3
-"""rad or m: a joint that moves less shows no axis; chosen by hand."""
-STEPS = 60
-"""Of a fit; chosen by hand."""
+LEAST_MOTION = 1e-3  # rad or m: a joint that moves less shows no axis; chosen by hand
+STEPS = 60  # of a fit; chosen by hand
 DAMPING = (1e-9, 1e3)
 """Of the least and the most careful step, over the mean curvature: a step that makes things worse is damped tenfold."""
-BEYOND = 1e3
-"""rad or m: the recording shows where joints went, not where they stop."""
+BEYOND = 1e3  # rad or m: the recording shows where joints went, not where they stop
 
 
 def identify_chain(q: FloatArray, T: FloatArray, types: str) -> Chain:

@@ -34,7 +34,7 @@ ROUNDING = 1e-12  # of a square that is zero at the edge of reach: some thousand
 
 
 @dataclass(frozen=True, eq=False)
-class RcmInverse:
+class _RcmInverse:
     """Inverse of one arm: its screw axes at joint zero and what follows from them."""
 
     axes: FloatArray  # (6, 3) unit directions of the joint axes at joint zero, base frame
@@ -45,14 +45,8 @@ class RcmInverse:
     T_zero: FloatArray  # (4, 4) tip pose at joint zero
 
     @classmethod
-    def of(cls, chain: Chain, wrist_link: int) -> RcmInverse:
-        """Read the geometry off a chain whose frame of link `wrist_link` (from 1) sits in the wrist point.
-
-        Parameters
-        ----------
-        chain : Chain, the arm, RRPRRR
-        wrist_link : int, link, from 1, whose frame sits in the wrist point
-        """
+    def of(cls, chain: Chain, wrist_link: int) -> _RcmInverse:
+        """Read the geometry off a chain whose frame of link `wrist_link` (from 1) sits in the wrist point."""
         if chain.joint_types != "RRPRRR":
             raise DataError(f"the remote-centre solution is for RRPRRR arms, got {chain.joint_types}.")
         rest = np.zeros(chain.dof)
@@ -84,10 +78,6 @@ class RcmInverse:
 
         A branch that does not exist is NaN. Where the wrist point or the yaw axis passes through the remote centre,
         solutions are not isolated: those of a pose some nanometres beside it are given.
-
-        Parameters
-        ----------
-        T : (..., 4, 4) array, tip poses in the base frame
         """
         target = np.asarray(T, dtype=np.float64)
         q = self._solve(target)
@@ -196,8 +186,7 @@ class Solutions:
         Joint values by branch, NaN where the branch does not exist; each angle is the turn nearest to the
         middle of its limits.
     exists : (..., 8) bool array, whether the branch reaches the pose
-    within_limits : (..., 8) bool array
-        Whether it also keeps every joint limit.
+    within_limits : (..., 8) bool array, whether it also keeps every joint limit
     """
 
     q: FloatArray
@@ -211,8 +200,7 @@ class RemoteCentreArm(Arm):
 
     Parameters
     ----------
-    wrist_link : int
-        Link (from 1) whose frame sits in the wrist point, where the pitch axis crosses the shaft.
+    wrist_link : int, link (from 1) whose frame sits in the wrist point, where the pitch axis crosses the shaft
 
     Raises
     ------
@@ -221,11 +209,11 @@ class RemoteCentreArm(Arm):
     """
 
     wrist_link: int
-    _inverse: RcmInverse = field(init=False, repr=False)
+    _inverse: _RcmInverse = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "_inverse", RcmInverse.of(self.chain, self.wrist_link))
+        object.__setattr__(self, "_inverse", _RcmInverse.of(self.chain, self.wrist_link))
 
     def wrist(self, q: ArrayLike) -> FloatArray:
         """Return the wrist points (..., 3), m; the first three joints alone move them.
@@ -269,20 +257,7 @@ class RemoteCentreArm(Arm):
         return self._all_turns(q) if within_limits else q
 
     def follow(self, T: ArrayLike, start: ArrayLike | None = None) -> FloatArray:
-        """Joint path (n, dof) within limits along tip poses `T` (n, 4, 4): always the nearest solution.
-
-        Distances are measured in parts of each joint's range.
-
-        Parameters
-        ----------
-        T : (n, 4, 4) array, tip poses in the base frame
-        start : (dof,) array, optional, joint values to begin near; home by default
-
-        Raises
-        ------
-        DataError
-            A pose cannot be reached within limits; the message names it.
-        """
+        """See :class:`Arm`: always the nearest solution, in parts of each joint's range."""
         found = self.solutions(T)
         near = self.home if start is None else self.chain.joint_values(start)
         path, spans = np.empty((len(found.q), self.dof)), np.ptp(self.limits, axis=1)

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.arms.robot_file import mujoco_library, parse, read_robot, strip
-from gpcorrect.arms.robot_friction import friction_onsets
-from gpcorrect.arms.robot_path import about_z, joint_frame
+from gpcorrect.arms.robot_file import parse, read_robot, strip
+from gpcorrect.arms.robot_path import about_z, friction_onsets, joint_frame, mujoco_library
 from gpcorrect.atomic import atomic_path
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
@@ -28,10 +27,8 @@ class RobotEdit:
 
     Parameters
     ----------
-    path : str or Path
-        MJCF or URDF; it is not touched.
-    tool, base : str, optional
-        As of :func:`gpcorrect.arms.read_robot`.
+    path : str or Path, MJCF or URDF; it is not touched
+    tool, base : str, optional, as of :func:`gpcorrect.arms.read_robot`
 
     Raises
     ------
@@ -211,8 +208,7 @@ class RobotEdit:
         Parameters
         ----------
         joint : int, number on the arm, from 1
-        motion : (4, 4) array
-            In the frame of the joint's row, whose z axis is the joint's, and x the common normal's.
+        motion : (4, 4) array, in the frame of the joint's row, whose z axis is the joint's, and x the common normal's
         """
         found = self._joint(joint)
         body = found.parent

@@ -18,9 +18,17 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.arms.arm import Arm, Link
 from gpcorrect.arms.chain import Chain, Joint
-from gpcorrect.arms.robot_friction import friction_onsets
-from gpcorrect.arms.robot_path import ArmPath, about_z, arm_path, joint_frame, pose_of, to_common_normal
-from gpcorrect.errors import DataError, MissingExtraError
+from gpcorrect.arms.robot_path import (
+    ArmPath,
+    about_z,
+    arm_path,
+    friction_onsets,
+    joint_frame,
+    mujoco_library,
+    pose_of,
+    to_common_normal,
+)
+from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray
 
 LONGEST = 50.0  # m that an arm's links come to: a crane's; in millimetres the shortest arm is longer
@@ -32,19 +40,15 @@ class JointDrives:
 
     Parameters
     ----------
-    armature : array
-        Inertia of the rotor, reflected to the joint.
+    armature : array, inertia of the rotor, reflected to the joint
     damping, friction : array, viscous damping, and friction of fixed size
     onset : array
         Speed over which the friction grows, rad/s or m/s: MuJoCo's is soft. Below its limit it is
         `friction (v + onset_time v') / onset`.
     onset_time : array, s; both are 0 where there is no friction
-    stiffness, rest : array
-        Spring at the joint, and where it is at rest.
-    kp, kv : array
-        Of a position servo, `torque = kp (command - q) - kv q'`; NaN where the file has none.
-    limit : array
-        Largest torque or force; infinite where there is none.
+    stiffness, rest : array, spring at the joint, and where it is at rest
+    kp, kv : array, of a position servo, `torque = kp (command - q) - kv q'`; NaN where the file has none
+    limit : array, largest torque or force; infinite where there is none
     """
 
     armature: FloatArray
@@ -70,16 +74,14 @@ class Robot:
 
     Parameters
     ----------
-    arm : Arm
-        Kinematics, limits, masses, rest position and gravity.
+    arm : Arm, kinematics, limits, masses, rest position and gravity
     joints : tuple of str, names of its joints, from the base
     tool : str, body or site whose frame is the tip
     drives : JointDrives, of its joints
     step : float, time step that the file asks for, s
     brakes_late : bool
         Whether servos brake by the speed before a step, as MuJoCo's Euler integrator has it, not by that behind it.
-    remarks : tuple of str
-        What the file says that is not simulated here.
+    remarks : tuple of str, what the file says that is not simulated here
     turned : tuple of float
         Angle of each row's x axis about the joint's axis from the x of the frame that the file has there, rad.
     """
@@ -130,16 +132,14 @@ def read_robot(
 
     Parameters
     ----------
-    path : str or Path
-        MJCF or URDF.
+    path : str or Path, MJCF or URDF
     joints : sequence of str, optional
         Names of joints on the arm; the arm then ends at the last of them. Needed where the file branches, unless
         `tool` says the same.
     tool : str, optional
         Body or site whose frame is the tip. When None, the only site on the last link, or the end of its only chain of
         fixed bodies; with several, the body behind the last joint.
-    base : str, optional
-        Body whose frame is the arm's base; the world when None.
+    base : str, optional, body whose frame is the arm's base; the world when None
 
     Returns
     -------
@@ -184,15 +184,6 @@ def _read(
     )
     step, late = float(model.opt.timestep), model.opt.integrator == mujoco_library().mjtIntegrator.mjINT_EULER
     return Robot(arm, found.names, found.tool, drives, step, bool(late), (*found.remarks, *remarks), turned)
-
-
-def mujoco_library() -> Any:
-    """Return the module."""
-    try:
-        import mujoco
-    except ImportError as error:
-        raise MissingExtraError("mujoco", extra="mujoco", purpose="Reading a robot file (MJCF or URDF)") from error
-    return mujoco
 
 
 def parse(path: str | Path) -> Any:

@@ -1,4 +1,4 @@
-"""Which joints of a robot file make one serial arm, and why a file holds none. Works on MuJoCo's compiled model."""
+"""What MuJoCo's compiled model of a robot file says: which joints make one serial arm, its frames, its friction."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.errors import DataError
+from gpcorrect.errors import DataError, MissingExtraError
 from gpcorrect.types import FloatArray
 
 WORLD = 0  # MuJoCo's number of the world's body
@@ -137,18 +137,16 @@ def _end(model: Any, file: str, start: int, names: list[str], tool: str | None) 
     """Body at which the arm ends, pose of the tip, and its name."""
     sites = [model.site(s).name for s in range(model.nsite)]
     if tool is None:
-        tool = _only_tip(model, _last_named(model, names) if names else _only_end(model, file, start))
+        # With names: the body of the named joint that is farthest from the world.
+        bodies = [int(model.joint(name).bodyid[0]) for name in names]
+        last = max(bodies, key=lambda b: len(_ancestors(model, b))) if names else _only_end(model, file, start)
+        tool = _only_tip(model, last)
     if tool in sites:
         site = sites.index(tool)
         body = int(model.site_bodyid[site])
         return body, pose_of(model, body) @ se3.from_parts(model.site_pos[site], model.site_quat[site]), str(tool)
     body = _body(model, file, tool, "tool")
     return body, pose_of(model, body), tool
-
-
-def _last_named(model: Any, names: list[str]) -> int:
-    """Body of the named joint that is farthest from the world."""
-    return max((int(model.joint(name).bodyid[0]) for name in names), key=lambda b: len(_ancestors(model, b)))
 
 
 def _only_tip(model: Any, body: int) -> str:
@@ -249,3 +247,31 @@ def _held(model: Any, body: int) -> list[int]:
 
 def _name(model: Any, j: int) -> str:
     return str(model.joint(j).name)
+
+
+def mujoco_library() -> Any:
+    """Return the module."""
+    try:
+        import mujoco
+    except ImportError as error:
+        raise MissingExtraError("mujoco", extra="mujoco", purpose="Reading a robot file (MJCF or URDF)") from error
+    return mujoco
+
+
+def friction_onsets(model: Any) -> FloatArray:
+    """Return `onset` and `onset_time` `(2, nv)` of each degree of freedom's friction: 0 where there is none.
+
+    MuJoCo's friction f leaves an acceleration v' by which `v' + R f = -b v`, as long as f is below the friction loss
+    (its documentation, Computation, constraint model). R and b are taken where the arm is at its zero.
+
+    Parameters
+    ----------
+    model : mujoco.MjModel
+    """
+    mujoco = mujoco_library()
+    onsets, data = np.zeros((2, model.nv)), mujoco.MjData(model)
+    mujoco.mj_fwdPosition(model, data)
+    rows = np.flatnonzero(data.efc_type == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF)
+    b = np.maximum(data.efc_KBIP.reshape(-1, 4)[rows, 1], mujoco.mjMINVAL)
+    onsets[:, data.efc_id[rows]] = data.efc_frictionloss[rows] * data.efc_R[rows] / b, 1.0 / b
+    return onsets

@@ -29,16 +29,10 @@ Both with velocities among what the model knows; without them, as now, .65 mm af
 
 @dataclass(frozen=True, eq=False)
 class Aim:
-    """Where commands take the joints, and how much of what they miss is added to them in each step.
+    """Where commands take the joints, and how much of what they miss is added to them in each step."""
 
-    Parameters
-    ----------
-    reached : JointCorrector, from commanded joints to those reached
-    share : (d,) array, 0 to 1; 0 for joints that are not moved
-    """
-
-    reached: JointCorrector
-    share: FloatArray
+    reached: JointCorrector  # from commanded joints to those reached
+    share: FloatArray  # (d,) 0 to 1; 0 for joints that are not moved
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "share", frozen_array(self.share))
@@ -119,16 +113,7 @@ class _AimStream:
             stream.reset()
 
     def moved(self, time: float, q: FloatArray, first: FloatArray) -> tuple[FloatArray, bool]:
-        """Return what to command `(d,)`, and whether the model was asked beyond what it learned.
-
-        With a missing number the command is NaN, and the path begins anew.
-
-        Parameters
-        ----------
-        time : float, s, later than that of the sample before
-        q : (d,) array, desired joints, rad or m
-        first : (d,) array, what to command for them without this model
-        """
+        """Return what to command `(d,)`, see :meth:`Aim.moved`; NaN with a missing number, and the path begins anew."""
         found, beyond = first, False
         for stream in self._streams:
             reached = stream.correct(time, found)

@@ -35,21 +35,13 @@ NOISE_FLOOR = 1e-6  # rad: what the inverse leaves of a pose that it reaches, wi
 
 @dataclass(frozen=True, eq=False)
 class ArmKinematics:
-    """A learned chain, with what its inverse needs.
+    """A learned chain, with what its inverse needs."""
 
-    Parameters
-    ----------
-    chain : Chain, from the joints that move the tip to its poses, as the robot's controller has it
-    starts : (k, d) array, postures of the training, rad and m
-    length : float, m that weigh as much as one radian
-    reach : float
-        How far from any posture's pose a desired one may lie, rad (and m over `length`): an arm of fewer than six
-        joints comes only near most poses.
-    """
-
-    chain: Chain
-    starts: FloatArray
-    length: float
+    chain: Chain  # from the joints that move the tip to its poses, as the robot's controller has it
+    starts: FloatArray  # (k, d) postures of the training, rad and m
+    length: float  # m that weigh as much as one radian
+    # how far from any posture's pose a desired one may lie, rad (and m over `length`): an arm of fewer than six joints
+    # comes only near most poses
     reach: float = np.inf
     _nearest: cKDTree = field(init=False, repr=False)
 

@@ -8,30 +8,35 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gpcorrect.calibration.arm_kinematics import ArmKinematics
-from gpcorrect.calibration.dataset import Samples, folds_of, path_starts
+from gpcorrect.calibration.dataset import Layout, Samples, folds_of, path_starts
 from gpcorrect.calibration.joint_route import JointRoute
-from gpcorrect.calibration.memory import Memory, choose_memory
+from gpcorrect.calibration.memory import Memory, MemoryMap, choose_memory
 from gpcorrect.calibration.metrics import error_table
 from gpcorrect.calibration.pose_answers import PoseAnswers
-from gpcorrect.calibration.pose_samples import (
+from gpcorrect.calibration.poses import (
     WORTH_IT,
     PosePairs,
     changes,
     changes_text,
-    features_of,
-    pose_layout,
-    samples_of_poses,
+    observed_twists,
+    pose_pair,
+    reference_twists,
+    rotations_of,
+    stencil_step,
 )
-from gpcorrect.calibration.poses import observed_twists, pose_pair, reference_twists, rotations_of, stencil_step
 from gpcorrect.calibration.queries import POSE, POSITION
 from gpcorrect.calibration.settings import JOINTS, MEMORY, FitSettings
 from gpcorrect.calibration.task import LearnLaw, Measured, Outcome
 from gpcorrect.calibration.training_motion import MotionLimits, TrainingMotion
 from gpcorrect.cleaning import POSES, FittedCleaner, Pair
 from gpcorrect.correction import Correction
-from gpcorrect.errors import GpCorrectError, LogError
-from gpcorrect.rigid import pose_residual
+from gpcorrect.errors import DataError, GpCorrectError, LogError
+from gpcorrect.gpr import FeatureMap
+from gpcorrect.rigid import RigidModel, pose_residual
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, PoseSignal
+
+INDUCING = 700
+"""Points of the Gaussian process: within a tenth of 1500 points' error on simulated reaches (bench/gpr_choices.py)."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,7 +53,7 @@ class CommandCorrector(PoseAnswers):
     @classmethod
     def pair(cls, log: CalibrationLog, settings: FitSettings) -> Pair:
         """See :class:`Corrector`."""
-        features_of(log, settings)
+        _features_of(log, settings)
         observed, commanded = pose_pair(log)
         if not (observed.finite & commanded.finite).any():
             raise LogError(
@@ -64,7 +69,7 @@ class CommandCorrector(PoseAnswers):
         cls, log: CalibrationLog, keep: BoolArray, cleaner: FittedCleaner, settings: FitSettings, learn_law: LearnLaw
     ) -> Outcome:
         """See :class:`Corrector`."""
-        kinds, features = features_of(log, settings)
+        kinds, features = _features_of(log, settings)
         step = stencil_step(log)
         pairs = PosePairs.of(log, keep, step)
         shown = log.select(pairs.rows)
@@ -75,8 +80,8 @@ class CommandCorrector(PoseAnswers):
         reference = rigid.apply(pairs.observed)
         moved = reference_twists(rigid, rotations_of(pairs.observed), pairs.twist)
         features = features.fit(reference.position, rotations_of(reference), moved)
-        samples = samples_of_poses(pairs, log, rigid, features, None)
-        law, left_out = learn_law(samples, pose_layout(features, None))
+        samples = _samples_of_poses(pairs, log, rigid, features, None)
+        law, left_out = learn_law(samples, _pose_layout(features, None))
         used = [kind for kind in kinds if kind not in (MEMORY, JOINTS)]
         remarks = [f"registration: {registration.reason}"]
         if not features.has_orientation:
@@ -85,8 +90,8 @@ class CommandCorrector(PoseAnswers):
         if MEMORY in kinds:
             folds, labels = folds_of(log.trajectory[pairs.rows]), np.cumsum(pairs.new, dtype=np.int64)
             states = choose_memory(pairs.command, reference, labels, left_out.errors, folds)
-            samples = samples_of_poses(pairs, log, rigid, features, states)
-            recalling, recalled = learn_law(samples, pose_layout(features, states))
+            samples = _samples_of_poses(pairs, log, rigid, features, states)
+            recalling, recalled = learn_law(samples, _pose_layout(features, states))
             memory = Memory(states, replace(recalling, bounds=law.bounds))
             change = changes(recalled, left_out)
             remarks.append(f"memory acts on the pose; {changes_text(change)}")
@@ -155,7 +160,7 @@ class CommandCorrector(PoseAnswers):
             positions = PoseSignal(pairs.observed.position), PoseSignal(pairs.command.position)
             pairs = replace(pairs, observed=positions[0], command=positions[1])
         states = self.memory.states if with_memory and self.memory is not None else None
-        return samples_of_poses(pairs, log, self.rigid, self.features, states)
+        return _samples_of_poses(pairs, log, self.rigid, self.features, states)
 
     def measure(self, log: CalibrationLog, keep: BoolArray) -> Measured:
         """See :class:`Corrector`; velocities never cross a rejected sample."""
@@ -209,3 +214,45 @@ class CommandCorrector(PoseAnswers):
         if self.route is not None:
             found.append(self.route.check_answers(self.rigid.apply(desired), self.law.bounds))
         return np.vstack(found)
+
+
+def _features_of(log: CalibrationLog, settings: FitSettings) -> tuple[tuple[str, ...], FeatureMap]:
+    """Return the kinds of features, memory among them, and the map of the others; unknown ones are refused."""
+    kinds = settings.features or (("pose",) if log.static else ("pose", "velocity"))
+    if MEMORY in kinds and JOINTS in kinds:
+        raise DataError("memory is of the pose, joints have a memory of their own: name one of the two.")
+    return kinds, FeatureMap(tuple(kind for kind in kinds if kind not in (MEMORY, JOINTS)))
+
+
+def _pose_layout(features: FeatureMap, states: MemoryMap | None) -> Layout:
+    """Return how the regression's columns are grouped: pose, velocity, memory."""
+    groups, width = features.groups, features.n_features
+    if states is not None:
+        groups = (*groups, tuple(range(width, width + states.radii.size)))
+    return Layout(
+        targets=(3, 3) if features.has_orientation else (3,),
+        inputs=groups,
+        smooth=np.arange(sum(map(len, groups))),
+        penalties=None,
+        slack=features.slack,
+        inducing=INDUCING,
+        fading=np.array(features.groups[-1] if features.uses_velocity else (), dtype=np.int64),
+    )
+
+
+def _samples_of_poses(
+    pairs: PosePairs, log: CalibrationLog, rigid: RigidModel, features: FeatureMap, states: MemoryMap | None
+) -> Samples:
+    """Return the log as a law sees it: NaN where a sample is none of the pairs."""
+    reference, rows, n = rigid.apply(pairs.observed), pairs.rows, len(log)
+    moved = reference_twists(rigid, rotations_of(pairs.observed), pairs.twist)
+    known = features.transform(reference.position, rotations_of(reference), moved)
+    if states is not None:
+        known = np.hstack([known, states.transform(pairs.command, reference, np.cumsum(pairs.new, dtype=np.int64))])
+    size = 6 if features.has_orientation else 3
+    X, target = np.full((n, known.shape[1]), np.nan), np.full((n, size), np.nan)
+    begins, usable = np.zeros((2, n), dtype=bool)
+    X[rows], begins[rows], usable[rows] = known, pairs.new, True
+    target[rows] = pose_residual(reference, pairs.command)[:, :size]
+    nothing = np.zeros((n, size))
+    return Samples(log.time, log.trajectory, log.session, begins, X, target, nothing, usable, np.zeros((n, 0)))

@@ -35,16 +35,10 @@ TOLERANCE = 1e-9  # of a step, in half ranges: far below the resolution of any e
 
 @dataclass(frozen=True, eq=False)
 class CoupledPlay:
-    """Stiffness and friction in units of half the joints' ranges.
+    """Stiffness and friction in units of half the joints' ranges."""
 
-    Parameters
-    ----------
-    stiffness : (d, d) array, symmetric, positive definite, unit diagonal or more
-    gap : (d,) array, half gaps F_i / K_ii
-    """
-
-    stiffness: FloatArray
-    gap: FloatArray
+    stiffness: FloatArray  # (d, d) symmetric, positive definite, unit diagonal or more
+    gap: FloatArray  # (d,) half gaps F_i / K_ii
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "stiffness", frozen_array(self.stiffness))

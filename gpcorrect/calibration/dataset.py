@@ -7,6 +7,7 @@ from enum import StrEnum
 from typing import Self
 
 import numpy as np
+from scipy.special import stdtrit  # scipy.stats has it too, and takes half a second to import
 
 from gpcorrect.calibration.metrics import Z95
 from gpcorrect.calibration.settings import LIMITS
@@ -16,32 +17,21 @@ from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """All n samples of a log, incomplete ones included: paths go through them.
+    """All n samples of a log, incomplete ones included: paths go through them."""
 
-    Parameters
-    ----------
-    time : (n,) array, s
-    trajectory, session : (n,) int arrays, as in the log
-    new : (n,) mask, where an unbroken path begins: nothing is known of what the arm did before
-    X : (n, d) array, inputs of the learner; NaN in rows that lack one
-    target : (n, m) array, what the learner is to predict; NaN where unknown
-    origin : (n, m) array
-        What the target is counted from, beyond the correction itself: 0, or the input for a learner of true positions.
-    usable : (n,) mask, rows that may be learned from: complete, and not rejected
-    path : (n, d) array, joints that go in, for learners that filter a path; no columns where there are none
-    effort : (n, d) array or None, efforts, likewise
-    """
-
-    time: FloatArray
+    time: FloatArray  # (n,) s
+    # (n,) each: as in the log
     trajectory: IntArray
     session: IntArray
-    new: BoolArray
-    X: FloatArray
-    target: FloatArray
+    new: BoolArray  # (n,) where an unbroken path begins: nothing is known of what the arm did before
+    X: FloatArray  # (n, d) inputs of the learner; NaN in rows that lack one
+    target: FloatArray  # (n, m) what the learner is to predict; NaN where unknown
+    # (n, m) what the target is counted from, beyond the correction itself: 0, or the input for a learner of true
+    # positions
     origin: FloatArray
-    usable: BoolArray
-    path: FloatArray
-    effort: FloatArray | None = None
+    usable: BoolArray  # (n,) rows that may be learned from: complete, and not rejected
+    path: FloatArray  # (n, d) joints that go in, for learners that filter a path; no columns where there are none
+    effort: FloatArray | None = None  # (n, d) efforts, likewise
 
     def __len__(self) -> int:
         return len(self.time)
@@ -63,10 +53,8 @@ class Samples:
 
         A lone motion, of which the parts tell of each other, is taken for two.
         """
-        from scipy.stats import t as student
-
         count = max(self.motions, 2)
-        return float(student.ppf(0.975, count - 1) * np.sqrt(1 + 1 / count)) / Z95
+        return float(stdtrit(count - 1, 0.975) * np.sqrt(1 + 1 / count)) / Z95
 
     def without(self, rows: BoolArray | IntArray) -> Self:
         """Return the same samples, of which `rows` may not be learned from.
@@ -92,29 +80,18 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """How inputs and targets of a task are grouped, for the learners.
+    """How inputs and targets of a task are grouped, for the learners."""
 
-    Parameters
-    ----------
-    targets : tuple of int, how many targets in turn belong together: they have one kernel and one bound
-    inputs : tuple of tuples of int, or None
-        Columns that act in part by themselves (pose; velocity), each a component of the kernel; None for one.
-    smooth : (k,) int array, columns on which the targets may depend in a curved way
-    penalties : (d, m) array or None
-        Ridge penalties of a linear law that comes before the Gaussian process; None for a task without one.
-    slack : (d,) array, how far outside its training range an input may always be
-    inducing : int, points of the Gaussian process where the settings say nothing
-    fading : (f,) int array, columns, velocities, whose linear effect fades outside the training range
-    place, present : int arrays, columns of joints' positions; of those and of efforts: all that is not of the past
-    """
-
-    targets: tuple[int, ...]
+    targets: tuple[int, ...]  # how many targets in turn belong together: they have one kernel and one bound
+    # columns that act in part by themselves (pose; velocity), each a component of the kernel; None for one
     inputs: tuple[tuple[int, ...], ...] | None
-    smooth: IntArray
+    smooth: IntArray  # (k,) columns on which the targets may depend in a curved way
+    # (d, m) ridge penalties of a linear law that comes before the Gaussian process; None for a task without one
     penalties: FloatArray | None
-    slack: FloatArray
-    inducing: int
-    fading: IntArray
+    slack: FloatArray  # (d,) how far outside its training range an input may always be
+    inducing: int  # points of the Gaussian process where the settings say nothing
+    fading: IntArray  # (f,) columns, velocities, whose linear effect fades outside the training range
+    # columns of joints' positions; of those and of efforts: all that is not of the past
     place: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     present: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
@@ -135,8 +112,7 @@ def path_starts(time: FloatArray, session: IntArray, known: BoolArray) -> BoolAr
     apart = (step > max(LIMITS.pause_steps * usual, LIMITS.pause_seconds)) | (step < 0)
     homed = np.diff(session, prepend=session[:1]) != 0
     before = np.concatenate([[False], known])[:-1]
-    new: BoolArray = apart | homed | ~known | ~before
-    return new
+    return np.asarray(apart | homed | ~known | ~before)
 
 
 def pieces(time: FloatArray, trajectory: IntArray) -> IntArray:
@@ -151,20 +127,6 @@ def pieces(time: FloatArray, trajectory: IntArray) -> IntArray:
     first = np.maximum.accumulate(np.where(begins, np.arange(len(time)), 0))
     inside = ((time - time[first]) // LIMITS.piece_seconds).astype(np.int64)
     return np.cumsum(begins | (np.diff(inside, prepend=0) != 0)) - 1
-
-
-def scores_by_piece(ratio: FloatArray, labels: IntArray) -> FloatArray:
-    """Return root mean squares of ratios `(n, m)` of error over standard deviation, a piece each, in order.
-
-    Parameters
-    ----------
-    ratio : (n, m) array, about 1 while a model holds; NaN where not known
-    labels : (n,) int array, pieces
-    """
-    squares = np.mean(ratio**2, axis=1)
-    known = np.isfinite(squares)
-    scores = [np.sqrt(squares[known & (labels == label)].mean()) for label in np.unique(labels[known])]
-    return np.array(scores)
 
 
 class HoldOut(StrEnum):

@@ -28,17 +28,11 @@ class Surroundings:
     A motion of another kind may keep every feature inside its range and still combine them as no training motion did:
     of random motion, a model of pick-and-place said that 97 % lay inside its ranges, where 37 to 52 % of its 95 %
     intervals held at the wrist. What is usual is how far samples of left-out trajectories lie from the others.
-
-    Parameters
-    ----------
-    scaler : Scaler, of the inputs
-    points : (k, d) array, some training inputs, scaled
-    farthest : float, scaled distance to the nearest of them above which an input is outside
     """
 
-    scaler: Scaler
-    points: FloatArray
-    farthest: float
+    scaler: Scaler  # of the inputs
+    points: FloatArray  # (k, d) some training inputs, scaled
+    farthest: float  # scaled distance to the nearest of them above which an input is outside
     squares: FloatArray = field(init=False, repr=False)  # of the points' lengths: a stream asks at 1 kHz
 
     def __post_init__(self) -> None:
@@ -74,8 +68,7 @@ class Surroundings:
         ----------
         X : (n, d) array, inputs
         """
-        near: BoolArray = _to_nearest(self.scaler.apply(X), self.points, self.squares) <= self.farthest
-        return near
+        return np.asarray(_to_nearest(self.scaler.apply(X), self.points, self.squares) <= self.farthest)
 
     def joined(self, X: FloatArray) -> Self:
         """Return the surroundings of these training inputs too, with no more points than a training has.
@@ -100,27 +93,22 @@ class Domain:
 
     A feature that made no difference in training leaves the posterior variance small however far it goes, but nothing
     is known out there; hence the ranges beside the novelty.
-
-    Parameters
-    ----------
-    low, high : (d,) arrays, range of each bounded input; inputs behind the first d are free
-    novelty : float
-        Fraction of prior variance left above which a query is outside; infinite for learners that know no novelty.
-    spread : (m,) array, deviations at which intervals are as wide as those of no correction: how wrong an answer may be
-        where nothing is known
-    fading : (f,) int array, bounded inputs that an extrapolating law is not asked of outside: see :meth:`clip`
-    kept : (f,) array
-        How far from the middle of the region, in halves of it, each of them is left as it is: as far as training went,
-        in files that say so.
-    near : Surroundings or None, training inputs near which a query must lie; None where novelty says it, or older files
     """
 
+    # (d,) each: range of each bounded input; inputs behind the first d are free
     low: FloatArray
     high: FloatArray
+    # fraction of prior variance left above which a query is outside; infinite for learners that know no novelty
     novelty: float
+    # (m,) deviations at which intervals are as wide as those of no correction: how wrong an answer may be where nothing
+    # is known
     spread: FloatArray
+    # (f,) bounded inputs that an extrapolating law is not asked of outside: see :meth:`clip`
     fading: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    # (f,) how far from the middle of the region, in halves of it, each of them is left as it is: as far as training
+    # went, in files that say so
     kept: FloatArray = field(default_factory=lambda: np.zeros(0))
+    # training inputs near which a query must lie; None where novelty says it, or older files
     near: Surroundings | None = None
 
     def __post_init__(self) -> None:
@@ -229,17 +217,11 @@ class Domain:
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """How large a correction may be: a limit that does not depend on the learner.
+    """How large a correction may be: a limit that does not depend on the learner."""
 
-    Parameters
-    ----------
-    sizes : tuple of int
-        How many components in turn are bounded together: (3, 3) for positions and rotations, 1 for each joint.
-    largest : (g,) array, largest believed length of each group, m or rad
-    """
-
+    # how many components in turn are bounded together: (3, 3) for positions and rotations, 1 for each joint
     sizes: tuple[int, ...]
-    largest: FloatArray
+    largest: FloatArray  # (g,) largest believed length of each group, m or rad
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "largest", frozen_array(self.largest))

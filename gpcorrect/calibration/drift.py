@@ -2,10 +2,9 @@
 
 A trajectory's score is how large its errors are beside the model's own standard deviations. Its conformal p-value is
 its rank among all scores before it, those of the training's left-out trajectories first: while nothing changes,
-p-values are independent and uniform, whatever the distribution of the errors (Vovk et al. 2005). Each is turned into
-an e-value, mean at most 1, and these are accumulated as in CUSUM, `C = max(C, 1) e`; an alarm at `C >= A` comes once
-in A trajectories or more seldom (e-detectors: Shin, Ramdas and Rinaldo 2024, Sec. 2), with no threshold to be
-simulated.
+p-values are independent and uniform, whatever the distribution of the errors (Vovk et al. 2005). Each is turned into an
+e-value, mean at most 1, and these are accumulated as in CUSUM, `C = max(C, 1) e`; an alarm at `C >= A` comes once in A
+trajectories or more seldom (e-detectors: Shin, Ramdas and Rinaldo 2024, Sec. 2), with no threshold to be simulated.
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import stdtrit
 
 from gpcorrect.calibration.metrics import Z95
 from gpcorrect.errors import DataError
@@ -88,8 +88,7 @@ def _e_values(p: FloatArray) -> FloatArray:
     """Return e-values of p-values: the power bets `k p^(k - 1)` averaged over k in (0, 1) (Vovk and Wang 2021)."""
     q = np.clip(p, SMALLEST_P, 1.0 - 1e-6)
     log = np.log(q)
-    bets: FloatArray = (1.0 - q + q * log) / (q * log**2)
-    return bets
+    return np.asarray((1.0 - q + q * log) / (q * log**2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,11 +155,9 @@ def estimate_ageing(
 
 def _inflation(logs: IntArray) -> float:
     """By how much a bootstrap of few units is too narrow: their lost degree of freedom, and Student's t for 1.96."""
-    from scipy.stats import t as student
-
     names = len(np.unique(logs))
     units = names if names >= ENOUGH_LOGS else len(logs)
-    return float(np.sqrt(units / max(units - 1, 1)) * student.ppf(1 - TAIL / 100, max(units - 1, 1)) / Z95)
+    return float(np.sqrt(units / max(units - 1, 1)) * stdtrit(max(units - 1, 1), 1 - TAIL / 100) / Z95)
 
 
 def _line(baseline: FloatArray, scores: FloatArray, ages: FloatArray, newest: float) -> tuple[float, float]:

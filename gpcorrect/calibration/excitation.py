@@ -80,8 +80,7 @@ def zigzag(direction: Direction, sparsity: int, limits: FloatArray, *, as_publis
         turned[:, 0] = (turned[:, 0] + 0.5 - low) / (high - low) - 0.5
     else:
         turned = block @ _rotation_to(direction).T
-    corners: FloatArray = centre + reach * turned
-    return corners
+    return np.asarray(centre + reach * turned)
 
 
 def _rotation_to(direction: Direction) -> FloatArray:
@@ -162,8 +161,7 @@ def _progress(t: FloatArray, cruise: FloatArray, ramp: float) -> FloatArray:
     risen = 0.5 * np.minimum(t, rise) ** 2 / rise
     cruised = np.clip(t, rise, total - rise) - rise
     fallen = 0.5 * (rise**2 - left**2) / rise
-    done: FloatArray = (risen + cruised + fallen) / (total - rise)
-    return done
+    return np.asarray((risen + cruised + fallen) / (total - rise))
 
 
 SINES = 4  # of each joint; chosen by hand
@@ -230,5 +228,4 @@ def _sweeps(limits: FloatArray, slow: float, fast: float, time: FloatArray, rng:
         upwards = not upwards
     # The mean over a moving window rounds the turns off, and is no faster and reaches no further than the sweeps.
     around = np.linspace(-0.5, 0.5, 21) * TURN_SECONDS
-    rounded: FloatArray = np.interp(time[:, None] + around, moments, ends).mean(axis=1)
-    return rounded
+    return np.asarray(np.interp(time[:, None] + around, moments, ends).mean(axis=1))

@@ -104,13 +104,7 @@ class _Covariance:
 
     @classmethod
     def of(cls, part: SharedPredictor, candidates: FloatArray, task: FloatArray) -> _Covariance:
-        """Return the covariances under a predictor.
-
-        Parameters
-        ----------
-        part : SharedPredictor, of outputs with one kernel
-        candidates, task : (k, d) and (t, d) arrays, features of what may be measured and of the task region
-        """
+        """Return the covariances under a predictor, for features of what may be measured and of the task region."""
         explained, basis = part.explained.mean(axis=0), part.basis[: part.projection.shape[1]]
         w_own, w_task = (part.kernel(X, basis) @ part.projection.T for X in (candidates, task))
         own = part.kernel(candidates, candidates) - (w_own * explained) @ w_own.T
@@ -121,16 +115,10 @@ class _Covariance:
     def gain(self) -> FloatArray:
         """Fraction `(k,)` of today's task variance that each candidate takes away."""
         spread = np.maximum(np.diagonal(self.own), 0.0) + self.noise
-        taken: FloatArray = (self.task**2).sum(axis=0) / spread / self.start
-        return taken
+        return np.asarray((self.task**2).sum(axis=0) / spread / self.start)
 
     def after(self, index: int) -> _Covariance:
-        """Return the covariances once candidate `index` was observed.
-
-        Parameters
-        ----------
-        index : int, which candidate was observed
-        """
+        """Return the covariances once candidate `index` was observed."""
         spread = max(float(self.own[index, index]), 0.0) + self.noise
         column, reach = self.own[:, index] / spread, self.task[:, index]
         return _Covariance(

@@ -92,5 +92,4 @@ def _observed_std(rigid: RigidModel, poses: PoseSignal, std: FloatArray) -> Floa
         lever = se3.hat(se3.matrix_from_quaternion(poses.quaternion) @ rigid.offset) @ rigid.R_left.T
         position = position + np.einsum("nij,nj->ni", lever**2, variance[:, 3:])
     rotation = variance[:, 3:] @ (rigid.R_left**2) if std.shape[1] > 3 else np.full((len(std), 3), np.nan)
-    turned: FloatArray = np.sqrt(np.hstack([position, rotation]))
-    return turned
+    return np.asarray(np.sqrt(np.hstack([position, rotation])))

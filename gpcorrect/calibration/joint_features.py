@@ -47,27 +47,18 @@ PLAIN, REMEMBERED, SLOW, OTHERS = 1e-5, 1e-2, 0.1, 0.3
 
 @dataclass(frozen=True, eq=False)
 class JointFeatures:
-    """How a path becomes columns; learned from training rows, the same for every log.
+    """How a path becomes columns; learned from training rows, the same for every log."""
 
-    Parameters
-    ----------
-    kinds : tuple of str, which columns, in this order
-    centre, half : (d,) arrays, middle and half of the range of each joint in training, rad or m
-    play : CoupledPlay or None, the coupled play of `memory`
-    lags : (t,) array, time constants of `lags`, s
-    n_state : int, columns of `state`
-    used : (k,) int array
-        Which of all columns are used, because the training motion shows their effect apart from others'.
-    rates : (r,) array, times over which the changes of velocities are taken for `acceleration`, s
-    """
-
-    kinds: tuple[FeatureKind, ...]
+    kinds: tuple[FeatureKind, ...]  # which columns, in this order
+    # (d,) each: middle and half of the range of each joint in training, rad or m
     centre: FloatArray
     half: FloatArray
-    play: CoupledPlay | None
-    lags: FloatArray
-    n_state: int
+    play: CoupledPlay | None  # the coupled play of `memory`
+    lags: FloatArray  # (t,) time constants of `lags`, s
+    n_state: int  # columns of `state`
+    # (k,) which of all columns are used, because the training motion shows their effect apart from others'
     used: IntArray
+    # (r,) times over which the changes of velocities are taken for `acceleration`, s
     rates: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:

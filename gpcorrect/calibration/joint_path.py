@@ -12,31 +12,19 @@ from gpcorrect.calibration.dataset import path_starts
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
 
-MOST_PRISMATIC, MOST_REVOLUTE = 2.0, 20.0
-"""m and rad: no arm inserts 2 m, and 20 rad are over three turns, so such numbers are in millimetres or degrees."""
 JOINT_SIGNALS = ("setpoint_jp", "measured_jp", "measured_jv", "measured_jf")
 
 
 @dataclass(frozen=True, eq=False)
 class JointPath:
-    """n samples of d joints.
+    """n samples of d joints."""
 
-    Parameters
-    ----------
-    time : (n,) array, s
-    new : (n,) mask, where an unbroken path begins
-    q : (n, d) array, joints, rad or m; NaN where missing
-    velocity : (n, d) array, of `q`, from the sample before: what a stream knows too
-    effort : (n, d) array or None, reported efforts, N m or N
-    state : (n, k) array or None, all that the log holds of the robot at each moment
-    """
-
-    time: FloatArray
-    new: BoolArray
-    q: FloatArray
-    velocity: FloatArray
-    effort: FloatArray | None
-    state: FloatArray | None
+    time: FloatArray  # (n,) s
+    new: BoolArray  # (n,) where an unbroken path begins
+    q: FloatArray  # (n, d) joints, rad or m; NaN where missing
+    velocity: FloatArray  # (n, d) of `q`, from the sample before: what a stream knows too
+    effort: FloatArray | None  # (n, d) reported efforts, N m or N
+    state: FloatArray | None  # (n, k) all that the log holds of the robot at each moment
 
 
 def joint_path(
@@ -81,36 +69,6 @@ def usual_steps(path: JointPath) -> tuple[float, float]:
     """
     step = np.diff(path.time)[~path.new[1:]]
     return (float(np.median(step)), float(np.percentile(step, 1))) if step.size else (1.0, 1.0)
-
-
-def joint_signal(log: CalibrationLog, name: str) -> FloatArray:
-    """Return a joint signal `(n, d)` of a log, its units checked.
-
-    Parameters
-    ----------
-    log : CalibrationLog, n samples
-    name : str, of the signal
-    """
-    values: FloatArray | None = getattr(log, name)
-    if values is None:
-        of_tracker = name == "external_jp" and log.tracker_cp is not None
-        raise LogError(
-            f"joint calibration needs {name}; the log has {', '.join(log.signals) or 'no signals'}.",
-            hint="Map its columns: --columns map.toml"
-            + (", or name the arm that the tracker saw: --machine robot.urdf" if of_tracker else ""),
-            path=log.name,
-        )
-    for joint, kind in enumerate(log.joint_types(values.shape[1])):
-        most, unit, other = (MOST_PRISMATIC, "m", "mm") if kind == "P" else (MOST_REVOLUTE, "rad", "degrees")
-        known = np.abs(values[np.isfinite(values[:, joint]), joint])
-        if known.size and np.median(known) > most:
-            raise LogError(
-                f"joint {joint + 1} of {name} is typically {np.median(known):.4g}, too much for {unit}: is it in"
-                f" {other}?",
-                hint="Logs hold rad and m; give scale in a mapping file, or joint_types in the sidecar.",
-                path=log.name,
-            )
-    return values
 
 
 def state_columns(log: CalibrationLog, extra: Sequence[str] | None = None) -> tuple[tuple[str, ...], FloatArray]:

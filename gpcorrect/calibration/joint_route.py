@@ -22,7 +22,7 @@ from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import PolynomialMap
 from gpcorrect.calibration.learners.learner import cross_predicted
 from gpcorrect.calibration.one_pose import command
-from gpcorrect.calibration.pose_samples import WORTH_IT, changes, changes_text
+from gpcorrect.calibration.poses import WORTH_IT, changes, changes_text
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.calibration.task import LearnLaw, Outcome
 from gpcorrect.calibration.training_motion import TrainingMotion
@@ -55,18 +55,13 @@ model of where it arrives is not believed. On a planted play, where four fifths 
 
 @dataclass(frozen=True, eq=False)
 class PoseJoints:
-    """Samples of a log of poses, in the joints of its arm; NaN where there are none.
+    """Samples of a log of poses, in the joints of its arm; NaN where there are none."""
 
-    Parameters
-    ----------
-    log : CalibrationLog, n samples of joints: the next two, as set points and as what was seen from outside
-    asked, wanted : (n, d) arrays, joints of commands and of references, rad or m
-    reference, command : PoseSignal, the poses
-    """
-
-    log: CalibrationLog
+    log: CalibrationLog  # n samples of joints: the next two, as set points and as what was seen from outside
+    # (n, d) each: joints of commands and of references, rad or m
     asked: FloatArray
     wanted: FloatArray
+    # the poses
     reference: PoseSignal
     command: PoseSignal
 
@@ -109,20 +104,13 @@ class PoseJoints:
 
 @dataclass(frozen=True, eq=False)
 class JointRoute:
-    """What was learned of an arm's kinematics and of its joints: how paths and streams of poses are answered.
+    """What was learned of an arm's kinematics and of its joints: how paths and streams of poses are answered."""
 
-    Parameters
-    ----------
-    kinematics : ArmKinematics, from poses to joints and back
-    joints : JointCorrector, from desired joints to commanded ones
-    intervals : IntervalCalibration
-        Of poses: errors of joints go together, so that intervals of joints say too little of those of poses.
-    aim : Aim or None, what moves the commanded joints on by what they would miss; None in files of before there was one
-    """
-
-    kinematics: ArmKinematics
-    joints: JointCorrector
+    kinematics: ArmKinematics  # from poses to joints and back
+    joints: JointCorrector  # from desired joints to commanded ones
+    # of poses: errors of joints go together, so that intervals of joints say too little of those of poses
     intervals: IntervalCalibration
+    # what moves the commanded joints on by what they would miss; None in files of before there was one
     aim: Aim | None = None
 
     def __post_init__(self) -> None:
@@ -370,13 +358,7 @@ class _RouteStream:
             self._aim.reset()
 
     def correct(self, time: float, q: FloatArray) -> Correction:
-        """Return what to command `(d,)`; with a missing number NaN, and the path begins anew.
-
-        Parameters
-        ----------
-        time : float, s, later than that of the sample before
-        q : (d,) array, desired joints, rad or m
-        """
+        """Return what to command `(d,)`; with a missing number NaN, and the path begins anew."""
         answer = self._first.correct(time, q)
         if self._aim is None:
             return answer

@@ -10,7 +10,7 @@ import numpy as np
 
 from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.joint_features import JointFeatures, law_penalties
-from gpcorrect.calibration.joint_path import JointPath, joint_path, joint_signal, logged_path, state_columns
+from gpcorrect.calibration.joint_path import JointPath, joint_path, logged_path, state_columns
 from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.settings import Direction, InputSignal
 from gpcorrect.calibration.stops import Stops
@@ -19,33 +19,24 @@ from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, frozen_array
 
+MOST_PRISMATIC, MOST_REVOLUTE = 2.0, 20.0
+"""m and rad: no arm inserts 2 m, and 20 rad are over three turns, so such numbers are in millimetres or degrees."""
 STILL = {"R": 0.05, "P": 0.005}
 """rad and m that a joint that was still in training may stand from there before nothing is known; chosen by hand."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class JointView:
-    """Which of a log's joints go in, and what is to come out.
-
-    Parameters
-    ----------
-    direction : str, "estimate" or "command"
-    input_signal : str, signal of the robot's side
-    types : str, "R" or "P" for each of the d joints
-    moving : (k,) int array, joints that moved in training; only these are corrected
-    rest : (d,) array, where each joint stood in the middle of training, rad or m
-    features : JointFeatures, what the law looks at, of the k joints
-    end_to_end : bool, whether the law predicts the positions themselves, not their error
-    stops : Stops or None, where joints end, whatever is wrong with them besides; None where training showed no stop
-    """
+    """Which of a log's joints go in, and what is to come out."""
 
     direction: Direction
-    input_signal: InputSignal
-    types: str
-    moving: IntArray
-    rest: FloatArray
-    features: JointFeatures
-    end_to_end: bool
+    input_signal: InputSignal  # signal of the robot's side
+    types: str  # "R" or "P" for each of the d joints
+    moving: IntArray  # (k,) joints that moved in training; only these are corrected
+    rest: FloatArray  # (d,) where each joint stood in the middle of training, rad or m
+    features: JointFeatures  # what the law looks at, of the k joints
+    end_to_end: bool  # whether the law predicts the positions themselves, not their error
+    # where joints end, whatever is wrong with them besides; None where training showed no stop
     stops: Stops | None = None
 
     def __post_init__(self) -> None:
@@ -142,16 +133,10 @@ class JointView:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ViewCorrector(Corrector):
-    """A corrector whose samples and answers a view of the log makes, of features of a joint path.
+    """A corrector whose samples and answers a view of the log makes, of features of a joint path."""
 
-    Parameters
-    ----------
-    view : JointView or ToolView, what of a log goes in, and what is to come out
-    usual_step, shortest_step : float
-        Time between samples in training, s: what a pause is, and over what a velocity is taken.
-    """
-
-    view: Any
+    view: Any  # JointView or ToolView: what of a log goes in, and what is to come out
+    # time between samples in training, s: what a pause is, and over what a velocity is taken
     usual_step: float
     shortest_step: float
 
@@ -226,9 +211,9 @@ def directed(
     needs_truth : bool, whether what is to come out must be logged
     """
     given, wanted = (signal, "external_jp") if direction == "estimate" else ("external_jp", signal)
-    source = joint_signal(log, given)
+    source = _joint_signal(log, given)
     checked = needs_truth or (direction == "estimate" and log.external_jp is not None)
-    truth = joint_signal(log, wanted) if checked else getattr(log, wanted)
+    truth = _joint_signal(log, wanted) if checked else getattr(log, wanted)
     if truth is not None and truth.shape != source.shape:
         raise LogError(
             f"{given} has {source.shape[1]} joints, {wanted} {truth.shape[1]}.",
@@ -236,6 +221,30 @@ def directed(
             path=log.name,
         )
     return source, truth
+
+
+def _joint_signal(log: CalibrationLog, name: str) -> FloatArray:
+    """Return a joint signal `(n, d)` of a log, its units checked."""
+    values: FloatArray | None = getattr(log, name)
+    if values is None:
+        of_tracker = name == "external_jp" and log.tracker_cp is not None
+        raise LogError(
+            f"joint calibration needs {name}; the log has {', '.join(log.signals) or 'no signals'}.",
+            hint="Map its columns: --columns map.toml"
+            + (", or name the arm that the tracker saw: --machine robot.urdf" if of_tracker else ""),
+            path=log.name,
+        )
+    for joint, kind in enumerate(log.joint_types(values.shape[1])):
+        most, unit, other = (MOST_PRISMATIC, "m", "mm") if kind == "P" else (MOST_REVOLUTE, "rad", "degrees")
+        known = np.abs(values[np.isfinite(values[:, joint]), joint])
+        if known.size and np.median(known) > most:
+            raise LogError(
+                f"joint {joint + 1} of {name} is typically {np.median(known):.4g}, too much for {unit}: is it in"
+                f" {other}?",
+                hint="Logs hold rad and m; give scale in a mapping file, or joint_types in the sidecar.",
+                path=log.name,
+            )
+    return values
 
 
 def path_and_error(

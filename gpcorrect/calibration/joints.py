@@ -12,13 +12,7 @@ from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.joint_features import JointFeatures
 from gpcorrect.calibration.joint_path import JointPath, joint_path, usual_steps
-from gpcorrect.calibration.joint_view import (
-    JointView,
-    ViewCorrector,
-    directed,
-    joint_layout,
-    path_and_error,
-)
+from gpcorrect.calibration.joint_view import JointView, ViewCorrector, directed, joint_layout, path_and_error
 from gpcorrect.calibration.metrics import joint_units, spread
 from gpcorrect.calibration.queries import checked_times, numbers
 from gpcorrect.calibration.settings import LIMITS, FitSettings, InputSignal
@@ -32,8 +26,7 @@ from gpcorrect.errors import DataError, DegenerateError, LogError
 from gpcorrect.logs import validate_log
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
-LEAST_MOTION = {"R": 1e-5, "P": 1e-6}
-"""rad and m: a joint that moves less shows its encoder's noise; chosen by hand."""
+LEAST_MOTION = {"R": 1e-5, "P": 1e-6}  # rad and m: a joint that moves less shows its encoder's noise; chosen by hand
 LEAST_RUN_SECONDS = 5.0  # s of motion from which zeros are set anew; chosen by hand
 MOVED_STDS = 1.0  # a mean error of this many standard deviations of the model is beyond chance; chosen by hand
 INDUCING = 500  # points of the Gaussian process; chosen by hand
@@ -260,27 +253,15 @@ class JointCorrector(ViewCorrector):
 
 @dataclass(frozen=True, eq=False)
 class JointTask:
-    """What is learned from a log of joints, before it is.
+    """What is learned from a log of joints, before it is."""
 
-    Parameters
-    ----------
-    view : JointView, what is seen of a log
-    path : JointPath, n samples of the k joints that move
-    source : (n, d) array, joints that go in, back at their stops, rad or m
-    error : (n, k) array, what is to be added to those that move
-    rows : (r,) int array, complete samples
-    samples : Samples, the log as a law sees it
-    still : tuple of int, joints that never move, counted from 1
-    remarks : tuple of str
-    """
-
-    view: JointView
-    path: JointPath
-    source: FloatArray
-    error: FloatArray
-    rows: IntArray
-    samples: Samples
-    still: tuple[int, ...]
+    view: JointView  # what is seen of a log
+    path: JointPath  # n samples of the k joints that move
+    source: FloatArray  # (n, d) joints that go in, back at their stops, rad or m
+    error: FloatArray  # (n, k) what is to be added to those that move
+    rows: IntArray  # (r,) complete samples
+    samples: Samples  # the log as a law sees it
+    still: tuple[int, ...]  # joints that never move, counted from 1
     remarks: tuple[str, ...]
 
     @property

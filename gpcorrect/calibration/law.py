@@ -17,39 +17,27 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """Predictions of a law for n samples.
+    """Predictions of a law for n samples."""
 
-    Parameters
-    ----------
-    residual, std, interval95 : (n, m) arrays
-        Correction, its standard deviation and the half width of its 95 % interval; NaN where an input is missing.
-    reasons : (n,) int array, :class:`gpcorrect.correction.Reason` codes
-    """
-
+    # (n, m) each: correction, its standard deviation and the half width of its 95 % interval; NaN where an input is
+    # missing
     residual: FloatArray
     std: FloatArray
     interval95: FloatArray
-    reasons: IntArray
+    reasons: IntArray  # (n,) :class:`gpcorrect.correction.Reason` codes
 
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """What was learned of a residual, its calibrated intervals, its region and its bounds.
+    """What was learned of a residual, its calibrated intervals, its region and its bounds."""
 
-    Parameters
-    ----------
-    learned : a map of gpcorrect.calibration.learners, Mean, standard deviation and novelty of the residual
-    intervals : IntervalCalibration, what turns standard deviations into 95 % intervals that hold on unseen trajectories
-    domain : Domain, region in which answers can be trusted
-    bounds : Bounds, largest believed residual
-    zero : (m,) array, added to every residual: where the zeros stand now
-    """
-
+    # mean, standard deviation and novelty of the residual
     learned: GPMap | PolynomialMap | NetworkMap | TreesMap | MixedMap | CableModel
+    # what turns standard deviations into 95 % intervals that hold on unseen trajectories
     intervals: IntervalCalibration
-    domain: Domain
-    bounds: Bounds
-    zero: FloatArray
+    domain: Domain  # region in which answers can be trusted
+    bounds: Bounds  # largest believed residual
+    zero: FloatArray  # (m,) added to every residual: where the zeros stand now
 
     def __post_init__(self) -> None:
         together, limits = sum(self.bounds.sizes), (len(self.bounds.sizes), len(self.bounds.largest))

@@ -19,7 +19,6 @@ from numba import njit
 
 from gpcorrect import se3
 from gpcorrect.calibration.law import Law
-from gpcorrect.calibration.poses import rotations_of
 from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal, frozen_array
 
 LADDER = (1.0, 3.0)  # radii over the smallest of them; chosen by hand
@@ -33,13 +32,9 @@ RIDGE = 1e-3  # of the samples, so that features that do not vary leave the syst
 
 @dataclass(frozen=True, eq=False)
 class MemoryMap:
-    """From a path to its memory features, all within [-1, 1].
+    """From a path to its memory features, all within [-1, 1]."""
 
-    Parameters
-    ----------
-    radii : (h, k) array, half widths of the slacks in the tool's position, m, and its turns about its own axes, rad
-    """
-
+    # (h, k) half widths of the slacks in the tool's position, m, and its turns about its own axes, rad
     radii: FloatArray
 
     def __post_init__(self) -> None:
@@ -73,16 +68,10 @@ class MemoryMap:
 
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """What was learned a second time, with memory features, for paths and streams.
+    """What was learned a second time, with memory features, for paths and streams."""
 
-    Parameters
-    ----------
-    states : MemoryMap, from a path of reference poses to its memory features
-    law : Law, its inputs end in those features
-    """
-
-    states: MemoryMap
-    law: Law
+    states: MemoryMap  # from a path of reference poses to its memory features
+    law: Law  # its inputs end in those features
 
 
 def advance(state: FloatArray, step: FloatArray, radii: FloatArray) -> FloatArray:
@@ -169,10 +158,10 @@ def steps(poses: PoseSignal) -> FloatArray:
     ----------
     poses : PoseSignal, n poses, in order; without orientation there are no turns
     """
-    position, rotations = poses.position, rotations_of(poses)
-    linear = np.diff(position, axis=0, prepend=position[:1])
-    if rotations is None:
+    linear = np.diff(poses.position, axis=0, prepend=poses.position[:1])
+    if poses.quaternion is None:
         return linear
+    rotations = se3.matrix_from_quaternion(poses.quaternion)
     before = np.concatenate([rotations[:1], rotations[:-1]])
     return np.hstack([linear, se3.rotvec_from_matrix(np.swapaxes(before, -1, -2) @ rotations)])
 

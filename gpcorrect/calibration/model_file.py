@@ -11,6 +11,7 @@ import hashlib
 import io
 import json
 import zipfile
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar, overload
@@ -19,12 +20,13 @@ import numpy as np
 
 from gpcorrect.atomic import atomic_path, require_own
 from gpcorrect.calibration.cartesian import CommandCorrector
-from gpcorrect.calibration.history import Step, check_summary
+from gpcorrect.calibration.history import Step
 from gpcorrect.calibration.joints import JointCorrector
 from gpcorrect.calibration.task import Corrector
 from gpcorrect.calibration.tool_position import PositionEstimator
 from gpcorrect.codec import pack, unpack
-from gpcorrect.errors import ArtifactError
+from gpcorrect.errors import ArtifactError, DataError
+from gpcorrect.logs.copies import recalled
 from gpcorrect.types import FloatArray
 
 SCHEMA = 6  # 5: with the model's history. 6: with stops; memory and joints of poses are asked check queries too
@@ -40,8 +42,7 @@ CHECK_TOLERANCE = 1e-7  # m and rad: far below any sensor, far above rounding be
 SLACK_BYTES = 1 << 20
 """By which an archive may unpack to more than it is long: models are stored, not compressed; chosen by hand."""
 
-BEGINS = rb"PK\x03\x04.{26}header\.npy"
-"""An archive whose first entry is the header."""
+BEGINS = rb"PK\x03\x04.{26}header\.npy"  # an archive whose first entry is the header
 
 C = TypeVar("C", bound=Corrector)
 Arrays = dict[str, FloatArray]
@@ -144,7 +145,7 @@ def load_with_hash(path: str | Path, kind: type[Corrector] | None = None) -> tup
     try:
         with np.errstate(all="ignore"):  # forged numbers overflow; what comes of it is compared below
             corrector = unpack(kind or found, header["model"], arrays)
-            check_summary(corrector.summary)
+            _check_summary(corrector.summary)
             given = corrector.check_answers()
         expected = np.array(header.get("check"), dtype=np.float64)
     except Exception as error:  # whatever numbers of the wrong kind, shape or size make the code of a model raise
@@ -289,3 +290,53 @@ def _unpacked(path: str | Path, content: bytes, only: str | None = None) -> dict
 def _digest(array: FloatArray) -> str:
     layout = f"{array.dtype.str}{array.shape}".encode()
     return hashlib.sha256(layout + np.ascontiguousarray(array).tobytes()).hexdigest()
+
+
+Three = tuple[float, float, float]
+PARTS: dict[str, Any] = {
+    "robot": str | None,
+    "arm": str | None,
+    "method": str,
+    "features": Sequence[str],
+    "remarks": Sequence[str],
+    "baseline": Sequence[float],
+    "data": {"source": str, "sha256": str, "recordings": Sequence[str]},
+    "fit": {"n_train": int, "n_trajectories": int, "dropped": Mapping[str, int], "seed": int},
+}
+"""Parts of a description that every fit writes, with their types."""
+OPTIONAL: dict[str, Any] = {
+    "frames": {"input": str, "output": str},
+    "training_region": {"position_min": Three, "position_max": Three},
+}
+"""Parts that are written of some tasks."""
+KNOWN = {"contents": Sequence[str], "marks": str}  # of data and updates, in models of this version
+UPDATE: dict[str, Any] = {"source": str, "sha256": str, "recordings": Sequence[str], "n_added": int, "keep": float}
+"""Of each of the `updates`, where there are any."""
+
+
+def _check_summary(summary: Mapping[str, Any]) -> None:
+    """Refuse a description, read from a file, that the programs which show or follow it cannot read."""
+    if not summary:
+        return
+    _check(PARTS, summary, "its description")
+    _check({name: part for name, part in OPTIONAL.items() if name in summary}, summary, "its description")
+    updates = summary.get("updates", [])
+    if not isinstance(updates, list):
+        raise DataError("its updates are no list.")
+    for update in updates:
+        _check(UPDATE, update, "one of its updates")
+    for entry in (summary["data"], *updates):
+        _check({name: part for name, part in KNOWN.items() if name in entry}, entry, "what it says of its data")
+        recalled(entry.get("marks", ""))
+
+
+def _check(parts: Mapping[str, Any], found: Any, where: str) -> None:
+    if not isinstance(found, Mapping):
+        raise DataError(f"{where} is no table.")
+    for name, hint in parts.items():
+        if name not in found:
+            raise DataError(f"{where} does not say its {name}.")
+        if isinstance(hint, dict):
+            _check(hint, found[name], f"{where}, {name},")
+        else:
+            unpack(hint, found[name], {})

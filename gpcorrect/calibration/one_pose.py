@@ -94,7 +94,7 @@ def inputs(
         q = np.empty(4)
         for i in range(4):
             q[i] = pose[3 + i] / norm
-        R_obs = matrix_from_quaternion(q)
+        R_obs = _matrix_from_quaternion(q)
         arm = _turn(R_obs, f.offset)
         _add(linear, _cross(twist[3:], arm))
         rotation = _product(_product(f.R_left, R_obs), f.R_right)
@@ -129,20 +129,15 @@ def command(
     shift, cut = _shortened(mean[:3], bounds[0])
     if len(mean) > 3:
         turn, cut_turn = _shortened(mean[3:], bounds[1])
-        rotation = _product(matrix_from_rotvec(turn), rotation)
+        rotation = _product(_matrix_from_rotvec(turn), rotation)
         cut = cut or cut_turn
     _add(shift, position)
-    return shift, quaternion_from_matrix(rotation), cut
+    return shift, _quaternion_from_matrix(rotation), cut
 
 
 @njit(cache=True)
-def matrix_from_quaternion(q: FloatArray) -> FloatArray:
-    """Rotation matrix `(3, 3)` of one unit quaternion wxyz `(4,)`.
-
-    Parameters
-    ----------
-    q : (4,) array, unit quaternion wxyz
-    """
+def _matrix_from_quaternion(q: FloatArray) -> FloatArray:
+    """Rotation matrix `(3, 3)` of one unit quaternion wxyz `(4,)`."""
     w, x, y, z = q[0], q[1], q[2], q[3]
     R = np.empty((3, 3))
     R[0, 0], R[0, 1], R[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
@@ -152,13 +147,8 @@ def matrix_from_quaternion(q: FloatArray) -> FloatArray:
 
 
 @njit(cache=True)
-def quaternion_from_matrix(R: FloatArray) -> FloatArray:
-    """Return the unit quaternion wxyz `(4,)` with w >= 0 of one rotation matrix `(3, 3)` (Shepperd 1978).
-
-    Parameters
-    ----------
-    R : (3, 3) array, rotation matrix
-    """
+def _quaternion_from_matrix(R: FloatArray) -> FloatArray:
+    """Return the unit quaternion wxyz `(4,)` with w >= 0 of one rotation matrix `(3, 3)` (Shepperd 1978)."""
     q = np.empty(4)
     q[0], q[1] = 1 + R[0, 0] + R[1, 1] + R[2, 2], 1 + R[0, 0] - R[1, 1] - R[2, 2]
     q[2], q[3] = 1 - R[0, 0] + R[1, 1] - R[2, 2], 1 - R[0, 0] - R[1, 1] + R[2, 2]
@@ -184,31 +174,21 @@ def quaternion_from_matrix(R: FloatArray) -> FloatArray:
 
 
 @njit(cache=True)
-def matrix_from_rotvec(rotvec: FloatArray) -> FloatArray:
-    """Rotation matrix `(3, 3)` of one rotation vector `(3,)`, rad.
-
-    Parameters
-    ----------
-    rotvec : (3,) array, rad
-    """
+def _matrix_from_rotvec(rotvec: FloatArray) -> FloatArray:
+    """Rotation matrix `(3, 3)` of one rotation vector `(3,)`, rad."""
     angle = _length(rotvec)
     q = np.empty(4)
     q[0] = cos(angle / 2)
     scale = 0.5 if angle < SMALL else sin(angle / 2) / angle
     for i in range(3):
         q[1 + i] = rotvec[i] * scale
-    return matrix_from_quaternion(q)
+    return _matrix_from_quaternion(q)
 
 
 @njit(cache=True)
-def rotvec_from_matrix(R: FloatArray) -> FloatArray:
-    """Rotation vector `(3,)`, rad, of length at most pi, of one rotation matrix `(3, 3)`.
-
-    Parameters
-    ----------
-    R : (3, 3) array, rotation matrix
-    """
-    q = quaternion_from_matrix(R)
+def _rotvec_from_matrix(R: FloatArray) -> FloatArray:
+    """Rotation vector `(3,)`, rad, of length at most pi, of one rotation matrix `(3, 3)`."""
+    q = _quaternion_from_matrix(R)
     sine = _length(q[1:])
     scale = 2.0 if sine < SMALL else 2 * atan2(sine, q[0]) / sine
     rotvec = np.empty(3)
@@ -229,7 +209,7 @@ def _write_rotation(R: FloatArray, f: Frame, x: FloatArray) -> None:
         for i in range(3):
             x[3 + i] = centre[i] + (angles[i] - centre[i] + pi) % (2 * pi) - pi
     elif kind == ROTVEC:
-        _write(rotvec_from_matrix(_product(R, f.R_mean.T)), x, 3)
+        _write(_rotvec_from_matrix(_product(R, f.R_mean.T)), x, 3)
 
 
 @njit(cache=True)

@@ -328,5 +328,4 @@ class PoseStream:
 
 def _step(first: PoseSignal, second: PoseSignal) -> FloatArray:
     """Return the step `(k,)` between two poses of one row each, see :func:`gpcorrect.calibration.memory.steps`."""
-    step: FloatArray = steps(PoseSignal.of(np.vstack([first.table, second.table])))[1]
-    return step
+    return np.asarray(steps(PoseSignal.of(np.vstack([first.table, second.table])))[1])

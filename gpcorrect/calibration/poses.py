@@ -1,14 +1,20 @@
-"""Observed poses of a log, the commands that led there, their velocities, and the reference G(x) of the residual."""
+"""Poses of a log: observed and commanded, their velocities, the reference G(x), and what of them is complete."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
 from gpcorrect import se3
+from gpcorrect.calibration.dataset import evenly_spread, path_starts
+from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.errors import LogError
-from gpcorrect.rigid import RigidModel
+from gpcorrect.gpr import LeftOut
+from gpcorrect.rigid import Registration, RigidModel, register
 from gpcorrect.robust import MAD_TO_STD
-from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, PoseSignal
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
 from gpcorrect.velocity import sampled_rows, segment_labels, twists
 
 NOISE_FRACTION = 0.03  # of the typical speed that noise may add to a velocity; chosen by hand
@@ -151,3 +157,95 @@ def stencil_step(log: CalibrationLog) -> float | None:
 
 def _median(values: FloatArray) -> float:
     return float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else 0.0
+
+
+CHECK_QUERIES = 8  # training queries that a model file asks again at load; chosen by hand
+WORTH_IT = 0.02  # least fraction of the error that memory must take away not to be called useless; chosen by hand
+
+
+@dataclass(frozen=True, eq=False)
+class PosePairs:
+    """The k samples of a log with both poses and a velocity: their rows, and where among them a path begins."""
+
+    observed: PoseSignal
+    command: PoseSignal
+    twist: FloatArray
+    rows: IntArray
+    new: BoolArray
+
+    @classmethod
+    def of(cls, log: CalibrationLog, keep: BoolArray, velocity_step: float | None) -> Self:
+        """Return the complete ones of a log's samples.
+
+        Parameters
+        ----------
+        log : CalibrationLog, n samples
+        keep : (n,) mask, samples that are not rejected
+        velocity_step : float or None, step of the stencil, s; None takes five neighbouring samples
+        """
+        observed, commanded = pose_pair(log)
+        twist = observed_twists(log, observed, keep, velocity_step)
+        rows = np.flatnonzero(keep & observed.finite & commanded.finite & np.isfinite(twist[:, :3]).all(axis=1))
+        if rows.size < LIMITS.fewest_samples:
+            raise LogError(
+                f"only {rows.size} of {len(log)} samples can be learned from; at least {LIMITS.fewest_samples} are"
+                " needed.",
+                hint="Look at what is wrong with the recording: gpcorrect validate LOG; or keep everything: --no-clean",
+                path=log.name,
+            )
+        new = path_starts(log.time[rows], log.session[rows], np.ones(len(rows), dtype=bool))
+        return cls(observed[rows], commanded[rows], twist[rows], rows, new)
+
+    @property
+    def check_queries(self) -> FloatArray:
+        """Training queries `(k, 13)` spread over the recording: pose (unturned in a position-only log) and twist."""
+        rows = evenly_spread(len(self.rows), CHECK_QUERIES)
+        observed = self.observed[rows]
+        unturned = np.tile([1.0, 0.0, 0.0, 0.0], (len(rows), 1))
+        quaternion = unturned if observed.quaternion is None else observed.quaternion
+        return np.hstack([observed.position, quaternion, np.nan_to_num(self.twist[rows])])
+
+    def register(self, log: CalibrationLog, settings: FitSettings) -> Registration:
+        """Return the rigid model from the observer's frame to the command's.
+
+        Parameters
+        ----------
+        log : CalibrationLog, that the samples are of
+        settings : FitSettings, whether frames are registered, and whether the marker may be away from the tool tip
+        """
+        if not settings.rigid:
+            return Registration(RigidModel(), "the registration was switched off", (), None)
+        return register(self.observed, self.command, log.trajectory[self.rows], settings.marker)
+
+
+def changes(with_it: LeftOut, without: LeftOut) -> FloatArray:
+    """Return the relative change of the errors of positions and, where learned, rotations at left-out trajectories.
+
+    Parameters
+    ----------
+    with_it, without : LeftOut, of two ways to answer the same log
+    """
+    sizes = [np.sqrt(np.nanmean(left_out.errors**2, axis=0)) for left_out in (with_it, without)]
+    return np.asarray((sizes[0] / sizes[1] - 1.0).reshape(-1, 3).mean(axis=1))
+
+
+def changes_text(change: FloatArray) -> str:
+    """Return such changes in words.
+
+    Parameters
+    ----------
+    change : (1,) or (2,) array, of position and rotation
+    """
+    parts = zip(("position", "rotation"), change, strict=False)
+    return "error at left-out trajectories " + ", ".join(f"{100 * value:+.0f} % in {name}" for name, value in parts)
+
+
+def require_poses(log: CalibrationLog) -> None:
+    """Refuse, before any work, a log from which no correction of poses can be learned whatever the cleaning keeps.
+
+    Parameters
+    ----------
+    log : CalibrationLog, to be learned from
+    """
+    pairs = PosePairs.of(log, np.ones(len(log), dtype=np.bool_), None)
+    pairs.register(log, FitSettings(marker="none"))

@@ -11,11 +11,9 @@ from gpcorrect.rigid import MarkerOption
 Direction = Literal["estimate", "command"]
 InputSignal = Literal["measured_jp", "setpoint_jp"]
 
-MEMORY = "memory"
-"""Name of the features that say where in its slack the arm is, in every task."""
+MEMORY = "memory"  # name of the features that say where in its slack the arm is, in every task
 
-JOINTS = "joints"
-"""Poses: name of the features that the arm's joints are, with their velocities and memory."""
+JOINTS = "joints"  # poses: name of the features that the arm's joints are, with their velocities and memory
 
 
 @dataclass(frozen=True)
@@ -68,56 +66,38 @@ class FitSettings:
 
 @dataclass(frozen=True)
 class Limits:
-    """Numbers that decide whether a log is learned from, and how far an answer may go.
+    """Numbers that decide whether a log is learned from, and how far an answer may go."""
 
-    Parameters
-    ----------
-    fewest_samples : int
-        Complete samples below which nothing is learned: fewer do not fill one fold of four with a motion. Chosen by
-        hand.
-    headroom : float
-        Largest believed correction over the largest in training: a query between training poses may need a little more
-        than any of them. Chosen by hand; half of it (no headroom) cut 0.1 % of held-out simulated answers.
-    range_quantiles : pair of float
-        Per cent of each input in training between which its range lies: a few wild velocities do not widen it. Chosen
-        by hand.
-    margin : float, fraction of an input's range that a query may lie beyond it; Chosen by hand
-    fades_from : float
-        Part of the way from the middle of the region to its edge by which rates begin to fade, however far training
-        went: halfway through the margin. Chosen by hand.
-    enough_motions : int
-        Motions (or pieces of `piece_seconds` of a longer one) below which a fit says that they are few: intervals are
-        then widened by more than a quarter.
-    folds : int, parts of neighbouring trajectories that are left out in turn; Chosen by hand
-    piece_seconds : float
-        Length of the pieces, s, whose errors are ranked against each other in the test for ageing. Chosen by hand.
-    pause_steps, pause_seconds : float
-        A wait longer than so many usual steps, and than so many seconds, ends a path: the arm may have moved. Chosen by
-        hand.
-    far_sizes, far_least : float
-        A query beyond the training's range by more than so many of its sizes, and than so many m or rad, is refused.
-        A unit's factor is 57 or 1000, a workspace away from the origin by a few of its sizes.
-    far_away : float
-        m from the base at which no tool is: in millimetres every tool is farther than that.
-    slow_step, slow_ratio, slow_travel : float
-        A path of samples at least so many s apart, so many times slower than the training, that travels so much of the
-        training's size, is refused: milliseconds taken for seconds are 1000 times slower. Paths at half and at twice
-        the training's speed, and at a tenth, are not refused (tested).
-    """
-
+    # complete samples below which nothing is learned: fewer do not fill one fold of four with a motion. Chosen by hand.
     fewest_samples: int = 20
+    # largest believed correction over the largest in training: a query between training poses may need a little more
+    # than any of them. Chosen by hand; half of it (no headroom) cut 0.1 % of held-out simulated answers.
     headroom: float = 1.5
+    # per cent of each input in training between which its range lies: a few wild velocities do not widen it. Chosen by
+    # hand.
     range_quantiles: tuple[float, float] = (0.5, 99.5)
-    margin: float = 0.5
+    margin: float = 0.5  # fraction of an input's range that a query may lie beyond it; chosen by hand
+    # part of the way from the middle of the region to its edge by which rates begin to fade, however far training went:
+    # halfway through the margin. Chosen by hand.
     fades_from: float = 0.75
+    # motions (or pieces of `piece_seconds` of a longer one) below which a fit says that they are few: intervals are
+    # then widened by more than a quarter
     enough_motions: int = 9
-    folds: int = 4
+    folds: int = 4  # parts of neighbouring trajectories that are left out in turn; chosen by hand
+    # length of the pieces, s, whose errors are ranked against each other in the test for ageing. Chosen by hand.
     piece_seconds: float = 20.0
+    # a wait longer than so many usual steps, and than so many seconds, ends a path: the arm may have moved. Chosen by
+    # hand.
     pause_steps: float = 20.0
     pause_seconds: float = 1.0
+    # a query beyond the training's range by more than so many of its sizes, and than so many m or rad, is refused. A
+    # unit's factor is 57 or 1000, a workspace away from the origin by a few of its sizes.
     far_sizes: float = 10.0
     far_least: float = 1.0
-    far_away: float = 10.0
+    far_away: float = 10.0  # m from the base at which no tool is: in millimetres every tool is farther than that
+    # a path of samples at least so many s apart, so many times slower than the training, that travels so much of the
+    # training's size, is refused: milliseconds taken for seconds are 1000 times slower. Paths at half and at twice the
+    # training's speed, and at a tenth, are not refused (tested).
     slow_step: float = 0.5
     slow_ratio: float = 100.0
     slow_travel: float = 0.01

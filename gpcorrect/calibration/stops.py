@@ -30,13 +30,9 @@ CLEARLY = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Stops:
-    """Where joints end.
+    """Where joints end."""
 
-    Parameters
-    ----------
-    low, high : (d,) arrays, as the robot's side has them, rad or m; infinite where no stop shows
-    """
-
+    # (d,) each: as the robot's side has them, rad or m; infinite where no stop shows
     low: FloatArray
     high: FloatArray
 

@@ -33,11 +33,6 @@ class _PathFollower:
 
     A stream that is faster than the training takes velocities over the training's step, not over its own: there
     an encoder's last digit would show as motion.
-
-    Parameters
-    ----------
-    features : JointFeatures, what to follow
-    usual_step, shortest_step : float, time between samples in training, s
     """
 
     def __init__(self, features: JointFeatures, usual_step: float, shortest_step: float) -> None:
@@ -58,36 +53,17 @@ class _PathFollower:
         return not self._past
 
     def arrive(self, time: float) -> None:
-        """Forget the path after a pause.
-
-        Parameters
-        ----------
-        time : float, time of the next sample, s
-        """
+        """Forget the path where the next sample comes after a pause."""
         if self._past and time - self._past[-1][0] > self._pause:
             self.reset()
 
     def columns(self, time: float, q: FloatArray, effort: FloatArray | None, state: FloatArray | None) -> FloatArray:
-        """Return the features `(k,)` of joints `q` (d,), NaN where the law needs what is not given.
-
-        Parameters
-        ----------
-        time : float, s
-        q : (d,) array, joints, rad or m
-        effort : (d,) array or None, as logged
-        state : (k,) array or None, whole state
-        """
+        """Return the features `(k,)` of joints `q` (d,), NaN where the law needs what is not given."""
         parts = [self._column(kind, time, q, effort, state) for kind in self._features.kinds]
         return np.concatenate(parts)[self._features.used]
 
     def passed(self, time: float, q: FloatArray) -> None:
-        """Note where the joints were.
-
-        Parameters
-        ----------
-        time : float, s
-        q : (d,) array, joints, rad or m
-        """
+        """Note where the joints were."""
         self._past.append((time, q))
 
     def _column(
@@ -143,12 +119,7 @@ class _PathFollower:
 
 
 class _ViewStream:
-    """What the past of a stream of joints says of the next sample; one stream an arm and thread.
-
-    Parameters
-    ----------
-    corrector : ViewCorrector, what answers
-    """
+    """What the past of a stream of joints says of the next sample; one stream an arm and thread."""
 
     def __init__(self, corrector: ViewCorrector) -> None:
         self._corrector = corrector

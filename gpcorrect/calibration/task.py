@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
-from gpcorrect.calibration.dataset import Layout, Samples, pieces, scores_by_piece
+from gpcorrect.calibration.dataset import Layout, Samples, pieces
 from gpcorrect.calibration.history import Step
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.metrics import Z95, coverage
@@ -49,39 +49,27 @@ class Part(NamedTuple):
         ----------
         errors : (n, m) array, m or rad
         """
-        sizes: FloatArray = self.scale * np.linalg.norm(errors[:, self.columns], axis=1)
-        return sizes
+        return np.asarray(self.scale * np.linalg.norm(errors[:, self.columns], axis=1))
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a task learned of a log.
+    """What a task learned of a log."""
 
-    Parameters
-    ----------
-    corrector : Corrector, without a summary yet
-    samples : Samples, what was learned from
-    left_out : LeftOut, errors at the usable samples, each predicted without its own fold
-    intervals : IntervalCalibration, of the answers
-    report : mapping, the task's report on its fit, JSON-able
-    remarks : tuple of str, what a person should know
-    registration : Any, which rigid model was chosen and why, of tasks that register frames
-    """
-
-    corrector: Corrector
-    samples: Samples
-    left_out: LeftOut
-    intervals: IntervalCalibration
-    report: Mapping[str, Any]
-    remarks: tuple[str, ...] = ()
-    registration: Any = None
+    corrector: Corrector  # without a summary yet
+    samples: Samples  # what was learned from
+    left_out: LeftOut  # errors at the usable samples, each predicted without its own fold
+    intervals: IntervalCalibration  # of the answers
+    report: Mapping[str, Any]  # the task's report on its fit, JSON-able
+    remarks: tuple[str, ...] = ()  # what a person should know
+    registration: Any = None  # which rigid model was chosen and why, of tasks that register frames
 
     @property
     def baseline(self) -> FloatArray:
         """Scores of left-out pieces of the training, with which later scores are compared."""
         rows, left_out = self.samples.rows, self.left_out
         labels = pieces(self.samples.time[rows], self.samples.trajectory[rows])
-        return scores_by_piece(left_out.errors * Z95 / self.intervals.interval95(left_out.std), labels)
+        return _scores_by_piece(left_out.errors * Z95 / self.intervals.interval95(left_out.std), labels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +116,7 @@ class Measured:
         ratio = self.corrected * Z95 / self.interval95
         known = np.isfinite(ratio).any(axis=0)
         ratio = np.where(self.in_domain[:, None], ratio, np.nan)[:, known]
-        return scores_by_piece(ratio, pieces(self.time, self.trajectory))
+        return _scores_by_piece(ratio, pieces(self.time, self.trajectory))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -356,3 +344,11 @@ class Corrector(ABC):
     def info(self) -> dict[str, Any]:
         """Return the model's description; JSON-able."""
         return dict(self.summary)
+
+
+def _scores_by_piece(ratio: FloatArray, labels: IntArray) -> FloatArray:
+    """Return root mean squares of ratios `(n, m)` of error over standard deviation, a piece each, in order."""
+    squares = np.mean(ratio**2, axis=1)
+    known = np.isfinite(squares)
+    scores = [np.sqrt(squares[known & (labels == label)].mean()) for label in np.unique(labels[known])]
+    return np.array(scores)

@@ -29,23 +29,14 @@ CHECK_SAMPLES = 8  # along the swing that a model file is checked with; chosen b
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ToolView:
-    """What of a log the estimator looks at, and what it is to predict.
+    """What of a log the estimator looks at, and what it is to predict."""
 
-    Parameters
-    ----------
-    registration : RigidModel
-        From the tracker's frame to the base: as the log states it, or the best rigid motion of the training.
-    features : JointFeatures, what the law looks at
-    state_names : tuple of str, columns of the whole state; empty for a law that does not look at it
-    extra : tuple of str, extra columns of the log in it
-    reported : TrainingMotion or None, where the training's tool was reported; models of before do not know
-    """
-
+    # from the tracker's frame to the base: as the log states it, or the best rigid motion of the training
     registration: RigidModel
-    features: JointFeatures
-    state_names: tuple[str, ...]
-    extra: tuple[str, ...]
-    reported: TrainingMotion | None = None
+    features: JointFeatures  # what the law looks at
+    state_names: tuple[str, ...]  # columns of the whole state; empty for a law that does not look at it
+    extra: tuple[str, ...]  # extra columns of the log in it
+    reported: TrainingMotion | None = None  # where the training's tool was reported; models of before do not know
 
     def of_log(self, log: CalibrationLog, keep: BoolArray, *, needs_truth: bool = True) -> tuple[FloatArray, Samples]:
         """Return the reported positions `(n, 3)` and the samples of a log.

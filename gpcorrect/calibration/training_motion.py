@@ -15,8 +15,7 @@ from gpcorrect.cleaning.steps import best_chain
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, frozen_array
 
-UNITS = "radians and metres"
-"""Of joints."""
+UNITS = "radians and metres"  # of joints
 
 STRIDE = 5  # samples between which a speed is taken: noise of a tracker then adds little to it
 FASTER = 90.0
@@ -27,20 +26,14 @@ POSSIBLE_FRACTION = 0.7  # least part of a run that must be possible motion, or 
 
 @dataclass(frozen=True, eq=False)
 class TrainingMotion:
-    """What the training's motion was like, in the quantity that queries are given in.
+    """What the training's motion was like, in the quantity that queries are given in."""
 
-    Parameters
-    ----------
-    low, high : (k,) arrays, range of the k coordinates, m or rad
-    size : (k,) array
-        What lengths are measured by in each coordinate, m or rad: the widest range of a position, each joint's own.
-    speed : float, sizes per second that the training reached when it moved; NaN for static poses
-    """
-
+    # (k,) each: range of the k coordinates, m or rad
     low: FloatArray
     high: FloatArray
+    # (k,) what lengths are measured by in each coordinate, m or rad: the widest range of a position, each joint's own
     size: FloatArray
-    speed: float
+    speed: float  # sizes per second that the training reached when it moved; NaN for static poses
 
     def __post_init__(self) -> None:
         for name in ("low", "high", "size"):
@@ -193,17 +186,11 @@ class MotionLimits:
     A tracker's occlusion, or a planner's slip, shows in a path as impossible speeds into and out of a short stretch.
     Asked to correct such a pose as it stands, a model would move the robot to where nothing ever was. The same limits
     that cleaning learned for recordings hold here.
-
-    Parameters
-    ----------
-    speeds : tuple of float, largest speed, m/s, and where orientations are observed rad/s
-    noise : tuple of float, step that noise alone can make, m and rad
-    longest : float, longest stretch that is bridged, s; what lasts longer may be meant
     """
 
-    speeds: tuple[float, ...]
-    noise: tuple[float, ...]
-    longest: float
+    speeds: tuple[float, ...]  # largest speed, m/s, and where orientations are observed rad/s
+    noise: tuple[float, ...]  # step that noise alone can make, m and rad
+    longest: float  # longest stretch that is bridged, s; what lasts longer may be meant
 
     @classmethod
     def of(cls, cleaner: FittedCleaner) -> Self:
@@ -268,5 +255,4 @@ class MotionLimits:
         if path.quaternion is not None and len(self.speeds) > 1:
             steps.append(se3.quaternion_angle(path.quaternion[i], path.quaternion[j]))
         limits = zip(steps, self.speeds, self.noise, strict=False)
-        far: BoolArray = np.any([step - noise > speed * dt for step, speed, noise in limits], axis=0)
-        return far
+        return np.asarray(np.any([step - noise > speed * dt for step, speed, noise in limits], axis=0))

@@ -21,7 +21,7 @@ from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.joint_route import JointRoute, PoseJoints
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import GPMap
-from gpcorrect.calibration.pose_samples import PosePairs
+from gpcorrect.calibration.poses import PosePairs
 from gpcorrect.calibration.task import Corrector
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import IntervalCalibration, LeftOut, Predictor, Statistics

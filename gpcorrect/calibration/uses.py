@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from gpcorrect.calibration.joints import require_joints
-from gpcorrect.calibration.pose_samples import require_poses
+from gpcorrect.calibration.poses import require_poses
 from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.errors import GpCorrectError, LogError
 from gpcorrect.logs import ValidationReport
@@ -111,18 +111,11 @@ def _require_motors(log: CalibrationLog) -> None:
 
 @dataclass(frozen=True)
 class Purpose:
-    """What a recording is for: which signals matter, and what refuses it.
+    """What a recording is for: which signals matter, and what refuses it."""
 
-    Parameters
-    ----------
-    uses : tuple of str, signals that are learned from
-    require : callable, raises where the recording would be refused
-    command : str, that learns from it; empty for none
-    """
-
-    uses: tuple[str, ...]
-    require: Callable[[CalibrationLog], object]
-    command: str = ""
+    uses: tuple[str, ...]  # signals that are learned from
+    require: Callable[[CalibrationLog], object]  # raises where the recording would be refused
+    command: str = ""  # that learns from it; empty for none
 
 
 PURPOSES = {

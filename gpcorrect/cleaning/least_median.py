@@ -35,46 +35,71 @@ ROTATION_WEIGHT = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class LeastMedianFit(Generic[Model]):
-    """What the search found.
+class LeastMedian(Generic[Model]):
+    """Search for the model whose median squared residual is least, refitted on its inliers.
+
+    Models are fitted to random samples; the best few are concentrated on the half of the data nearest to them; the
+    groups of the residual (metres, radians) are weighed by the product of their medians. Up to half of the data may be
+    arbitrarily wrong.
 
     Parameters
     ----------
-    model : object, refitted on the inliers
-    scales : (g,) array, robust standard deviation of one component of each group of the residual
+    fit : callable of (m,) row numbers, model of these rows; may raise DegenerateError
+    lengths : callable of model, residual lengths (n, g) of all rows, in g groups
+    n : int, number of rows
+    sample_size : int, rows in a random sample: as few as determine a model
+    dimension : int, components of each group of the residual
+    floor : (g,) array or float, residuals below it count as equal
+    fit_stack : callable of (k, sample_size) row numbers, optional
+        Models of k random samples, and their median residual lengths (k, g), where all at once is quicker.
     """
-
-    model: Model
-    scales: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class _Problem(Generic[Model]):
-    """What is fitted, and how a fit is measured: see :func:`least_median`."""
 
     fit: Callable[[IntArray], Model]
     lengths: Callable[[Model], FloatArray]
     n: int
     sample_size: int
-    dimension: int
-    floor: FloatArray
-    fit_stack: Callable[[IntArray], tuple[Sequence[Model], FloatArray]] | None
+    dimension: int = 1
+    floor: FloatArray | float = TINY
+    fit_stack: Callable[[IntArray], tuple[Sequence[Model], FloatArray]] | None = None
 
-    def objective(self, lengths: FloatArray) -> float:
+    def search(self, rng: np.random.Generator) -> tuple[Model, FloatArray]:
+        """Return the model, and robust standard deviations (g,) of one component of each group of the residual.
+
+        Parameters
+        ----------
+        rng : numpy Generator, source of the samples
+
+        Raises
+        ------
+        DataError
+            Fewer rows than a sample needs.
+        DegenerateError
+            No sample determined a model.
+        """
+        if self.n < self.sample_size:
+            raise DataError(f"least median of squares needs at least {self.sample_size} samples, got {self.n}.")
+        candidates = self._candidates(rng)
+        best = min((self._concentrated(model) for model in candidates[:REFINED]), key=lambda c: c[0])[1]
+        _, inliers = self._inliers(best)
+        with suppress(DegenerateError):
+            best = self.fit(np.flatnonzero(inliers))
+        return best, frozen_array(self._inliers(best)[0])
+
+    def _objective(self, lengths: FloatArray) -> float:
         """Logarithm of the product of the groups' medians, which no change of unit alters."""
-        return float(self.objectives(np.median(lengths, axis=0)))
+        return float(self._objectives(np.median(lengths, axis=0)))
 
-    def objectives(self, medians: FloatArray) -> FloatArray:
+    def _objectives(self, medians: FloatArray) -> FloatArray:
         """Objectives `(...)` of medians `(..., g)`."""
         return np.asarray(np.log(np.maximum(medians, self.floor)).sum(axis=-1))
 
-    def candidates(self, rng: np.random.Generator) -> list[Model]:
+    def _candidates(self, rng: np.random.Generator) -> list[Model]:
         """Fits to random samples, the best first."""
         clean = (1.0 - BREAKDOWN) ** self.sample_size
         count = max(1, math.ceil(math.log(1.0 - CONFIDENCE) / math.log1p(-clean)))
         drawn = np.array([rng.choice(self.n, self.sample_size, replace=False) for _ in range(count)])
         models, medians = self._one_by_one(drawn) if self.fit_stack is None else self.fit_stack(drawn)
-        return [models[k] for k in np.argsort(self.objectives(medians), kind="stable")]
+        return [models[k] for k in np.argsort(self._objectives(medians), kind="stable")]
 
     def _one_by_one(self, drawn: IntArray) -> tuple[list[Model], FloatArray]:
         """Models of those samples `(k, s)` that determine one, and their median lengths."""
@@ -91,10 +116,10 @@ class _Problem(Generic[Model]):
             raise DegenerateError(f"no sample of {self.sample_size} determines a model: {reason}")
         return models, np.array(medians)
 
-    def concentrated(self, model: Model) -> tuple[float, Model]:
+    def _concentrated(self, model: Model) -> tuple[float, Model]:
         """Refit on the nearer half until the objective stops falling: it never rises for one group."""
         lengths = self.lengths(model)
-        objective = self.objective(lengths)
+        objective = self._objective(lengths)
         for _ in range(CONCENTRATIONS):
             distance = (lengths / np.maximum(np.median(lengths, axis=0), self.floor)).max(axis=1)
             try:
@@ -102,12 +127,12 @@ class _Problem(Generic[Model]):
             except DegenerateError:
                 break
             lengths = self.lengths(nearer)
-            if not self.objective(lengths) < objective:
+            if not self._objective(lengths) < objective:
                 break
-            objective, model = self.objective(lengths), nearer
+            objective, model = self._objective(lengths), nearer
         return objective, model
 
-    def inliers(self, model: Model) -> tuple[FloatArray, BoolArray]:
+    def _inliers(self, model: Model) -> tuple[FloatArray, BoolArray]:
         """Robust scales (g,), and the samples (n,) whose residual is plausible for its number of components."""
         lengths = self.lengths(model)
         small_sample = 1.0 + 5.0 / max(1, self.n - self.sample_size)  # Rousseeuw & Leroy 1987, Ch. 5
@@ -116,59 +141,8 @@ class _Problem(Generic[Model]):
         return scales, np.all(lengths <= limit * scales, axis=1)
 
 
-def least_median(
-    fit: Callable[[IntArray], Model],
-    lengths: Callable[[Model], FloatArray],
-    n: int,
-    *,
-    sample_size: int,
-    rng: np.random.Generator,
-    dimension: int = 1,
-    floor: FloatArray | float = TINY,
-    fit_stack: Callable[[IntArray], tuple[Sequence[Model], FloatArray]] | None = None,
-) -> LeastMedianFit[Model]:
-    """Search the model whose median squared residual is least, then refit it on its inliers.
-
-    Models are fitted to random samples; the best few are concentrated on the half of the data nearest to them; the
-    groups of the residual (metres, radians) are weighed by the product of their medians. Up to half of the data may be
-    arbitrarily wrong.
-
-    Parameters
-    ----------
-    fit : callable of (m,) row numbers, model of these rows; may raise DegenerateError
-    lengths : callable of model, residual lengths (n, g) of all rows, in g groups
-    n : int, number of rows
-    sample_size : int, rows in a random sample: as few as determine a model
-    rng : numpy Generator, source of the samples
-    dimension : int, components of each group of the residual
-    floor : (g,) array or float, residuals below it count as equal
-    fit_stack : callable of (k, sample_size) row numbers, optional
-        Models of k random samples, and their median residual lengths (k, g), where all at once is quicker.
-
-    Returns
-    -------
-    LeastMedianFit
-
-    Raises
-    ------
-    DataError
-        Fewer rows than a sample needs.
-    DegenerateError
-        No sample determined a model.
-    """
-    if n < sample_size:
-        raise DataError(f"least median of squares needs at least {sample_size} samples, got {n}.")
-    problem = _Problem(fit, lengths, n, sample_size, dimension, np.asarray(floor), fit_stack)
-    candidates = problem.candidates(rng)
-    best = min((problem.concentrated(model) for model in candidates[:REFINED]), key=lambda c: c[0])[1]
-    _, inliers = problem.inliers(best)
-    with suppress(DegenerateError):
-        best = fit(np.flatnonzero(inliers))
-    return LeastMedianFit(best, frozen_array(problem.inliers(best)[0]))
-
-
-def least_median_plane(X: FloatArray, Y: FloatArray, rng: np.random.Generator) -> LeastMedianFit[FloatArray]:
-    """Return slopes and level (d + 1, m) of the hyperplane that half of the samples agrees on.
+def least_median_plane(X: FloatArray, Y: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Return slopes and level (d + 1, m) of the hyperplane that half of the samples agrees on, and its scale (1,).
 
     Parameters
     ----------
@@ -183,30 +157,25 @@ def least_median_plane(X: FloatArray, Y: FloatArray, rng: np.random.Generator) -
 
     def planes(drawn: IntArray) -> tuple[list[FloatArray], FloatArray]:
         models = np.linalg.pinv(design[drawn]) @ Y[drawn]
-        medians = [np.median(np.linalg.norm(Y - design @ part, axis=2), axis=1) for part in _in_parts(models)]
+        stacks = np.array_split(models, -(-len(models) // STACK))
+        medians = [np.median(np.linalg.norm(Y - design @ part, axis=2), axis=1) for part in stacks]
         return list(models), np.concatenate(medians)[:, None]
 
-    return least_median(
+    search = LeastMedian(
         plane,
         lambda model: np.linalg.norm(Y - design @ model, axis=1, keepdims=True),
         len(X),
         sample_size=min(len(X), design.shape[1]),
-        rng=rng,
         dimension=Y.shape[1],
         fit_stack=planes,
     )
-
-
-def _in_parts(models: FloatArray) -> list[FloatArray]:
-    return np.array_split(models, -(-len(models) // STACK))
+    return search.search(rng)
 
 
 def least_median_pose(
     observed: PoseSignal, command: PoseSignal, resolution: FloatArray, rng: np.random.Generator
-) -> LeastMedianFit[RigidModel]:
-    """Return the registration that half of the poses agrees on (Mahler 2014, Sec. IV-A).
-
-    Position and rotation have a scale each.
+) -> tuple[RigidModel, FloatArray]:
+    """Return the registration that half of the poses agrees on, and its scales (g,) (Mahler 2014, Sec. IV-A).
 
     Parameters
     ----------
@@ -241,6 +210,4 @@ def least_median_pose(
             away.append(np.arccos(np.clip((traces @ rigid.R_left.ravel() - 1.0) / 2.0, -1.0, 1.0)))
         return np.stack(away, axis=1)
 
-    return least_median(
-        registration, lengths, len(rows), sample_size=POSE_SAMPLE, rng=rng, dimension=3, floor=resolution
-    )
+    return LeastMedian(registration, lengths, len(rows), POSE_SAMPLE, dimension=3, floor=resolution).search(rng)

@@ -73,15 +73,10 @@ _MEANING = {
 
 @dataclass(frozen=True, eq=False)
 class Labels:
-    """Why each of n samples is rejected, with the value measured and the limit that it broke.
+    """Why each of n samples is rejected, with the value measured and the limit that it broke."""
 
-    Parameters
-    ----------
-    reason : (n,) array of str, codes of :class:`Reason`, empty for samples that pass
-    value, limit : (n,) arrays, in the reason's unit; NaN for samples that pass and where nothing is measured
-    """
-
-    reason: ReasonArray
+    reason: ReasonArray  # (n,) codes of :class:`Reason`, empty for samples that pass
+    # (n,) each: in the reason's unit; NaN for samples that pass and where nothing is measured
     value: FloatArray
     limit: FloatArray
 
@@ -99,8 +94,7 @@ class Labels:
     @property
     def keep(self) -> BoolArray:
         """(n,) mask of samples that no rule has rejected."""
-        keep: BoolArray = self.reason == ""
-        return keep
+        return np.asarray(self.reason == "")
 
     def replaced(self, rows: IntArray, found: Labels) -> Self:
         """Labels in which those of `rows` are the ones that were found.
@@ -177,8 +171,7 @@ class CleaningReport:
     @property
     def keep(self) -> BoolArray:
         """(n,) mask of samples that pass."""
-        keep: BoolArray = self.reason == ""
-        return keep
+        return np.asarray(self.reason == "")
 
     @property
     def counts(self) -> dict[str, int]:

@@ -60,33 +60,24 @@ def joint_pair(input_signal: Literal["measured_jp", "setpoint_jp"]) -> Pair:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """n complete samples of a recording in recorded order, g groups of w numbers each.
+    """n complete samples of a recording in recorded order, g groups of w numbers each."""
 
-    Parameters
-    ----------
-    time : (n,) array, seconds
-    trajectory, session : (n,) int arrays, motion, and recording day or homing
-    run : (n,) int array, unbroken stretch of the recording, across trajectories where nothing lies between them
-    units : str, "P" (m) or "R" (rad) for each group
-    observed, command : tuple of (n, k) arrays
-        A group each: positions (k = 3) and quaternions wxyz (k = 4) in the command's frame, or one joint (k = 1).
-    error : (n, g, w) array
-        Command minus observation; for rotations the rotation vector of `R_cmd R_obs^T`. Of joints each session's
-        median is taken out, since homing moves their zero.
-    place : tuple of (n, k) arrays, coordinates of the command: position and rotation-matrix entries, or a joint each
-    velocity : tuple of (n, w) arrays
-        Velocity of the command, m/s or rad/s, for poses always linear and angular; zero where a run is too short.
-    """
-
-    time: FloatArray
+    time: FloatArray  # (n,) seconds
+    # (n,) each: motion, and recording day or homing
     trajectory: IntArray
     session: IntArray
-    run: IntArray
-    units: str
+    run: IntArray  # (n,) unbroken stretch of the recording, across trajectories where nothing lies between them
+    units: str  # "P" (m) or "R" (rad) for each group
+    # (n, k), a group each: positions (k = 3) and quaternions wxyz (k = 4) in the command's frame, or one joint (k = 1)
     observed: tuple[FloatArray, ...]
     command: tuple[FloatArray, ...]
+    # (n, g, w) command minus observation; for rotations the rotation vector of `R_cmd R_obs^T`. Of joints each
+    # session's median is taken out, since homing moves their zero.
     error: FloatArray
+    # (n, k) each, coordinates of the command: position and rotation-matrix entries, or a joint each
     place: tuple[FloatArray, ...]
+    # (n, w) each, velocity of the command, m/s or rad/s, for poses always linear and angular; zero where a run is too
+    # short
     velocity: tuple[FloatArray, ...]
 
     def __len__(self) -> int:
@@ -107,8 +98,7 @@ class Samples:
     @property
     def error_lengths(self) -> FloatArray:
         """(n, g) lengths of the error's groups, m or rad."""
-        lengths: FloatArray = np.linalg.norm(self.error, axis=2)
-        return lengths
+        return np.asarray(np.linalg.norm(self.error, axis=2))
 
     def steps(self, signal: tuple[FloatArray, ...], i: IntArray, j: IntArray) -> FloatArray:
         """Return the distances (m, g), m or rad, of a signal's groups between samples i and j (m,) each.
@@ -118,7 +108,10 @@ class Samples:
         signal : tuple of (n, k) arrays, observed or commanded groups
         i, j : (m,) array, samples
         """
-        return np.stack([_distance(values[i], values[j]) for values in signal], axis=1)
+        pairs = [(values[i], values[j]) for values in signal]
+        return np.stack(
+            [se3.quaternion_angle(a, b) if a.shape[1] == 4 else np.linalg.norm(a - b, axis=1) for a, b in pairs], axis=1
+        )
 
     def trend_inputs(self, group: int) -> FloatArray:
         """Return what an error may be proportional to: the position and the group's velocity, or both of the joint.
@@ -279,11 +272,6 @@ def _bad_numbers(signal: PoseSignal) -> FloatArray:
         skewed = np.abs(np.linalg.norm(signal.quaternion, axis=1) - 1.0) > QUATERNION_TOLERANCE
         count += np.where(missing == 0, 4.0 * skewed, missing)
     return count
-
-
-def _distance(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Distances (m,) of positions or joints, or angles of quaternions, between the rows of a and b (m, k)."""
-    return np.linalg.norm(a - b, axis=1) if a.shape[1] != 4 else se3.quaternion_angle(a, b)
 
 
 def _centred(values: FloatArray, session: IntArray) -> FloatArray:

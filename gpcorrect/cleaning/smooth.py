@@ -36,20 +36,12 @@ GRID = {"length": (0.5, 1.0, 2.0, 4.0, 8.0), "noise": (1e-3, 1e-2, 1e-1), "veloc
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """What the smooth model leaves of the errors of n samples.
+    """What the smooth model leaves of the errors of n samples."""
 
-    Parameters
-    ----------
-    left : (n, g, w) array, error less the model's, m and rad; in training, the model of the other folds
-    along : (n, g, w) array, the same by one model throughout, so that steps in it are steps of the error
-    distance : (n,) array, robust scales between error and model, of the worst group
-    scale : (g,) array, typical robust standard deviation of a component about the model, m and rad
-    """
-
-    left: FloatArray
-    along: FloatArray
-    distance: FloatArray
-    scale: FloatArray
+    left: FloatArray  # (n, g, w) error less the model's, m and rad; in training, the model of the other folds
+    along: FloatArray  # (n, g, w) the same by one model throughout, so that steps in it are steps of the error
+    distance: FloatArray  # (n,) robust scales between error and model, of the worst group
+    scale: FloatArray  # (g,) typical robust standard deviation of a component about the model, m and rad
 
     @classmethod
     def without_model(cls, error: FloatArray) -> Self:
@@ -82,19 +74,12 @@ class _Hyper:
 
 @dataclass(frozen=True, eq=False)
 class InputScaling:
-    """Scaling of the commands, learned once: each group by one number, so that no choice of axes matters.
+    """Scaling of the commands, learned once: each group by one number, so that no choice of axes matters."""
 
-    Parameters
-    ----------
-    centre : tuple of (k,) arrays, middle of each group of coordinates
-    spread : (groups,) array, spread of each
-    speed : (groups,) array
-        Speeds, m/s and rad/s, at which a velocity input is half saturated: friction depends on the direction of
-        motion more than on its speed.
-    """
-
-    centre: tuple[FloatArray, ...]
-    spread: FloatArray
+    centre: tuple[FloatArray, ...]  # (k,) each: middle of each group of coordinates
+    spread: FloatArray  # (groups,) spread of each
+    # (groups,) speeds, m/s and rad/s, at which a velocity input is half saturated: friction depends on the direction of
+    # motion more than on its speed
     speed: FloatArray
 
     @classmethod
@@ -134,33 +119,22 @@ class InputScaling:
 
 @dataclass(frozen=True, eq=False)
 class SmoothModel:
-    """Trend, field and scale of the systematic error.
+    """Trend, field and scale of the systematic error."""
 
-    Parameters
-    ----------
-    scaling : InputScaling, inputs of the field
-    trend : tuple of (r, w) arrays
-        For each group, slopes and level of its error over commanded position and velocity (an arm that follows late
-        errs in proportion to its velocity), found by least median of squares.
-    unit : (g,) array, robust spread of what the trend leaves, m and rad: the field's unit
-    inputs, outputs : (m, d) and (m, g w) arrays, samples that the field is conditioned on
-    kernel : WithLinear, covariance of the field
-    noise : float, variance that position and velocity do not explain (noise, play), over that of the field
-    scale : (g,) array, robust standard deviation of a component about the field, as a multiple of the field's own
-    reach : tuple of (2, r - 1) arrays
-        For each group, least and largest position and velocity that the trend is followed to: a training range beyond
-        the training. The slope of a joint that hardly moved is noise, and far away that noise is metres. Empty in older
-        files, whose trend has no end.
-    """
-
-    scaling: InputScaling
+    scaling: InputScaling  # inputs of the field
+    # (r, w) each: for each group, slopes and level of its error over commanded position and velocity (an arm that
+    # follows late errs in proportion to its velocity), found by least median of squares
     trend: tuple[FloatArray, ...]
-    unit: FloatArray
+    unit: FloatArray  # (g,) robust spread of what the trend leaves, m and rad: the field's unit
+    # (m, d) and (m, g w) samples that the field is conditioned on
     inputs: FloatArray
     outputs: FloatArray
-    kernel: WithLinear
-    noise: float
-    scale: FloatArray
+    kernel: WithLinear  # covariance of the field
+    noise: float  # variance that position and velocity do not explain (noise, play), over that of the field
+    scale: FloatArray  # (g,) robust standard deviation of a component about the field, as a multiple of the field's own
+    # (2, r - 1) each: for each group, least and largest position and velocity that the trend is followed to: a training
+    # range beyond the training. The slope of a joint that hardly moved is noise, and far away that noise is metres.
+    # Empty in older files, whose trend has no end.
     reach: tuple[FloatArray, ...] = ()
 
     def residual(self, samples: Samples) -> Residual:
@@ -210,8 +184,7 @@ class _Data:
     def lengths(self, mean: FloatArray, deviation: FloatArray | float) -> FloatArray:
         """Lengths (n, g) of what a mean leaves, over the deviation (n,)."""
         left = (self.Y - mean).reshape(len(mean), -1, self.width)
-        lengths: FloatArray = np.linalg.norm(left, axis=2) / np.broadcast_to(deviation, len(mean))[:, None]
-        return lengths
+        return np.asarray(np.linalg.norm(left, axis=2) / np.broadcast_to(deviation, len(mean))[:, None])
 
 
 def learn_smooth_model(
@@ -229,13 +202,12 @@ def learn_smooth_model(
     resolution = settings.resolution(samples.units)
     rows = np.flatnonzero(trusted)
     rows = rows[evenly_spaced(len(rows), settings.field_samples)]
-    planes = [
-        least_median_plane(samples.trend_inputs(group)[rows], samples.error[rows, group], rng)
-        for group in range(len(samples.units))
-    ]
-    trend = tuple(frozen_array(plane.model) for plane in planes)
-    reach = tuple(_reach(samples.trend_inputs(group)[rows]) for group in range(len(samples.units)))
-    unit = np.maximum([plane.scales[0] for plane in planes], resolution)
+    inputs = [samples.trend_inputs(group)[rows] for group in range(len(samples.units))]
+    planes = [least_median_plane(x, samples.error[rows, group], rng) for group, x in enumerate(inputs)]
+    trend = tuple(frozen_array(plane) for plane, _ in planes)
+    ends = [(np.min(x, axis=0), np.max(x, axis=0)) for x in inputs]
+    reach = tuple(frozen_array([2 * low - high, 2 * high - low]) for low, high in ends)
+    unit = np.maximum([scales[0] for _, scales in planes], resolution)
     scaling = InputScaling.learn(samples, settings)
     X, n_place = scaling.transform(samples)
     left = _scaled(samples, trend, reach, unit)
@@ -269,12 +241,6 @@ def _less_field(left: FloatArray, rows: IntArray, mean: FloatArray) -> FloatArra
     return left - field
 
 
-def _reach(inputs: FloatArray) -> FloatArray:
-    """Return how far a trend of training inputs `(n, r)` is followed, `(2, r)`."""
-    low, high = inputs.min(axis=0), inputs.max(axis=0)
-    return frozen_array([2 * low - high, 2 * high - low])
-
-
 def _scaled(
     samples: Samples, trend: tuple[FloatArray, ...], reach: tuple[FloatArray, ...], unit: FloatArray
 ) -> FloatArray:
@@ -290,8 +256,7 @@ def _folds(samples: Samples) -> IntArray:
     """Fold (n,) of each sample: stretches of consecutive whole trajectories, or of time where there are few of them."""
     starts = np.concatenate([[0], np.cumsum(np.diff(samples.trajectory) != 0)])
     if starts[-1] + 1 >= FOLDS:
-        by_trajectory: IntArray = starts * FOLDS // (starts[-1] + 1)
-        return by_trajectory
+        return np.asarray(starts * FOLDS // (starts[-1] + 1))
     return np.arange(len(samples)) * FOLDS // len(samples)
 
 

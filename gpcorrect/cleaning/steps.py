@@ -18,7 +18,7 @@ from gpcorrect.cleaning.report import Reason
 from gpcorrect.cleaning.settings import CleaningSettings
 from gpcorrect.cleaning.signals import Samples
 from gpcorrect.cleaning.smooth import Residual
-from gpcorrect.robust import medians_of, robust_scale
+from gpcorrect.robust import robust_scale
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
 # The constants here were chosen by hand on the simulated recordings of bench/cleaning_faults.py.
@@ -37,21 +37,13 @@ class StepThresholds:
     `noise` plus `follow` times the commanded travel, and never by more than `cap`: an arm that sticks while commanded
     to move, or springs back, changes its error no faster than that; a marker that is lost, occluded or mistaken for
     another does.
-
-    Parameters
-    ----------
-    units : str, "P" or "R" for each of g groups
-    noise : (g,) array, largest step of the error that noise makes, m and rad
-    speeds : (g,) array, largest observed speed, m/s and rad/s
-    follow : float, times the commanded travel that the error may step besides
-    cap : (g,) array, largest difference of any two errors, m and rad
     """
 
-    units: str
-    noise: FloatArray
-    speeds: FloatArray
-    follow: float
-    cap: FloatArray
+    units: str  # "P" or "R" for each of g groups
+    noise: FloatArray  # (g,) largest step of the error that noise makes, m and rad
+    speeds: FloatArray  # (g,) largest observed speed, m/s and rad/s
+    follow: float  # times the commanded travel that the error may step besides
+    cap: FloatArray  # (g,) largest difference of any two errors, m and rad
 
     @classmethod
     def learn(cls, samples: Samples, residual: Residual, settings: CleaningSettings) -> Self:
@@ -91,21 +83,13 @@ class StepThresholds:
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Samples, how far they were commanded to travel, and what steps they can take.
+    """Samples, how far they were commanded to travel, and what steps they can take."""
 
-    Parameters
-    ----------
-    samples : Samples, n samples
-    error : (n, g, w) array, their error, or what a smooth model leaves of it, m and rad
-    thresholds : StepThresholds, limits on their steps
-    travel : (n, g) array
-        Commanded travel since the first sample, m and rad, at the largest speed of each sample's neighbourhood: what
-        an arm that follows late can have moved.
-    """
-
-    samples: Samples
-    error: FloatArray
-    thresholds: StepThresholds
+    samples: Samples  # n samples
+    error: FloatArray  # (n, g, w) their error, or what a smooth model leaves of it, m and rad
+    thresholds: StepThresholds  # limits on their steps
+    # (n, g) commanded travel since the first sample, m and rad, at the largest speed of each sample's neighbourhood:
+    # what an arm that follows late can have moved
     travel: FloatArray
 
     @classmethod
@@ -162,24 +146,16 @@ def _commanded_speeds(samples: Samples) -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """m stretches of samples without an impossible step.
+    """m stretches of samples without an impossible step."""
 
-    Parameters
-    ----------
-    label : (n,) int array, piece that each sample belongs to
-    first, last : (m,) int arrays, first and last sample of each piece
-    run : (m,) int array, run that each piece lies in
-    ratio : (m,) array
-        Step into the piece from the sample before, as a multiple of the largest possible; 0 at the start of a run.
-    cause : (m,) int array, which limit that step breaks
-    """
-
-    label: IntArray
+    label: IntArray  # (n,) piece that each sample belongs to
+    # (m,) each: first and last sample of each piece
     first: IntArray
     last: IntArray
-    run: IntArray
+    run: IntArray  # (m,) run that each piece lies in
+    # (m,) step into the piece from the sample before, as a multiple of the largest possible; 0 at the start of a run
     ratio: FloatArray
-    cause: IntArray
+    cause: IntArray  # (m,) which limit that step breaks
 
     def __len__(self) -> int:
         return len(self.first)
@@ -188,15 +164,6 @@ class Pieces:
     def counts(self) -> IntArray:
         """(m,) samples in each piece."""
         return self.last - self.first + 1
-
-    def medians(self, values: FloatArray) -> FloatArray:
-        """Return the median (m,) of the values (n,) of each piece's samples.
-
-        Parameters
-        ----------
-        values : (n,) array, A value a sample
-        """
-        return medians_of(values, self.label)
 
 
 def split_pieces(path: Path) -> Pieces:
@@ -276,13 +243,7 @@ def best_chain(
     return np.array(chain[::-1])
 
 
-def excursions(
-    pieces: Pieces,
-    candidates: BoolArray,
-    path: Path,
-    residual: FloatArray,
-    occlusion: float,
-) -> BoolArray:
+def excursions(pieces: Pieces, candidates: BoolArray, path: Path, residual: FloatArray, occlusion: float) -> BoolArray:
     """Return the mask (m,) of pieces that lie between two impossible steps which cancel, found shortest first.
 
     Two independent steps do not cancel in three or six numbers; a marker that is lost and found again does that.

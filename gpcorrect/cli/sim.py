@@ -65,7 +65,7 @@ def simulate(
     gpcorrect simulate joints --machine robot.xml --effect "backlash joint=2 radius=0.004" --noise 1e-4
     """
     from gpcorrect.logs import require_writable, write_log
-    from gpcorrect.logs.sidecar import read_sidecar
+    from gpcorrect.logs.native import read_sidecar
     from gpcorrect.sim import SIMULATED, debridement_log, joint_motion_log, random_reaches_log
 
     require_writable(output)

@@ -15,7 +15,7 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError
-from gpcorrect.types import BoolArray, FloatArray, frozen_array
+from gpcorrect.types import FloatArray, frozen_array
 
 RotationKind = Literal["none", "rotvec", "columns", "euler"]
 
@@ -125,7 +125,7 @@ class FeatureMap:
                 kind = "rotvec" if se3.angle(finite @ R_mean.T).max() <= WIDEST_ROTVEC else "columns"
             known = replace(self, rotation=kind, R_mean=R_mean, spread=np.empty(0))
         raw = known._raw(positions, rotations, twists)
-        raw = raw[known.usable(raw)]
+        raw = raw[np.isfinite(raw).all(axis=1)]
         if len(raw) < 2:
             raise DataError(
                 f"features need at least two complete samples, got {len(raw)}.", hint="Look for gaps in the recording."
@@ -139,7 +139,7 @@ class FeatureMap:
     def transform(
         self, positions: FloatArray, rotations: FloatArray | None, twists: FloatArray | None = None
     ) -> FloatArray:
-        """Return features `(n, d)`, NaN in rows that are not :meth:`usable`; without twists the poses are at rest.
+        """Return features `(n, d)`, NaN where a number is missing; without twists the poses are at rest.
 
         Parameters
         ----------
@@ -162,16 +162,6 @@ class FeatureMap:
         pose = len(self.groups[0])
         rotations = _rotations_from_features(raw[:, 3:pose], self.rotation, self.R_mean)
         return raw[:, :3], rotations, raw[:, pose:] if self.uses_velocity else None
-
-    @staticmethod
-    def usable(features: FloatArray) -> BoolArray:
-        """Mask `(n,)` of rows with every number present: a run of one sample has no velocity.
-
-        Parameters
-        ----------
-        features : (n, d) array, from :meth:`transform`
-        """
-        return np.asarray(np.isfinite(features).all(axis=1))
 
     def _raw(self, positions: FloatArray, rotations: FloatArray | None, twists: FloatArray | None) -> FloatArray:
         parts = [positions]

@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
+from scipy.special import stdtrit
 
 from gpcorrect.errors import DataError
 from gpcorrect.gpr.statistics import Statistics
@@ -120,20 +121,26 @@ def _factor(scores: FloatArray, labels: IntArray) -> float:
     scores, labels = scores[order], labels[order]
     weights = 1.0 / counts[labels]
     folds = labels % min(FOLDS, len(counts))
-    parts = (
-        [
-            (_Quantiles.of(scores[out], weights[out]), _Quantiles.of(scores[~out], weights[~out]))
-            for out in (folds == fold for fold in range(int(folds.max()) + 1))
-        ]
-        if len(counts) > 1
-        else []
-    )
+    left_out = [folds == fold for fold in range(int(folds.max()) + 1)] if len(counts) > 1 else []
+    # Sorted scores, and the weight of all up to each: of a fold, and of the others.
+    parts = [((scores[out], np.cumsum(weights[out])), (scores[~out], np.cumsum(weights[~out]))) for out in left_out]
     low, high = LEVEL, 1.0
     for _ in range(STEPS if parts else 0):
         middle = 0.5 * (low + high)
-        covered = sum(own.weight_within(others.at(middle)) for own, others in parts) / float(weights.sum())
+        covered = sum(_weight_within(*own, _quantile(*others, middle)) for own, others in parts) / float(weights.sum())
         low, high = (low, middle) if covered >= LEVEL else (middle, high)
-    return _Quantiles.of(scores, weights).at(low)
+    return _quantile(scores, np.cumsum(weights), low)
+
+
+def _quantile(scores: FloatArray, weight: FloatArray, level: float) -> float:
+    """Smallest of sorted scores that has at least `level` of the weight at or below it."""
+    return float(scores[min(int(np.searchsorted(weight / weight[-1], level)), len(scores) - 1)])
+
+
+def _weight_within(scores: FloatArray, weight: FloatArray, limit: float) -> float:
+    """Weight of the sorted scores at or below a limit."""
+    count = int(np.searchsorted(scores, limit, side="right"))
+    return float(weight[count - 1]) if count else 0.0
 
 
 def _needed_by_parts(scores: FloatArray, parts: IntArray) -> FloatArray:
@@ -141,37 +148,12 @@ def _needed_by_parts(scores: FloatArray, parts: IntArray) -> FloatArray:
 
     What parts needed is taken for draws from a log-normal distribution, of which the next is predicted by Student's t.
     """
-    from scipy.stats import t as student
-
     needed = np.array([np.quantile(scores[parts == part], LEVEL, axis=0) for part in np.unique(parts)])
     if (count := len(needed)) < 2:
         return np.zeros(scores.shape[1])
     logs = np.log(np.maximum(needed, LEAST_NEEDED * needed.max(axis=0) + np.finfo(float).tiny))
-    beyond = float(student.ppf(PARTS_COVERED, count - 1)) * np.sqrt(1 + 1 / count)
-    factor: FloatArray = np.exp(logs.mean(axis=0) + beyond * logs.std(axis=0, ddof=1))
-    return factor
-
-
-@dataclass(frozen=True, eq=False)
-class _Quantiles:
-    """Scores `(n,)`, sorted, and the weight of all up to each `(n,)`."""
-
-    scores: FloatArray
-    weight: FloatArray
-
-    @classmethod
-    def of(cls, scores: FloatArray, weights: FloatArray) -> Self:
-        return cls(scores, np.cumsum(weights))
-
-    def at(self, level: float) -> float:
-        """Smallest score that has at least `level` of the weight at or below it."""
-        share = self.weight / self.weight[-1]
-        return float(self.scores[min(int(np.searchsorted(share, level)), len(share) - 1)])
-
-    def weight_within(self, limit: float) -> float:
-        """Weight of the scores at or below a limit."""
-        count = int(np.searchsorted(self.scores, limit, side="right"))
-        return float(self.weight[count - 1]) if count else 0.0
+    beyond = float(stdtrit(count - 1, PARTS_COVERED)) * np.sqrt(1 + 1 / count)
+    return np.asarray(np.exp(logs.mean(axis=0) + beyond * logs.std(axis=0, ddof=1)))
 
 
 INFLATIONS = (1.0, 3.0, 10.0, 30.0)

@@ -5,7 +5,7 @@ component that does not see a feature has an infinite length scale there. With g
 part of the error depends on pose alone, part on velocity alone, the rest on both together (additive Gaussian
 processes: Duvenaud et al. 2011). One component is the usual kernel with automatic relevance determination.
 
-A new kernel is a class here that states f and its slope, a line in `KERNELS`, and a branch of `compiled.py`.
+A new kernel is a class here that states f and its slope, a line in `KERNELS`, and a branch of `predictor.py`.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Kernel(ABC):
     length_scales: FloatArray
 
     name: ClassVar[str]  # in settings and model files
-    code: ClassVar[float]  # in compiled.py
+    code: ClassVar[float]  # in predictor.py
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "weights", frozen_array(self.weights))

@@ -29,25 +29,16 @@ FLAT = 1e-12  # a column whose spread is this small beside its values is constan
 
 @dataclass(frozen=True, eq=False)
 class Hyperparameters:
-    """What the marginal likelihood decides, in units of inputs and outputs of unit spread.
+    """What the marginal likelihood decides, in units of inputs and outputs of unit spread."""
 
-    Parameters
-    ----------
-    kernel : Kernel, correlation over inputs, shared by the outputs
-    signal, noise : (m,) arrays, variances
-    correlated_share : (m,) array, share of the noise that neighbouring samples have in common
-    correlation_time : float, how long they have it in common, s
-    objective : float, negative log posterior up to a constant, of the best search
-    theta : (p,) array
-        The same as the search saw it, :class:`gpcorrect.gpr.likelihood.Layout`: where another search may start.
-    """
-
-    kernel: Kernel
+    kernel: Kernel  # correlation over inputs, shared by the outputs
+    # (m,) each: variances
     signal: FloatArray
     noise: FloatArray
-    correlated_share: FloatArray
-    correlation_time: float
-    objective: float
+    correlated_share: FloatArray  # (m,) share of the noise that neighbouring samples have in common
+    correlation_time: float  # how long they have it in common, s
+    objective: float  # negative log posterior up to a constant, of the best search
+    # (p,) the same as the search saw it, :class:`gpcorrect.gpr.likelihood.Layout`: where another search may start
     theta: FloatArray
 
     def __post_init__(self) -> None:
@@ -85,17 +76,10 @@ class Scaling:
 
 @dataclass(frozen=True, eq=False)
 class Learned:
-    """What was learned of one group of outputs before the posterior: their kernel, variances and units.
+    """What was learned of one group of outputs before the posterior: their kernel, variances and units."""
 
-    Parameters
-    ----------
-    columns : slice, the group's outputs
-    scaling : Scaling, units in which the hyperparameters are
-    hyperparameters : Hyperparameters
-    """
-
-    columns: slice
-    scaling: Scaling
+    columns: slice  # the group's outputs
+    scaling: Scaling  # units in which the hyperparameters are
     hyperparameters: Hyperparameters
 
     @property

@@ -32,39 +32,23 @@ TINY = 1e-12  # a constant output has no signal, and log(0) must not be taken
 
 @dataclass(frozen=True, eq=False)
 class _NoiseModel:
-    """Noise of each output relative to its signal.
+    """Noise of each output relative to its signal."""
 
-    Parameters
-    ----------
-    ratio : (m,) array, noise variance over signal variance
-    share : (m,) array, share of the noise that is correlated in time, 0 to 1
-    time : float, correlation time, s
-    """
-
-    ratio: FloatArray
-    share: FloatArray
-    time: float
+    ratio: FloatArray  # (m,) noise variance over signal variance
+    share: FloatArray  # (m,) share of the noise that is correlated in time, 0 to 1
+    time: float  # correlation time, s
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Order of the parameters: log scales, log odds of the weights, log noise ratios, log odds of shares, log time.
+    """Order of the parameters: log scales, log odds of the weights, log noise ratios, log odds of shares, log time."""
 
-    Parameters
-    ----------
-    masks : (c, d) bool array, which features each component sees
-    outputs : int, number of outputs m
-    correlated : bool, whether part of the noise is correlated; without it there are no shares and no time
-    time_range : (float, float) or None
-        Shortest and longest correlation time, s; None when samples of a trajectory carry no times.
-    kind : type of Kernel, which kernel the scales and weights belong to
-    """
-
-    masks: BoolArray
-    outputs: int
-    correlated: bool = False
+    masks: BoolArray  # (c, d) which features each component sees
+    outputs: int  # number of outputs m
+    correlated: bool = False  # whether part of the noise is correlated; without it there are no shares and no time
+    # (float, float) shortest and longest correlation time, s; None when samples of a trajectory carry no times
     time_range: tuple[float, float] | None = None
-    kind: type[Kernel] = AdditiveRBF
+    kind: type[Kernel] = AdditiveRBF  # which the scales and weights belong to
 
     @property
     def sizes(self) -> tuple[int, int, int, int, int]:
@@ -170,18 +154,11 @@ class Lags(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LearningData:
-    """What the likelihood is taken of.
+    """What the likelihood is taken of."""
 
-    Parameters
-    ----------
-    X : (n, d) array, inputs of unit spread
-    Y : (n, m) array, centred outputs of unit spread
-    lags : Lags, between samples of one trajectory; none for white noise
-    """
-
-    X: FloatArray
-    Y: FloatArray
-    lags: Lags
+    X: FloatArray  # (n, d) inputs of unit spread
+    Y: FloatArray  # (n, m) centred outputs of unit spread
+    lags: Lags  # between samples of one trajectory; none for white noise
 
 
 def sample_lags(groups: IntArray | None, times: FloatArray | None) -> Lags:

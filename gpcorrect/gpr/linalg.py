@@ -109,8 +109,7 @@ def conditioned_mean(
         As for :func:`conditioned`.
     """
     lower, _ = cholesky(kernel(X, X) + noise * np.eye(len(X)))
-    mean: FloatArray = kernel(at, X) @ cho_solve((lower, True), Y)
-    return mean
+    return np.asarray(kernel(at, X) @ cho_solve((lower, True), Y))
 
 
 def conditioned_on_others(

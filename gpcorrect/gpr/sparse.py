@@ -171,7 +171,7 @@ class SparseGPR(GaussianProcess):
         self, learned: Learned, X: FloatArray, Y: FloatArray, rng: np.random.Generator, progress: Progress
     ) -> SharedPredictor:
         kernel = learned.kernel
-        basis = self._inducing_points(kernel, X, rng)
+        basis = choose_inducing(kernel, X, self.n_inducing, rng)
         L, jitter = cholesky(kernel(basis, basis))
         points = Points(kernel, basis, L, learned.scaling.y_centre, learned.signal, learned.noise)
         inflation = 1.0 if self.inflation is None else self.inflation[len(self.statistics_)]
@@ -194,9 +194,6 @@ class SparseGPR(GaussianProcess):
         )
         whole = reduce(Statistics.plus, found)
         return replace(whole, Vy=whole.Vy[:, : Y.shape[1]])
-
-    def _inducing_points(self, kernel: Kernel, X: FloatArray, rng: np.random.Generator) -> FloatArray:
-        return choose_inducing(kernel, X, self.n_inducing, rng)
 
 
 def choose_inducing(kernel: Kernel, X: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:

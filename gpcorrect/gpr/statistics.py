@@ -96,8 +96,7 @@ class Statistics:
             solved[:, o] = cho_solve(
                 cho_factor(system, lower=True, overwrite_a=True, check_finite=False), self.Vy[:, o]
             )
-        weights: FloatArray = solve_triangular(L, solved, lower=True, trans="T", check_finite=False)
-        return weights
+        return np.asarray(solve_triangular(L, solved, lower=True, trans="T", check_finite=False))
 
     def variance_factors(self, L: FloatArray, ratio: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
         """Projection `(r, count)` and explained shares `(m, r)` of the variance that the first `count` points give.
@@ -119,21 +118,13 @@ class Statistics:
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """M inducing points of outputs that share a kernel.
+    """M inducing points of outputs that share a kernel."""
 
-    Parameters
-    ----------
-    kernel : Kernel, in the units of the inputs
-    basis : (M, d) array
-    L : (M, M) array, Cholesky factor of their correlations
-    offset : (m,) array, mean far from all data
-    signal, noise : (m,) arrays, prior and noise variances
-    """
-
-    kernel: Kernel
-    basis: FloatArray
-    L: FloatArray
-    offset: FloatArray
+    kernel: Kernel  # in the units of the inputs
+    basis: FloatArray  # (M, d)
+    L: FloatArray  # (M, M) Cholesky factor of their correlations
+    offset: FloatArray  # (m,) mean far from all data
+    # (m,) each: prior and noise variances
     signal: FloatArray
     noise: FloatArray
 

@@ -8,11 +8,11 @@ from gpcorrect.lazy import imported_on_demand
 
 if TYPE_CHECKING:
     from gpcorrect.logs.join import join_logs, with_tracker
+    from gpcorrect.logs.native import require_writable, write_log
     from gpcorrect.logs.reader import read_log
     from gpcorrect.logs.streams import Stream, combine, interpolate
     from gpcorrect.logs.sync import Clocks, TimeOffset, align, log_offset, match_clocks
     from gpcorrect.logs.validate import ValidationReport, refuse_misread, validate_log
-    from gpcorrect.logs.writer import require_writable, write_log
 
 __all__ = [
     "Clocks",
@@ -41,6 +41,6 @@ __getattr__ = imported_on_demand(
         "streams": "Stream combine interpolate",
         "sync": "Clocks TimeOffset align log_offset match_clocks",
         "validate": "ValidationReport refuse_misread validate_log",
-        "writer": "require_writable write_log",
+        "native": "require_writable write_log",
     },
 )

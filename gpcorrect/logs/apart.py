@@ -33,14 +33,10 @@ T = TypeVar("T")
 Order = tuple[bytes, tuple[str, ...], str, int, int]
 """What is read, the libraries for it, the file for the answer, and the seconds and bytes that it may take."""
 
-PATIENCE = 8.0
-"""s of processor time for a small file, start included; a sound one takes less than one."""
-PACE = 1e5
-"""bytes/s beyond that; chosen by hand, for compressed bags, whose messages are unpacked one by one."""
-WAITING = 20.0
-"""Times the processor time that reading may take on a machine that has other work too."""
-MEMORY = 1 << 30
-"""bytes for a small file; the libraries themselves take 0.2 GB."""
+PATIENCE = 8.0  # s of processor time for a small file, start included; a sound one takes less than one
+PACE = 1e5  # bytes/s beyond that; chosen by hand, for compressed bags, whose messages are unpacked one by one
+WAITING = 20.0  # times the processor time that reading may take on a machine that has other work too
+MEMORY = 1 << 30  # bytes for a small file; the libraries themselves take 0.2 GB
 EXPANSION = 100
 """bytes of memory for each byte of the file beyond that; chosen by hand: packed 10:1, then 10 times as numbers."""
 # For files that may have been damaged on their way.
@@ -96,8 +92,7 @@ def parse_apart(
     ----------
     kind : type, what `read` returns: a dataclass that :func:`gpcorrect.codec.pack` takes apart
     title, read, path, settings : as for :func:`parse`; `read` can be pickled
-    libraries : sequence of str
-        Modules that the reader needs, loaded once; one that is not installed is left out.
+    libraries : sequence of str, modules that the reader needs, loaded once; one that is not installed is left out
     """
     parts = path.rglob("*") if path.is_dir() else [path]
     size = sum(part.stat().st_size for part in parts)

@@ -15,8 +15,7 @@ from gpcorrect.errors import LogError
 from gpcorrect.logs.order import Disorder
 from gpcorrect.logs.orientation import CONVERTERS
 
-DEFAULT_MAX_BYTES = 2 * 1024**3
-"""Largest table that is read into memory unless the caller allows more."""
+DEFAULT_MAX_BYTES = 2 * 1024**3  # largest table that is read into memory unless the caller allows more
 
 Column = StrictStr | Annotated[StrictInt, Field(ge=0)]
 """A column by its name, or by its number counted from zero."""

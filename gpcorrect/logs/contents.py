@@ -15,8 +15,7 @@ import numpy as np
 from gpcorrect.errors import LogError
 from gpcorrect.logs import rosbag
 from gpcorrect.logs.columns import BagOptions, ColumnMap, ReadSettings
-from gpcorrect.logs.mocap.take import Take
-from gpcorrect.logs.mocap.tool import bodies_of
+from gpcorrect.logs.mocap.take import Take, bodies_of
 from gpcorrect.logs.reader import Format, naming, parsed
 from gpcorrect.logs.table import signal_columns
 from gpcorrect.logs.topics import JOINT_TYPES, POSE_TYPES, choose_topics

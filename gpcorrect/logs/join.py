@@ -13,7 +13,7 @@ import numpy as np
 from gpcorrect.errors import LogError
 from gpcorrect.logs.copies import LEAST, marks_of
 from gpcorrect.logs.streams import Stream, interpolate
-from gpcorrect.logs.sync import TimeOffset, stream_offset
+from gpcorrect.logs.sync import REFERENCES, TimeOffset, stream_offset
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
 
 SAME_MACHINE = ("robot", "arm", "joint_types")
@@ -21,7 +21,6 @@ SAME_MACHINE = ("robot", "arm", "joint_types")
 IN_BOTH = 0.05  # of the stretches of the shorter of two recordings, from which they hold the same samples
 SAME_MOTION = 0.9  # of the spread that one motion must explain of the other
 IN_COMMON = 0.5  # of the shorter recording: both are of one session
-REFERENCES = ("measured_cp", "setpoint_cp")  # what the robot reports comes first: a servo's lag is then left to be seen
 
 
 def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "keep"] = "renumber") -> CalibrationLog:
@@ -140,10 +139,8 @@ def with_tracker(robot: CalibrationLog, take: CalibrationLog, ahead: float | Non
 
     Parameters
     ----------
-    robot : CalibrationLog
-        Without a tracker; its clock runs through all trajectories.
-    take : CalibrationLog
-        With `tracker_cp`.
+    robot : CalibrationLog, without a tracker; its clock runs through all trajectories
+    take : CalibrationLog, with `tracker_cp`
     ahead : float, optional
         Seconds by which the take's stamps run ahead of the robot's. Found from the motion when not given, wherever the
         two clocks begin; a lag of the robot behind its command is part of what is found where the robot reports no
@@ -197,7 +194,7 @@ def _shift(robot: CalibrationLog, seen: Stream, ahead: float | None) -> tuple[Fl
     """Seconds to add to the robot's stamps, and where they come from."""
     if ahead is not None:
         return ahead, f"the tracker's clock runs {ahead:g} s ahead, as was given."
-    name = next((n for n in REFERENCES if n in robot.signals), None)
+    name = next((n for n in REFERENCES["tracker_cp"] if n in robot.signals), None)
     if name is None:
         raise LogError("the robot's recording has no pose to match clocks by.", hint=_HINT, path=robot.name)
     # Every shift at which the two recordings overlap is tried.

@@ -1,4 +1,10 @@
-"""ROS messages to streams: poses and joint states, header stamps and receive times."""
+"""ROS messages to streams: poses, joint states and RAVEN-II states, header stamps and receive times.
+
+RAVEN-II state messages, as published by the public `raven2` control software, hold both arms, in micrometres and
+degrees, and several traps: poses are stored by mechanism, joints by arm (left first), eight a side with an unused
+fourth. All joints, the insertion too, are multiplied by 180/pi. `tau` is what the controller asks of the motors. While
+the pedal is up the desired pose is a copy of the measured one.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +16,9 @@ from typing import Any, Literal
 import numpy as np
 
 from gpcorrect.errors import LogError
-from gpcorrect.logs.orientation import unit_quaternions
+from gpcorrect.logs.orientation import CONVERTERS, unit_quaternions
 from gpcorrect.logs.streams import Stream
-from gpcorrect.types import FloatArray, IntArray, PoseSignal
+from gpcorrect.types import FloatArray, IntArray, LogMeta, PoseSignal
 
 NO_ROTATION = (math.nan,) * 4  # of a point
 
@@ -53,8 +59,7 @@ def pose_row(message: Any) -> tuple[float, ...]:
 
     Parameters
     ----------
-    message : object
-        Pose, PoseStamped, PoseWithCovarianceStamped, Odometry, TransformStamped or PointStamped.
+    message : object, Pose, PoseStamped, PoseWithCovarianceStamped, Odometry, TransformStamped or PointStamped
     """
     if hasattr(message, "point"):
         return message.point.x, message.point.y, message.point.z, *NO_ROTATION
@@ -67,13 +72,24 @@ def pose_row(message: Any) -> tuple[float, ...]:
     return p.x, p.y, p.z, q.w, q.x, q.y, q.z
 
 
-def array_row(place: int | None) -> Callable[[Any], tuple[float, ...]]:
-    """Make a function that takes one pose out of a PoseArray; NaN where the array is too short.
+def extractor(kind: str, msgtype: str, place: int | None) -> Callable[[Any], Any]:
+    """Return what takes out of a message what is needed of it.
 
     Parameters
     ----------
-    place : int or None, which one, counted from 0; None for the only one
+    kind : str, signal of a pose, CRTK name of a joint state, such as "measured_js", or "raven_state"
+    msgtype : str, type of message
+    place : int or None, which pose of an array, counted from 0; None for the only one
     """
+    if kind == "raven_state":
+        return _raven_row
+    if kind.endswith("_js"):
+        return lambda message: (tuple(message.name), message.position, message.velocity, message.effort)
+    return _array_row(place) if msgtype.endswith("/PoseArray") else pose_row
+
+
+def _array_row(place: int | None) -> Callable[[Any], tuple[float, ...]]:
+    """Make a function that takes one pose out of a PoseArray; NaN where the array is too short."""
 
     def _row(message: Any) -> tuple[float, ...]:
         count, k = len(message.poses), place or 0
@@ -82,16 +98,6 @@ def array_row(place: int | None) -> Callable[[Any], tuple[float, ...]]:
         return pose_row(message.poses[k]) if k < count else (math.nan,) * 3 + NO_ROTATION
 
     return _row
-
-
-def joint_row(message: Any) -> tuple[tuple[str, ...], FloatArray, FloatArray, FloatArray]:
-    """Names, positions, velocities and efforts of a message.
-
-    Parameters
-    ----------
-    message : object, JointState
-    """
-    return tuple(message.name), message.position, message.velocity, message.effort
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,14 +131,25 @@ class Times:
         return cls((stamp[rows] - origin) / 1e9, rows, remarks)
 
 
-def pose_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Stream], list[str]]:
-    """Stream of poses; a quaternion that is none becomes missing, and a remark says how many.
+def streams_of(
+    kind: str, recorded: Recorded, times: Times, arm: Arm | None
+) -> tuple[list[Stream], list[str], LogMeta | None]:
+    """Streams of the messages of a topic, remarks, and what they say of the robot.
 
     Parameters
     ----------
-    name : str
+    kind : str, see :func:`extractor`
     recorded, times : messages of a topic, and when they were taken
+    arm : {"left", "right"}, optional, which arm of RAVEN-II states; the only one there when not given
     """
+    if kind == "raven_state":
+        return _raven_streams(recorded, times, arm)
+    streams, remarks = (_joint_streams if kind.endswith("_js") else _pose_streams)(kind, recorded, times)
+    return streams, remarks, None
+
+
+def _pose_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Stream], list[str]]:
+    """Stream of poses; a quaternion that is none becomes missing, and a remark says how many."""
     table = np.array(recorded.rows, dtype=np.float64)[times.rows]
     quaternion = unit_quaternions(table[:, 3:])
     bad = int((np.isfinite(table[:, 3:]).all(axis=1) & np.isnan(quaternion).any(axis=1)).sum())
@@ -173,14 +190,8 @@ def _moved(row: tuple[Any, ...], names: tuple[str, ...], order: tuple[str, ...])
     return (order, *(part[places] if len(part) == len(names) else part for part in row[1:]))
 
 
-def joint_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Stream], list[str]]:
-    """Streams of joint positions, and of measured velocities and efforts where they were published; and remarks.
-
-    Parameters
-    ----------
-    name : str, CRTK name of the topic, such as "measured_js"
-    recorded, times : messages of a topic, and when they were taken
-    """
+def _joint_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Stream], list[str]]:
+    """Streams of joint positions, and of measured velocities and efforts where they were published; and remarks."""
     if len({row[0] for row in recorded.rows}) > 1:
         raise LogError(f"the joints of {recorded.topic} change from message to message.")
     names = JOINT_SIGNALS[name]
@@ -193,3 +204,139 @@ def joint_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Str
             values = np.array([recorded.rows[i][k] for i in times.rows], dtype=np.float64)
             streams.append(Stream(signal, times.stamp, values, recorded.topic))
     return streams, remarks
+
+
+RAVEN_STATE_TYPE = "raven_2/msg/raven_state"  # of the public software
+RAVEN_STATE_DEFINITION = """\
+std_msgs/Header hdr
+int32 runlevel
+int32 sublevel
+int32 last_seq
+int32[2] type
+int32[6] pos
+float32[18] ori
+float32[18] ori_d
+int32[6] pos_d
+builtin_interfaces/Duration dt
+int32[16] encVals
+int32[16] dac_val
+float32[16] tau
+float32[16] mpos
+float32[16] jpos
+float32[16] mvel
+float32[16] jvel
+float32[16] mpos_d
+float32[16] jpos_d
+float32[2] grasp_d
+float32[16] encoffsets
+float32[12] jac_vel
+float32[12] jac_f
+"""
+"""For recordings that do not carry the definition themselves."""
+
+Arm = Literal["left", "right"]
+
+ARMS: tuple[Arm, Arm] = ("left", "right")
+SERIALS: Mapping[Arm, int] = {"left": 24, "right": 10}  # gold and green arm in the public software
+FIELDS = {
+    "type": 2,
+    "runlevel": 1,
+    "pos": 6,
+    "ori": 18,
+    "pos_d": 6,
+    "ori_d": 18,
+    "tau": 16,
+    "jpos": 16,
+    "jvel": 16,
+    "jpos_d": 16,
+}
+PEDAL_DOWN = 3  # runlevel of the public software
+MICROMETRE = 1e-6  # m
+INSERTION = 2  # place of the prismatic joint
+LONGEST_INSERTION = 100.0  # 1.7 m times 180/pi: what is beyond it can only be millimetres
+
+
+def _raven_row(message: Any) -> FloatArray:
+    """Take the numbers of a raven_state message that are used, one after the other."""
+    missing = [name for name in FIELDS if not hasattr(message, name)]
+    if missing:
+        raise LogError(f"the raven_state message lacks {', '.join(missing)}.")
+    return np.concatenate([np.atleast_1d(getattr(message, name)) for name in FIELDS]).astype(np.float64)
+
+
+def _raven_streams(recorded: Recorded, times: Times, arm: Arm | None) -> tuple[list[Stream], list[str], LogMeta]:
+    """Streams of one arm: commanded and reported pose and joints, joint velocities, desired motor torques; and remarks.
+
+    The sixth joint is the wrist's yaw, half the difference of the two jaws, as in the software's kinematics.
+    """
+    ends = np.cumsum(list(FIELDS.values()))
+    state = dict(zip(FIELDS, np.split(np.stack(recorded.rows)[times.rows], ends[:-1], axis=1), strict=True))
+    side, remarks = _choose_arm(state, arm)
+    mechanism, found = _mechanism(state["type"], side)
+    measured, setpoint, copies = _poses(state, mechanism)
+    remarks = [f"read the {side} arm.", *remarks, *found, *copies]
+    scale = np.full(6, np.pi / 180)
+    if np.median(np.abs(_side(state["jpos"], side)[:, INSERTION])) > LONGEST_INSERTION:
+        scale[INSERTION] = 1e-3
+        remarks.append("the insertion was taken to be in millimetres.")
+    remarks.append("measured_jf holds the motor torques that the controller asked for (N m), not measured ones.")
+    signals: dict[str, PoseSignal | FloatArray] = {
+        "measured_cp": measured,
+        "setpoint_cp": setpoint,
+        "measured_jp": _six(state["jpos"], side, 0.5) * scale,
+        "setpoint_jp": _six(state["jpos_d"], side, 0.5) * scale,
+        "measured_jv": _six(state["jvel"], side, 0.5) * scale,
+        "measured_jf": _six(state["tau"], side, 1.0),
+    }
+    seen = {name: v for name, v in signals.items() if not isinstance(v, PoseSignal) or v.finite.any()}
+    streams = [Stream(name, times.stamp, v, recorded.topic) for name, v in seen.items()]
+    return streams, remarks, LogMeta(robot="RAVEN-II", arm=f"raven2_{side}", joint_types="RRPRRR")
+
+
+def _side(values: FloatArray, arm: Arm) -> FloatArray:
+    """Select the eight joints of an arm."""
+    start = 8 * ARMS.index(arm)
+    return values[:, start : start + 8]
+
+
+def _six(values: FloatArray, arm: Arm, jaws: float) -> FloatArray:
+    """Shoulder, elbow, insertion, roll, wrist, and `jaws` times the second jaw less the first."""
+    eight = _side(values, arm)
+    return np.column_stack([eight[:, [0, 1, 2, 4, 5]], jaws * (eight[:, 7] - eight[:, 6])])
+
+
+def _choose_arm(state: Mapping[str, FloatArray], arm: Arm | None) -> tuple[Arm, list[str]]:
+    present = [a for a in ARMS if _side(state["jpos"], a).any()]
+    if arm is None and len(present) == 1:
+        return present[0], []
+    if arm is None:
+        found = "both arms" if present else "no arm that has a joint position"
+        raise LogError(f"the RAVEN-II state holds {found}.", hint="Choose arm 'left' or 'right'.")
+    return arm, [] if arm in present else [f"all joint positions of the {arm} arm are zero."]
+
+
+def _mechanism(types: FloatArray, arm: Arm) -> tuple[int, list[str]]:
+    """Place of an arm's pose: where its serial number is, or where the other arm's is not."""
+    serials = types[0].astype(int).tolist()
+    other = ARMS[1 - ARMS.index(arm)]
+    if SERIALS[arm] in serials:
+        return serials.index(SERIALS[arm]), []
+    if SERIALS[other] in serials:
+        return 1 - serials.index(SERIALS[other]), []
+    place = ARMS.index(arm)
+    return place, [f"the arms have unknown serial numbers {serials}; pose {place} was taken for the {arm} arm."]
+
+
+def _poses(state: Mapping[str, FloatArray], place: int) -> tuple[PoseSignal, PoseSignal, list[str]]:
+    """Measured and desired pose; with the pedal up, a desired pose equal to it is a copy, and so missing."""
+    at, turn = slice(3 * place, 3 * place + 3), slice(9 * place, 9 * place + 9)
+    position, desired = state["pos"][:, at], state["pos_d"][:, at]
+    same = (position == desired).all(axis=1) & (state["ori"][:, turn] == state["ori_d"][:, turn]).all(axis=1)
+    copied = same & (state["runlevel"][:, 0] != PEDAL_DOWN)
+    measured = PoseSignal(position * MICROMETRE, CONVERTERS["matrix"](state["ori"][:, turn]))
+    command = PoseSignal(
+        np.where(copied[:, None], np.nan, desired * MICROMETRE),
+        np.where(copied[:, None], np.nan, CONVERTERS["matrix"](state["ori_d"][:, turn])),
+    )
+    remark = f"{copied.sum()} of {len(copied)} desired poses are copies of the measured one (pedal up); missing."
+    return measured, command, [remark] if copied.any() else []

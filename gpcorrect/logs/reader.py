@@ -19,8 +19,8 @@ from gpcorrect.logs.apart import parse, parse_apart
 from gpcorrect.logs.columns import DEFAULT_MAX_BYTES, ColumnMap, ReadSettings, load_columns
 from gpcorrect.logs.mocap import motive, ndi, qualisys, trc, vicon
 from gpcorrect.logs.mocap.take import Take, log_of
+from gpcorrect.logs.native import read_sidecar, sidecar_path
 from gpcorrect.logs.order import Disorder, check_order
-from gpcorrect.logs.sidecar import read_sidecar, sidecar_path
 from gpcorrect.types import CalibrationLog, LogMeta, PoseSignal
 
 T = TypeVar("T")
@@ -94,14 +94,10 @@ def read_log(
         or the folder of a ROS 2 recording.
     columns : str or Path, optional
         Mapping file for a foreign table; its sections [bag] and [mocap] say more about those formats.
-    namespace : str, optional
-        Which arm of a recording of CRTK topics, such as "/PSM1".
-    tracker_topic : str, optional
-        Topic of the outside tracker's pose; "" for none.
-    arm : {"left", "right"}, optional
-        Which arm of a recording of RAVEN-II state messages.
-    max_bytes : int
-        Largest table to read into memory.
+    namespace : str, optional, which arm of a recording of CRTK topics, such as "/PSM1"
+    tracker_topic : str, optional, topic of the outside tracker's pose; "" for none
+    arm : {"left", "right"}, optional, which arm of a recording of RAVEN-II state messages
+    max_bytes : int, largest table to read into memory
     disorder : {"refuse", "drop", "keep"}
         What to do about time that does not increase inside a trajectory: raise, leave the samples out, or
         keep them, which is for looking at a recording only.
@@ -140,8 +136,7 @@ def parsed(kind: type[T], read: Callable[[Format, Path, ReadSettings], T], path:
     Parameters
     ----------
     kind : type, what `read` returns: a dataclass
-    read : callable
-        From format, path and settings to what is wanted of the recording; a function of a module.
+    read : callable, from format, path and settings to what is wanted of the recording; a function of a module
     path, settings : see :func:`read_log`
     """
     found = format_of(path)

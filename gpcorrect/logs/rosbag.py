@@ -1,30 +1,31 @@
-"""ROS 1 bags and ROS 2 recordings (db3, MCAP), through rosbags."""
+"""ROS 1 bags and ROS 2 recordings (db3, MCAP), through rosbags; and the tree of frames on /tf and /tf_static."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
+import numpy as np
+
+from gpcorrect import se3
 from gpcorrect.errors import GpCorrectError, LogError, MissingExtraError
 from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.logs.messages import (
+    RAVEN_STATE_DEFINITION,
+    RAVEN_STATE_TYPE,
     Recorded,
     Times,
-    array_row,
+    extractor,
     in_one_order,
-    joint_row,
-    joint_streams,
     pose_row,
-    pose_streams,
+    streams_of,
 )
-from gpcorrect.logs.raven2 import RAVEN_STATE_DEFINITION, RAVEN_STATE_TYPE, raven_row, raven_streams
-from gpcorrect.logs.streams import Stream, combine
-from gpcorrect.logs.tf import TF_TYPES, Tree, frames_of
-from gpcorrect.logs.topics import choose_topics, element_of
-from gpcorrect.types import CalibrationLog, LogMeta
+from gpcorrect.logs.streams import Stream, combine, interpolate
+from gpcorrect.logs.topics import TF_TYPES, choose_topics, element_of, frames_of
+from gpcorrect.types import CalibrationLog, FloatArray, LogMeta, PoseSignal
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -45,10 +46,8 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     remarks, streams, meta = [*remarks, *moved], list[Stream](), LogMeta()
     for kind, messages in recorded.items():
         times = Times.of(messages, origin, options.clock)
-        if kind == "raven_state":
-            found, said, meta = raven_streams(messages, times, options.arm)
-        else:
-            found, said = (joint_streams if kind.endswith("_js") else pose_streams)(kind, messages, times)
+        found, said, stated = streams_of(kind, messages, times, options.arm)
+        meta = stated or meta
         streams += found
         remarks += [*times.remarks, *said]
     log = combine(streams, options.base, options.max_gap, shifts=options.shifts, disorder=settings.disorder)
@@ -77,7 +76,7 @@ def topics_of(path: Path) -> tuple[list[Topic], dict[str, int]]:
         used = sorted((c for c in bag.connections if c.msgcount), key=lambda c: c.topic)
         rate = 1.0 / seconds if seconds > 0 else 0.0
         topics = [Topic(c.topic, c.msgtype, c.msgcount, (c.msgcount - 1) * rate) for c in used]
-        tree, transforms = Tree(), [c for c in used if c.msgtype in TF_TYPES]
+        tree, transforms = _Tree(), [c for c in used if c.msgtype in TF_TYPES]
         for connection, receive, raw in bag.messages(connections=transforms) if transforms else ():
             message = bag.deserialize(raw, connection.msgtype)
             tree.add(message, receive, static=connection.topic.endswith("tf_static"))
@@ -92,9 +91,9 @@ def _record(bag: AnyReader, topics: Mapping[str, str]) -> dict[str, Recorded]:
     for kind, source in topics.items():
         topic, place = element_of(source)
         if not frames_of(source):
-            kinds[kind] = Recorded(source, _extract(kind, types[topic], place))
+            kinds[kind] = Recorded(source, extractor(kind, types[topic], place))
             recorded.setdefault(topic, []).append(kinds[kind])
-    tree = Tree()
+    tree = _Tree()
     wanted = not topics or any(frames_of(source) for source in topics.values())
     connections = [c for c in bag.connections if c.topic in recorded or (wanted and c.msgtype in TF_TYPES)]
     for connection, receive, raw in bag.messages(connections=connections):
@@ -115,14 +114,6 @@ def _record(bag: AnyReader, topics: Mapping[str, str]) -> dict[str, Recorded]:
         if pair:
             kinds[kind] = tree.pose(*pair)
     return {kind: kinds[kind] for kind in kinds if kinds[kind].rows}
-
-
-def _extract(kind: str, msgtype: str, place: int | None) -> Callable[[Any], Any]:
-    if kind == "raven_state":
-        return raven_row
-    if kind.endswith("_js"):
-        return joint_row
-    return array_row(place) if msgtype.endswith("/PoseArray") else pose_row
 
 
 @contextmanager
@@ -155,3 +146,92 @@ def _check_length(database: Path) -> None:
     expected = (LARGEST_PAGE if page == 1 else page) * pages
     if database.stat().st_size < expected:
         raise LogError(f"{DAMAGED}: expected {expected} bytes, found {database.stat().st_size}.")
+
+
+@dataclass
+class _Tree:
+    """Transforms that ROS nodes publish on /tf and /tf_static, by child frame, as they are read."""
+
+    edges: dict[str, tuple[str, Recorded]] = field(default_factory=dict)  # parent and poses of each child
+    still: set[str] = field(default_factory=set)  # children whose transform was published as static
+    torn: dict[str, str] = field(default_factory=dict)  # children that were given another parent too, and which
+
+    def add(self, message: Any, receive: int, *, static: bool) -> None:
+        """Add the transforms of a TFMessage that was received so many ns since 1970, on /tf_static or not."""
+        for transform in message.transforms:
+            child = transform.child_frame_id.strip("/")
+            parent = transform.header.frame_id.strip("/")
+            if child not in self.edges:
+                self.edges[child] = (parent, Recorded(_source_name(parent, child), pose_row))
+            elif self.edges[child][0] != parent:
+                self.torn[child] = parent
+                continue
+            self.edges[child][1].add(transform, receive)
+            if static:
+                self.still.add(child)
+
+    def moving(self) -> list[str]:
+        """Pairs of neighbouring frames that move, named as a source."""
+        return [
+            _source_name(parent, child)
+            for child, (parent, recorded) in self.edges.items()
+            if child not in self.still and len(set(recorded.rows)) > 1
+        ]
+
+    def pose(self, parent: str, child: str) -> Recorded:
+        """Pose of one frame in another at the stamps of the moving transform between them that is published most."""
+        up, down = self._to_root(parent), self._to_root(child)
+        common = next((frame for frame in up if frame in down), None)
+        if common is None:
+            known = sorted({*self.edges, *(p for p, _ in self.edges.values())})
+            raise LogError(f"no transforms lead from {parent} to {child}.", hint=f"Frames here: {', '.join(known)}.")
+        up, down = up[: up.index(common)], down[: down.index(common)]
+        for frame in (*down, *up):
+            if frame in self.torn:
+                hint = "Two nodes publish it, or it was attached anew: record one of them, or name a pose's own topic."
+                raise LogError(f"{frame} has two parents, {self.edges[frame][0]} and {self.torn[frame]}.", hint=hint)
+        moving = [frame for frame in (*down, *up) if frame not in self.still]
+        if not moving:
+            hint = f"What moves: {', '.join(self.moving())}."
+            raise LogError(f"nothing moves between {parent} and {child}.", hint=hint)
+        lead = self.edges[max(moving, key=lambda frame: len(self.edges[frame][1].rows))][1]
+        found = Recorded(_source_name(parent, child), pose_row, list(lead.stamp), list(lead.receive), list(lead.rows))
+        if (up, down) != ([], [child]) or lead is not self.edges[child][1]:
+            found.rows = self._composed(up, down, np.array(lead.stamp))
+        return found
+
+    def _to_root(self, frame: str) -> list[str]:
+        """Return the frame and those above it."""
+        path = [frame]
+        while path[-1] in self.edges and self.edges[path[-1]][0] not in path:
+            path.append(self.edges[path[-1]][0])
+        return path
+
+    def _composed(self, up: list[str], down: list[str], stamp: Any) -> list[tuple[float, ...]]:
+        """Poses at these stamps, NaN where one of the transforms has a gap."""
+        below = above = np.broadcast_to(np.eye(4), (len(stamp), 4, 4))
+        for frame in reversed(down):
+            below = below @ self._at(frame, stamp)
+        for frame in reversed(up):
+            above = above @ self._at(frame, stamp)
+        T = se3.invert(above) @ below
+        rows = np.full((len(stamp), 7), np.nan)
+        seen = np.isfinite(T).all(axis=(1, 2))
+        rows[seen] = np.hstack(se3.to_parts(T[seen]))
+        return [tuple(row) for row in rows.tolist()]
+
+    def _at(self, frame: str, stamp: Any) -> FloatArray:
+        """Poses `(n, 4, 4)` of a frame in its parent; NaN in gaps."""
+        recorded = self.edges[frame][1]
+        rows = np.array(recorded.rows, dtype=np.float64)
+        if frame in self.still:
+            return np.broadcast_to(se3.from_parts(rows[-1, :3], rows[-1, 3:]), (len(stamp), 4, 4))
+        origin = int(stamp[0])
+        stream = Stream("tf", (np.array(recorded.stamp) - origin) / 1e9, PoseSignal.of(rows))
+        pose = cast(PoseSignal, interpolate(stream, (stamp - origin) / 1e9))
+        return se3.from_parts(pose.position, np.asarray(pose.quaternion))
+
+
+def _source_name(parent: str, child: str) -> str:
+    """Write a pair of frames as users name it, such as `/tf:base->tool`."""
+    return f"/tf:{parent.strip('/')}->{child.strip('/')}"

@@ -23,13 +23,10 @@ class Stream:
 
     Parameters
     ----------
-    name : str
-        The :class:`~gpcorrect.types.CalibrationLog` field that the stream becomes, such as "tracker_cp".
-    stamp : (n,) array
-        When each sample was taken, by the source's own clock, s.
+    name : str, the :class:`~gpcorrect.types.CalibrationLog` field that the stream becomes, such as "tracker_cp"
+    stamp : (n,) array, when each sample was taken, by the source's own clock, s
     values : PoseSignal or (n, k) array or (n,) array, the samples
-    source : str
-        Topic or file that it came from, for messages.
+    source : str, topic or file that it came from, for messages
     """
 
     name: str
@@ -79,13 +76,10 @@ def interpolate(stream: Stream, at: FloatArray, max_gap: float | None = None) ->
 
     Parameters
     ----------
-    stream : Stream
-        What to sample.
-    at : (m,) array
-        Times on the stream's clock, s, in any order.
+    stream : Stream, what to sample
+    at : (m,) array, times on the stream's clock, s, in any order
     max_gap : float, optional
-        Longest time between two samples to interpolate across, s; :func:`default_max_gap` of the stream
-        when not given.
+        Longest time between two samples to interpolate across, s; :func:`default_max_gap` of the stream when not given.
 
     Returns
     -------
@@ -157,15 +151,12 @@ def combine(
 
     Parameters
     ----------
-    streams : sequence of Stream
-        At most one for a signal.
+    streams : sequence of Stream, at most one for a signal
     base : str, optional
         Name of the stream whose samples become the rows; tracker_cp, else setpoint_cp, else setpoint_jp, else
         the fastest one.
-    max_gap : float, optional
-        See :func:`interpolate`.
-    shifts : mapping of name to float, optional
-        Seconds to add to the stamps of a stream, where its clock differs.
+    max_gap : float, optional, see :func:`interpolate`
+    shifts : mapping of name to float, optional, seconds to add to the stamps of a stream, where its clock differs
     disorder : {"refuse", "drop", "keep"}
         What to do about stamps that run backwards; "keep" is for looking at a recording, not for learning
         from it. A repeated stamp of the base says nothing new and is dropped, unless "keep".

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 
 from gpcorrect.errors import LogError
 from gpcorrect.logs.columns import BagOptions
-from gpcorrect.logs.tf import TF_TYPES, frames_of
 
 PLAIN = ("geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped")
 OTHER = (
@@ -18,6 +17,7 @@ OTHER = (
     "geometry_msgs/msg/Pose",
 )
 POSE_TYPES = frozenset(PLAIN + OTHER)
+TF_TYPES = frozenset({"tf2_msgs/msg/TFMessage", "tf/msg/tfMessage"})
 JOINT_TYPES = frozenset({"sensor_msgs/msg/JointState"})
 ROBOT_TOPICS = dict.fromkeys(("setpoint_cp", "measured_cp"), POSE_TYPES)
 ROBOT_TOPICS |= dict.fromkeys(("setpoint_js", "measured_js", "external_js"), JOINT_TYPES)
@@ -42,6 +42,17 @@ def element_of(source: str) -> tuple[str, int | None]:
     """
     match = re.fullmatch(r"(.*)\[(\d+)\]", source)
     return (match[1], int(match[2])) if match else (source, None)
+
+
+def frames_of(name: str) -> tuple[str, str] | None:
+    """Parent and child of a name such as `/tf:base->tool`; None for the name of a topic.
+
+    Parameters
+    ----------
+    name : str, as the user wrote it
+    """
+    match = re.fullmatch(r"/?tf:/?(.+?)\s*->\s*/?(.+)", name.strip())
+    return (match[1], match[2]) if match else None
 
 
 def choose_topics(types: Mapping[str, str], options: BagOptions) -> tuple[dict[str, str], list[str]]:

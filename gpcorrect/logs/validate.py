@@ -35,10 +35,8 @@ class ValidationReport:
     Parameters
     ----------
     facts : mapping, sizes, rates, signals: JSON-able
-    findings : tuple of Finding
-        Errors, then warnings, then information.
-    offsets : tuple of TimeOffset
-        Time offsets of the observed signals, with their correlation curves.
+    findings : tuple of Finding, errors, then warnings, then information
+    offsets : tuple of TimeOffset, time offsets of the observed signals, with their correlation curves
     """
 
     facts: Mapping[str, Any]
@@ -77,8 +75,7 @@ def validate_log(
 
     Parameters
     ----------
-    log : CalibrationLog
-        As it was read; with disordered stamps when it was read with disorder="keep".
+    log : CalibrationLog, as it was read; with disordered stamps when it was read with disorder="keep"
     checks : iterable of str, optional
         Names of the checks to ask, as in :data:`gpcorrect.logs.checks.CHECKS`; all by default. Time offsets are
         estimated only for all.

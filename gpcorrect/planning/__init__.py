@@ -1,8 +1,7 @@
 """Planning with a learned correction: corrected paths, confidence margins and replanning."""
 
 from gpcorrect.planning.confidence import Doubt, Margins, Planned, first_trusted
-from gpcorrect.planning.correction import CommandPath, Corrects, Mode, corrected
-from gpcorrect.planning.paths import DesiredPath, circle, reach
+from gpcorrect.planning.paths import CommandPath, Corrects, DesiredPath, Mode, circle, corrected, reach
 
 __all__ = [
     "CommandPath",

@@ -9,8 +9,7 @@ from typing import Literal
 import numpy as np
 
 from gpcorrect.errors import DataError
-from gpcorrect.planning.correction import CommandPath, Corrects, Mode, corrected
-from gpcorrect.planning.paths import DesiredPath
+from gpcorrect.planning.paths import CommandPath, Corrects, DesiredPath, Mode, corrected
 
 Cause = Literal["out of domain", "position interval", "rotation interval"]
 
@@ -21,10 +20,8 @@ class Doubt:
 
     Parameters
     ----------
-    cause : str
-        What went beyond its margin.
-    value, allowed : float
-        How far, and how far it may: m, rad, or the fraction of poses out of domain.
+    cause : str, what went beyond its margin
+    value, allowed : float, how far, and how far it may: m, rad, or the fraction of poses out of domain
     """
 
     cause: Cause
@@ -50,12 +47,9 @@ class Margins:
 
     Parameters
     ----------
-    position : float
-        Largest half width of the 95 % interval along any axis at the goal, m.
-    rotation : float
-        The same for the rotation, rad.
-    outside : float
-        Largest fraction of a path's poses that may lie out of domain; the goal itself never may.
+    position : float, largest half width of the 95 % interval along any axis at the goal, m
+    rotation : float, the same for the rotation, rad
+    outside : float, largest fraction of a path's poses that may lie out of domain; the goal itself never may
     """
 
     position: float = 0.004
@@ -88,14 +82,12 @@ class Planned:
 
     Parameters
     ----------
-    number : int
-        Which of the paths, from 0.
+    number : int, which of the paths, from 0
     path : DesiredPath
     command : CommandPath
     doubts : tuple of Doubt
         Why the paths before it were left, and at the end why this one is doubtful too, where none was trusted.
-    trusted : bool
-        Whether its correction is within the margins.
+    trusted : bool, whether its correction is within the margins
     """
 
     number: int
@@ -111,11 +103,9 @@ def first_trusted(corrector: Corrects, paths: Iterable[DesiredPath], margins: Ma
     Parameters
     ----------
     corrector : Corrects
-    paths : iterable of DesiredPath
-        Several ways to do the same, best first; later ones are only corrected when needed.
+    paths : iterable of DesiredPath, several ways to do the same, best first; later ones are only corrected when needed
     margins : Margins
-    mode : "full" or "endpoints"
-        See :func:`corrected`.
+    mode : "full" or "endpoints", see :func:`corrected`
 
     Raises
     ------

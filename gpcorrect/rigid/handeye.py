@@ -1,11 +1,14 @@
 """The marker is not the tool tip: tracker registration and marker offset from the same data (A X = Y B).
 
-Also position and orientation that belong to different points of the tool, each registered for itself.
+Also position and orientation that belong to different points of the tool, each registered for itself. The two
+rotations, the translation and the lever arm are refined together by robust Gauss-Newton.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import permutations, product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,8 +16,14 @@ from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect.rigid.model import RigidModel
 from gpcorrect.rigid.observability import Observability, rotation_observability
-from gpcorrect.rigid.refine import MarkerState, Samples, refine, residual_norms
-from gpcorrect.rigid.registration import cauchy_weights, check_pair, component_scale, evenly_spaced, fit_robustly
+from gpcorrect.rigid.registration import (
+    WIDTH,
+    cauchy_weights,
+    check_pair,
+    component_scale,
+    evenly_spaced,
+    fit_robustly,
+)
 from gpcorrect.types import FloatArray, PoseSignal
 
 START_ROUNDS = 3  # of weights before Gauss-Newton, which has its own: enough to leave gross errors behind
@@ -33,10 +42,8 @@ def fit_marker(observed: PoseSignal, command: PoseSignal, near: RigidModel | Non
 
     Parameters
     ----------
-    observed : PoseSignal
-        Poses X_i of the marker in the tracker's frame, with orientations; n samples, all finite.
-    command : PoseSignal
-        Poses U_i (or positions) of the tip in the base frame.
+    observed : PoseSignal, poses X_i of the marker in the tracker's frame, with orientations; n samples, all finite
+    command : PoseSignal, poses U_i (or positions) of the tip in the base frame
     near : RigidModel, optional
         Solution of nearly the same samples: the refinement starts from it alone, and ends where a step moves
         less than any noise: to be compared, not to be kept.
@@ -53,22 +60,20 @@ def fit_marker(observed: PoseSignal, command: PoseSignal, near: RigidModel | Non
     observed, command = observed[rows], command[rows]
     assert observed.quaternion is not None
     centre_p, centre_u = observed.position.mean(axis=0), command.position.mean(axis=0)
-    samples = Samples(
+    samples = _Samples(
         se3.matrix_from_quaternion(observed.quaternion),
         p=observed.position - centre_p,
         u=command.position - centre_u,
         R_cmd=None if command.quaternion is None else se3.matrix_from_quaternion(command.quaternion),
     )
     if near is not None:
-        starts = [
-            MarkerState(near.R_position, near.t - centre_u + near.R_position @ centre_p, near.R_right, near.offset)
-        ]
+        starts = [_State(near.R_position, near.t - centre_u + near.R_position @ centre_p, near.R_right, near.offset)]
     elif samples.R_cmd is not None:
         starts = [_with_lever_arm(samples, *_start_rotations(samples.R_obs, samples.R_cmd))]
     else:  # without a lever arm, and from a linear solution
         rotations = (fit_robustly(observed, command).R_position, _rotation_from_positions(samples))
         starts = [_with_lever_arm(samples, R, np.eye(3)) for R in rotations]
-    state = min((refine(samples, start, known=near is not None) for start in starts), key=lambda end: end[1])[0]
+    state = min((_refine(samples, start, known=near is not None) for start in starts), key=lambda end: end[1])[0]
     t = state.t + centre_u - state.R @ centre_p
     return RigidModel("marker", R_position=state.R, t=t, offset=state.offset, R_left=state.R, R_right=state.R_right)
 
@@ -101,8 +106,7 @@ def fit_separate(observed: PoseSignal, command: PoseSignal, near: RigidModel | N
 
     Parameters
     ----------
-    observed, command : PoseSignal
-        n samples each with orientations, all finite.
+    observed, command : PoseSignal, n samples each with orientations, all finite
     near : RigidModel, optional
         Solution of nearly the same samples: the refinement of orientations starts from it, and ends as for
         :func:`fit_marker`.
@@ -124,21 +128,21 @@ def _start_rotations(R_obs: FloatArray, R_cmd: FloatArray) -> tuple[FloatArray, 
     weights = np.ones(len(R_obs))
     for _ in range(START_ROUNDS):
         R_left, R_right = two_sided_rotations(R_obs, R_cmd, weights)
-        state = MarkerState(R_left, np.zeros(3), R_right, np.zeros(3))
-        weights = _weights(*residual_norms(Samples(R_obs, R_cmd=R_cmd), state))
+        state = _State(R_left, np.zeros(3), R_right, np.zeros(3))
+        weights = _weights(*_residual_norms(_Samples(R_obs, R_cmd=R_cmd), state))
     return R_left, R_right
 
 
-def _with_lever_arm(samples: Samples, R: FloatArray, R_right: FloatArray) -> MarkerState:
+def _with_lever_arm(samples: _Samples, R: FloatArray, R_right: FloatArray) -> _State:
     """Solve `R_obs offset + R^T t = R^T u - p`, linear in translation and lever arm for known rotations."""
     assert samples.p is not None
     assert samples.u is not None
     A = np.concatenate([samples.R_obs, np.broadcast_to(np.eye(3), samples.R_obs.shape)], axis=-1)
     solution = _reweighted(A, samples.u @ R - samples.p)
-    return MarkerState(R, R @ solution[3:], R_right, solution[:3])
+    return _State(R, R @ solution[3:], R_right, solution[:3])
 
 
-def _rotation_from_positions(samples: Samples) -> FloatArray:
+def _rotation_from_positions(samples: _Samples) -> FloatArray:
     """Solve `R^T u - R_obs offset - R^T t = p`, linear in the entries of R^T, the offset and R^T t."""
     assert samples.p is not None
     assert samples.u is not None
@@ -177,8 +181,8 @@ def _fit_orientations(
     if observability.n_axes == 0:
         return _robust_left(R_obs, R_cmd, np.eye(3)), np.eye(3)
     R_left, R_right = _start_rotations(R_obs, R_cmd) if near is None else (near.R_left, near.R_right)
-    start = MarkerState(R_left, np.zeros(3), R_right, np.zeros(3))
-    R_left, _, R_right, _ = refine(Samples(R_obs, R_cmd=R_cmd), start, known=near is not None)[0]
+    start = _State(R_left, np.zeros(3), R_right, np.zeros(3))
+    R_left, _, R_right, _ = _refine(_Samples(R_obs, R_cmd=R_cmd), start, known=near is not None)[0]
     if observability.n_axes == 1:  # of the rotations `exp(phi axis) R_right` that of smallest angle, of largest trace
         axis = observability.axes[0]
         sine, cosine = np.trace(se3.hat(axis) @ R_right), np.trace(R_right) - axis @ R_right @ axis
@@ -222,3 +226,145 @@ def two_sided_rotations(R_obs: FloatArray, R_cmd: FloatArray, w: FloatArray) -> 
     agreement = np.einsum("abcd,sac,sdb->s", moments, R_left, R_right)
     best = int(np.argmax(agreement))
     return R_left[best], R_right[best]
+
+
+GENERATORS = se3.hat(np.eye(3))  # GENERATORS[k] @ v = e_k x v
+SCALE_ROUNDS, KNOWN_ROUNDS = 5, 2  # of robust scales, and from a start that has them nearly right; chosen by hand
+MAX_STEPS = 60  # Gauss-Newton ends by its tolerance before
+MAX_HALVINGS = 12  # a step 4000 times shorter that does not help is no descent
+STEP_TOLERANCE = 1e-11  # rad and m: below what any sensor sees
+COARSE_TOLERANCE = 1e-6  # the same while the scales still change, or kinds are compared: below any noise
+LEAST_SCALE = 1e-6  # of the spread of the points, and rad: keeps exact positions from silencing rotations
+CONDITION = 1e-14  # of the normal equations: weaker directions are not determined and stay as they are
+
+
+class _State(NamedTuple):
+    """The unknowns of `u = R (p + R_obs offset) + t` and `R_cmd = R R_obs R_right`."""
+
+    R: FloatArray
+    t: FloatArray
+    R_right: FloatArray
+    offset: FloatArray
+
+    def moved(self, step: FloatArray) -> _State:
+        """State after a step `(12,)`: of R from the left (rad), t (m), R_right from the right, offset."""
+        return _State(
+            se3.matrix_from_rotvec(step[:3]) @ self.R,
+            self.t + step[3:6],
+            self.R_right @ se3.matrix_from_rotvec(step[6:9]),
+            self.offset + step[9:],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Samples:
+    """What is to be explained; an absent part (None) puts no demand on the unknowns."""
+
+    R_obs: FloatArray  # (n, 3, 3) observed rotations
+    # (n, 3) observed and commanded positions, each about its own centre, m
+    p: FloatArray | None = None
+    u: FloatArray | None = None
+    R_cmd: FloatArray | None = None  # (n, 3, 3) commanded rotations
+
+
+def _refine(samples: _Samples, start: _State, *, known: bool) -> tuple[_State, float]:
+    """State of least Cauchy loss near `start`, and the loss.
+
+    Positions and rotations are each measured in units of their own robust scale, which follows the fit. Where the start
+    is `known` to solve nearly the same samples, and the end is only to be compared, few rounds and steps below any
+    noise end it.
+    """
+    state, rounds = start, KNOWN_ROUNDS if known else SCALE_ROUNDS
+    for tolerance in (*[COARSE_TOLERANCE] * (rounds - 1), COARSE_TOLERANCE if known else STEP_TOLERANCE):
+        state = _descend(samples, state, _scales(samples, state), tolerance)
+    return state, _loss(samples, state, _scales(samples, state))
+
+
+def _residual_norms(samples: _Samples, state: _State) -> list[FloatArray]:
+    """Lengths `(n,)` of the residuals: positions (m), then rotations (rad), those that are present.
+
+    A rotation's is the chord 2 sin(angle / 2), which is smooth up to half turns and near the angle when small.
+    """
+    norms = []
+    if samples.p is not None and samples.u is not None:
+        norms.append(np.linalg.norm(_tips(samples.p, samples.R_obs, state) - samples.u, axis=1))
+    if samples.R_cmd is not None:
+        chord = state.R @ samples.R_obs @ state.R_right - samples.R_cmd
+        norms.append(np.linalg.norm(chord.reshape(-1, 9), axis=1) / np.sqrt(2.0))
+    return norms
+
+
+def _descend(samples: _Samples, state: _State, scales: list[float], tolerance: float) -> _State:
+    loss = _loss(samples, state, scales)
+    for _ in range(MAX_STEPS):
+        step = _gauss_newton_step(samples, state, scales)
+        for _ in range(1 + MAX_HALVINGS):
+            trial = state.moved(step)
+            trial_loss = _loss(samples, trial, scales)
+            if trial_loss <= loss:
+                break
+            step = step / 2.0
+        else:
+            return state
+        state, loss = trial, trial_loss
+        if np.linalg.norm(step) < tolerance:
+            break
+    return state
+
+
+def _gauss_newton_step(samples: _Samples, state: _State, scales: list[float]) -> FloatArray:
+    normal, gradient = np.zeros((12, 12)), np.zeros(12)
+    parts = zip(_linearised(samples, state), _residual_norms(samples, state), scales, strict=True)
+    for (residual, J), norms, scale in parts:
+        w = cauchy_weights(norms, scale) / scale**2
+        Jw = (J * w[:, None, None]).reshape(-1, 12)
+        normal += Jw.T @ J.reshape(-1, 12)
+        gradient += Jw.T @ residual.ravel()
+    # The least-norm solution with unknowns brought to one unit; those without influence do not move.
+    size = np.sqrt(np.diag(normal))
+    free = size > 0.0
+    scaled = normal[np.ix_(free, free)] / np.outer(size[free], size[free])
+    step = np.zeros(12)
+    step[free] = np.linalg.pinv(scaled, rcond=CONDITION, hermitian=True) @ (-gradient[free] / size[free]) / size[free]
+    return step
+
+
+def _tips(p: FloatArray, R_obs: FloatArray, state: _State) -> FloatArray:
+    return (p + R_obs @ state.offset) @ state.R.T + state.t
+
+
+def _linearised(samples: _Samples, state: _State) -> list[tuple[FloatArray, FloatArray]]:
+    """Residuals `(n, 3)` and their derivatives `(n, 3, 12)` by the step of :meth:`_State.moved`.
+
+    Of a rotation these are three numbers that have the chord's gradient and Gauss-Newton matrix. With P the prediction,
+    the chord `(P - R_cmd) / sqrt(2)` has nine; by a turn on the left its derivative is `[e_k] P / sqrt(2)`, by one on
+    the right `P [e_k] / sqrt(2)`. Their products are those of the identity and P, and their products with the chord
+    those of the identity and P with the vector of the skew part of `P R_cmd^T`.
+    """
+    parts, n = [], len(samples.R_obs)
+    if samples.p is not None and samples.u is not None:
+        tips, J = _tips(samples.p, samples.R_obs, state), np.zeros((n, 3, 12))
+        J[..., :3] = np.einsum("kab,nb->nak", GENERATORS, tips - state.t)
+        J[..., 3:6] = np.eye(3)
+        J[..., 9:] = state.R @ samples.R_obs
+        parts.append((tips - samples.u, J))
+    if samples.R_cmd is not None:
+        predicted, J = state.R @ samples.R_obs @ state.R_right, np.zeros((n, 3, 12))
+        J[..., :3] = np.eye(3)
+        J[..., 6:9] = predicted
+        parts.append((np.einsum("kab,nab->nk", GENERATORS, predicted @ np.swapaxes(samples.R_cmd, -1, -2)) / 2.0, J))
+    return parts
+
+
+def _scales(samples: _Samples, state: _State) -> list[float]:
+    scales = [component_scale(norms) for norms in _residual_norms(samples, state)]
+    least = [LEAST_SCALE] * len(scales)
+    if samples.u is not None:
+        least[0] = LEAST_SCALE * float(np.abs(samples.u).max())
+    return [max(scale, floor) for scale, floor in zip(scales, least, strict=True)]
+
+
+def _loss(samples: _Samples, state: _State, scales: list[float]) -> float:
+    """Sum of the loss whose weights :func:`cauchy_weights` gives: `WIDTH^2 log(1 + (r / (WIDTH scale))^2)`."""
+    parts = zip(_residual_norms(samples, state), scales, strict=True)
+    return sum(float(WIDTH**2 * np.log1p((norms / (WIDTH * scale)) ** 2).sum()) for norms, scale in parts)

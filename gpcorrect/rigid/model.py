@@ -29,12 +29,9 @@ class RigidModel:
         "marker": the same and a marker that is not the tool tip (`offset`, `R_right`). "separate": position
         and orientation belong to different points of the tool, each registered for itself. "position":
         registered from positions alone; an orientation only changes frame.
-    R_position : (3, 3) array
-        Rotation of the observer's frame into the command's frame, as positions see it.
-    t : (3,) array
-        Origin of the observer's frame in the command's frame, m.
-    offset : (3,) array
-        Lever arm from the marker to the tool tip, in the tracked body's frame, m.
+    R_position : (3, 3) array, rotation of the observer's frame into the command's frame, as positions see it
+    t : (3,) array, origin of the observer's frame in the command's frame, m
+    offset : (3,) array, lever arm from the marker to the tool tip, in the tracked body's frame, m
     R_left, R_right : (3, 3) arrays
         Rotation of the frames, as orientations see it, and orientation of the tool tip in the tracked body.
 
@@ -118,8 +115,7 @@ class RigidModel:
 
         Parameters
         ----------
-        other : RigidModel
-            Without a marker offset of its own: it maps poses that are in the command's frame already.
+        other : RigidModel, without a marker offset of its own: it maps poses that are in the command's frame already
         """
         return RigidModel(
             kind=self.kind if self.kind in ("marker", "separate") else other.kind,
@@ -157,10 +153,8 @@ def pose_residual(reference: PoseSignal, command: PoseSignal) -> FloatArray:
 
     Parameters
     ----------
-    reference : PoseSignal
-        n poses.
-    command : PoseSignal
-        n poses in the same frame.
+    reference : PoseSignal, n poses
+    command : PoseSignal, n poses in the same frame
 
     Raises
     ------
@@ -188,10 +182,8 @@ def apply_residual(reference: PoseSignal, residual: FloatArray) -> PoseSignal:
 
     Parameters
     ----------
-    reference : PoseSignal
-        n poses.
-    residual : (n, 6) array
-        m, then rad; NaN where nothing was learned.
+    reference : PoseSignal, n poses
+    residual : (n, 6) array, m, then rad; NaN where nothing was learned
 
     Raises
     ------

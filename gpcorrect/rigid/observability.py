@@ -25,10 +25,8 @@ class Observability:
 
     Parameters
     ----------
-    gains : (3,) array
-        Metres of swing a metre of lever arm, smallest first; 1 is the most there can be.
-    axes : (3, 3) array
-        Directions of the gains in the tracked body's frame, one a row.
+    gains : (3,) array, metres of swing a metre of lever arm, smallest first; 1 is the most there can be
+    axes : (3, 3) array, directions of the gains in the tracked body's frame, one a row
     """
 
     gains: FloatArray
@@ -94,8 +92,7 @@ def rotation_observability(observed: PoseSignal, command: PoseSignal) -> Observa
 
     Parameters
     ----------
-    observed : PoseSignal
-        Poses of the marker in the tracker frame.
+    observed : PoseSignal, poses of the marker in the tracker frame
     command : PoseSignal, poses of the tip in the base frame
     """
     if observed.quaternion is None:

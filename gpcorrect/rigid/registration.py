@@ -30,9 +30,7 @@ COLLINEAR_RATIO = 1e-3  # spread across the best line over the spread along it
 AMBIGUOUS_RATIO = 1e-6  # the same for a cross-covariance, which is a square
 
 
-def fit_pose(
-    observed: PoseSignal, command: PoseSignal, *, weights: FloatArray | None = None, rotation_weight: float = 1.0
-) -> RigidModel:
+def fit_pose(observed: PoseSignal, command: PoseSignal, *, rotation_weight: float = 1.0) -> RigidModel:
     """Rigid motion T of the observed poses X_i with the least sum of `||T X_i - U_i||_F^2` to commands U_i.
 
     The squared Frobenius norm of a difference of poses is `||R R_i - S_i||^2 + |R p_i + t - u_i|^2`. So the
@@ -42,10 +40,7 @@ def fit_pose(
 
     Parameters
     ----------
-    observed, command : PoseSignal
-        n samples each, all finite, at least three.
-    weights : (n,) array, optional
-        Non-negative weight of each sample; equal when not given.
+    observed, command : PoseSignal, n samples each, all finite, at least three
     rotation_weight : float
         Square metres that a squared Frobenius distance of one between rotations counts as. The paper's plain
         norm over metres is 1, in which orientations far outweigh positions in a workspace of centimetres.
@@ -53,28 +48,25 @@ def fit_pose(
     Raises
     ------
     DataError
-        Signals of unequal length, missing samples, bad weights.
+        Signals of unequal length, missing samples.
     DegenerateError
         Fewer than three samples, or points or orientations that do not determine the rotation.
     """
     if observed.quaternion is None or command.quaternion is None:
-        return fit_position(observed, command, weights=weights)
+        return fit_position(observed, command)
     check_pair(observed, command)
-    return _pose(_Pairs.of(observed, command), _normalised(weights, len(observed)), rotation_weight)
+    return _pose(_Pairs.of(observed, command), np.full(len(observed), 1.0 / len(observed)), rotation_weight)
 
 
-def fit_position(observed: PoseSignal, command: PoseSignal, *, weights: FloatArray | None = None) -> RigidModel:
+def fit_position(observed: PoseSignal, command: PoseSignal) -> RigidModel:
     """Rigid motion of the observed points with the least squared distances to the commands (Kabsch 1976).
 
     Parameters and errors are those of :func:`fit_pose`; orientations, where there are any, take no part.
 
     Parameters
     ----------
-    observed : PoseSignal
-        Poses of the marker in the tracker frame.
+    observed : PoseSignal, poses of the marker in the tracker frame
     command : PoseSignal, poses of the tip in the base frame
-    weights : (n,) array, optional
-        Non-negative weight of each sample; equal when not given.
 
     Raises
     ------
@@ -82,7 +74,7 @@ def fit_position(observed: PoseSignal, command: PoseSignal, *, weights: FloatArr
         Fewer than three samples, or points that coincide or lie on one line.
     """
     check_pair(observed, command)
-    return _position(_Pairs.of(observed, command), _normalised(weights, len(observed)))
+    return _position(_Pairs.of(observed, command), np.full(len(observed), 1.0 / len(observed)))
 
 
 def check_pair(observed: PoseSignal, command: PoseSignal) -> None:
@@ -106,14 +98,6 @@ def check_pair(observed: PoseSignal, command: PoseSignal) -> None:
     if len(observed) < MIN_SAMPLES:
         hint = "Record more of the workspace, or reject less."
         raise DegenerateError(f"registration needs at least {MIN_SAMPLES} samples, got {len(observed)}.", hint=hint)
-
-
-def _normalised(weights: FloatArray | None, n: int) -> FloatArray:
-    """Return weights `(n,)` that sum to one."""
-    w: FloatArray = np.ones(n) if weights is None else np.asarray(weights, dtype=np.float64)
-    if w.shape != (n,) or not np.isfinite(w).all() or (w < 0.0).any() or not w.any():
-        raise DataError(f"weights must be {n} finite numbers, none negative and not all zero, got shape {w.shape}.")
-    return np.asarray(w / w.sum())
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,17 +163,6 @@ def cauchy_weights(norms: FloatArray, scale: float) -> FloatArray:
     scale : float, standard deviation of a component, same unit
     """
     return 1.0 / (1.0 + (norms / (WIDTH * scale)) ** 2)
-
-
-def cauchy_loss(norms: FloatArray, scale: float) -> float:
-    """Sum of the loss whose weights :func:`cauchy_weights` are: `WIDTH^2 log(1 + (r / (WIDTH scale))^2)`.
-
-    Parameters
-    ----------
-    norms : (n,) array, residual lengths
-    scale : float, standard deviation of a component, same unit
-    """
-    return float(WIDTH**2 * np.log1p((norms / (WIDTH * scale)) ** 2).sum())
 
 
 def evenly_spaced(n: int, most: int = MAX_SAMPLES) -> IntArray:
@@ -258,8 +231,7 @@ def _reweighted(pairs: _Pairs, rotation_weight: float | None, near: RigidModel |
 
 
 def _weights(pairs: _Pairs, model: RigidModel) -> FloatArray:
-    weights: FloatArray = np.min([cauchy_weights(r, component_scale(r)) for r in pairs.norms(model)], axis=0)
-    return weights
+    return np.asarray(np.min([cauchy_weights(r, component_scale(r)) for r in pairs.norms(model)], axis=0))
 
 
 def _cross_covariance(pairs: _Pairs, w: FloatArray) -> FloatArray:

@@ -42,10 +42,8 @@ class Candidate:
     kind : str, kind of the model
     position_mm, rotation_deg : float
         Median over the left-out trajectories of the median error in each; NaN where it does not apply.
-    score : float
-        Mean of both errors, each divided by the least of all candidates: 1 is best in both.
-    refused : str
-        Why it could not be fitted; empty when it could.
+    score : float, mean of both errors, each divided by the least of all candidates: 1 is best in both
+    refused : str, why it could not be fitted; empty when it could
     """
 
     kind: RigidKind
@@ -69,8 +67,7 @@ class Registration:
     ----------
     model : RigidModel, fitted to all samples
     reason : str, why this kind, in one sentence
-    candidates : tuple of Candidate
-        Every kind that was tried, from the simplest.
+    candidates : tuple of Candidate, every kind that was tried, from the simplest
     observability : Observability or None
         What the recorded rotations say of a marker offset; None where no orientations were observed.
     """
@@ -111,8 +108,7 @@ def register(
     ----------
     observed, command : PoseSignal, n samples each, all finite
     trajectory : (n,) int array
-    marker : {"none", "solve", "auto"}
-        Whether the marker may be another point of the tool than its tip.
+    marker : {"none", "solve", "auto"}, whether the marker may be another point of the tool than its tip
     held_out : bool
         Whether kinds are judged on trajectories that they were not fitted to. A first registration, before cleaning,
         does without: a dozen unknowns fit thousands of samples little better than others, and it takes a fifth of the

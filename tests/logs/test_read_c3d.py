@@ -13,7 +13,7 @@ from gpcorrect.errors import DataError, DegenerateError, LogError, MissingExtraE
 from gpcorrect.logs import c3d_file, read_log
 from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.logs.contents import contents_of
-from gpcorrect.logs.mocap.tool import configuration, tool_poses
+from gpcorrect.logs.mocap.take import configuration, tool_poses
 
 sys.path.append(str(ROOT / "bench"))
 from formats.c3d_bytes import write_c3d_bytes

@@ -8,7 +8,7 @@ from dataclasses import fields
 from support import ROOT
 
 from gpcorrect.logs.columns import ColumnMap
-from gpcorrect.logs.sidecar import format_sidecar
+from gpcorrect.logs.native import format_sidecar
 from gpcorrect.types import LogMeta
 
 PAGE = ROOT / "docs" / "logs.md"

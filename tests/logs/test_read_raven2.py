@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from gpcorrect.errors import LogError
 from gpcorrect.logs import read_log
-from gpcorrect.logs.raven2 import RAVEN_STATE_DEFINITION, RAVEN_STATE_TYPE
+from gpcorrect.logs.messages import RAVEN_STATE_DEFINITION, RAVEN_STATE_TYPE
 from gpcorrect.types import LogMeta
 
 N = 10

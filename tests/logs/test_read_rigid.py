@@ -10,7 +10,7 @@ from mocap_support import mapping, moving_tool
 
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs import read_log, validate_log
-from gpcorrect.logs.mocap.tool import bodies_of, tool_poses
+from gpcorrect.logs.mocap.take import bodies_of, tool_poses
 from gpcorrect.types import FloatArray
 
 

@@ -11,6 +11,7 @@ from sync_support import wandering
 
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs import align, match_clocks
+from gpcorrect.logs.sync import clocks as clocks_of
 from gpcorrect.sim import random_reaches_log
 from gpcorrect.sim.effects import play
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
@@ -45,22 +46,25 @@ def test_a_clock_that_no_servo_explains_is_shifted_and_reported(reference, lag, 
     assert np.nanmax(np.abs(log.tracker_cp.position - log.setpoint_cp.position)) < 1e-3
 
 
-def test_a_lag_of_the_robot_is_left_alone_and_reported(rng):
+def test_a_lag_of_the_robot_is_left_alone_and_reported(rng, monkeypatch):
     log = poses(0.08, rng)
     same, clocks = match_clocks(log, "tracker_cp", "setpoint_cp", "auto")
     assert same is log
     assert clocks.applied == 0.0
     assert clocks.offset.offset == pytest.approx(0.08, abs=2e-3)
     assert "80" in clocks.remark
-    assert match_clocks(log, "tracker_cp", "setpoint_cp", "auto", plausible_lag=(0.0, 0.02))[1].applied > 0.0
+    monkeypatch.setattr(clocks_of, "PLAUSIBLE_LAG", (0.0, 0.02))
+    assert match_clocks(log, "tracker_cp", "setpoint_cp", "auto")[1].applied > 0.0
 
 
-def test_play_in_the_drive_is_not_taken_for_a_clock():
+def test_play_in_the_drive_is_not_taken_for_a_clock(monkeypatch):
     """Slow joints with play look late by more than a servo is, but a shift hardly explains them; a clock does."""
     rng = np.random.default_rng(2)
     motor = 10 * wandering(rng)(np.arange(4000) / 150.0)
     log = joints(play(motor, 0.04 * np.ptp(motor)), motor, RATE)
-    same, clocks = match_clocks(log, "external_jp", "measured_jp", "auto", plausible_lag=(-0.02, 0.05))
+    with monkeypatch.context() as narrow:
+        narrow.setattr(clocks_of, "PLAUSIBLE_LAG", (-0.02, 0.05))
+        same, clocks = match_clocks(log, "external_jp", "measured_jp", "auto")
     assert clocks.offset.ci95[0] > 0.07
     assert same is log
     assert "left alone" in clocks.remark

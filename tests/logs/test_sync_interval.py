@@ -7,7 +7,7 @@ import pytest
 from sync_support import Recording, wandering
 
 from gpcorrect.logs.sync import estimate_offset
-from gpcorrect.logs.sync.blocks import block_sums, lost_freedom, sandwich
+from gpcorrect.logs.sync.refine import block_sums, lost_freedom, sandwich
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ from read_support import assert_same_log, random_log, write
 
 from gpcorrect.errors import GpCorrectError, LogError
 from gpcorrect.logs import read_log, write_log
+from gpcorrect.logs.native import format_sidecar, read_sidecar
 from gpcorrect.logs.reader import recording_digest
-from gpcorrect.logs.sidecar import format_sidecar, read_sidecar
 from gpcorrect.types import CalibrationLog, LogMeta, PoseSignal
 
 
@@ -74,7 +74,7 @@ def test_an_interrupted_write_leaves_the_old_log_untouched(tmp_path: Path, monke
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("gpcorrect.logs.writer.csv.write_csv", full)
+    monkeypatch.setattr("gpcorrect.logs.native.csv.write_csv", full)
     with pytest.raises(GpCorrectError, match="No space left"):
         write_log(random_log(1), target)
     assert sorted((p.name, p.read_bytes()) for p in tmp_path.iterdir()) == before

@@ -95,19 +95,6 @@ def test_mirrored_points_still_give_a_rotation(rng: np.random.Generator) -> None
     assert np.linalg.det(model.R_position) == pytest.approx(1.0)
 
 
-def test_weight_zero_is_absence_and_weight_two_is_repetition(rng: np.random.Generator) -> None:
-    """Weights act as counts."""
-    world = planted("pose", 20, rng)
-    command = noisy(world.command, rng, 0.01, 0.2)
-    weights = np.repeat([0.0, 1.0, 2.0], [5, 10, 5])
-    rows = np.repeat(np.arange(20), weights.astype(int))
-    weighted, counted = (
-        fit_pose(world.observed, command, weights=weights),
-        fit_pose(world.observed[rows], command[rows]),
-    )
-    assert max(differences(weighted, counted).values()) < 1e-12
-
-
 def test_sign_of_quaternions_does_not_matter_to_registration(rng: np.random.Generator) -> None:
     """Flipping the sign of some quaternions changes nothing."""
     world = planted("pose", 20, rng)
@@ -162,14 +149,6 @@ def test_missing_samples_are_refused_not_skipped(rng: np.random.Generator) -> No
         fit_pose(PoseSignal(position), PoseSignal(np.ones((10, 3))))
 
 
-@pytest.mark.parametrize("weights", [np.ones(9), -np.ones(10), np.zeros(10), np.full(10, np.nan)])
-def test_meaningless_weights_are_refused(weights: np.ndarray, rng: np.random.Generator) -> None:
-    """Weights must be one a sample, finite, non-negative and not all zero."""
-    poses = motion(10, rng)
-    with pytest.raises(DataError, match="weights"):
-        fit_pose(poses, poses, weights=weights)
-
-
 def test_mismatched_lengths_and_bad_rotation_weight_are_refused(rng: np.random.Generator) -> None:
     """Each observation needs its command, and rotations cannot count negatively."""
     poses = motion(10, rng)
@@ -180,10 +159,10 @@ def test_mismatched_lengths_and_bad_rotation_weight_are_refused(rng: np.random.G
 
 
 def test_inputs_stay_as_they_were(rng: np.random.Generator) -> None:
-    """Fitting changes neither signals nor weights."""
-    world, weights = planted("pose", 10, rng), np.arange(1.0, 11.0)
-    before = [np.array(a) for a in (world.observed.position, world.observed.quaternion, weights)]
-    assert isinstance(fit_pose(world.observed, world.command, weights=weights), RigidModel)
-    after = (world.observed.position, world.observed.quaternion, weights)
+    """Fitting changes no signal."""
+    world = planted("pose", 10, rng)
+    before = [np.array(a) for a in (world.observed.position, world.observed.quaternion)]
+    assert isinstance(fit_pose(world.observed, world.command), RigidModel)
+    after = (world.observed.position, world.observed.quaternion)
     for a, b in zip(before, after, strict=True):
         np.testing.assert_array_equal(a, b)

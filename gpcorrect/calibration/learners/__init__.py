@@ -11,16 +11,7 @@ from gpcorrect.calibration.learners.trees import TreesMap, learn_trees
 from gpcorrect.calibration.learners.ukf import CableModel, learn_cable
 from gpcorrect.errors import DataError
 
-__all__ = [
-    "LEARNERS",
-    "CableModel",
-    "GPMap",
-    "MixedMap",
-    "NetworkMap",
-    "PolynomialMap",
-    "TreesMap",
-    "learner_named",
-]
+__all__ = ["LEARNERS", "CableModel", "GPMap", "MixedMap", "NetworkMap", "PolynomialMap", "TreesMap", "learner_named"]
 
 LEARNERS: dict[str, Learner] = {
     "offset": partial(learn_polynomial, 0),

@@ -27,24 +27,16 @@ from gpcorrect.types import FloatArray, Progress
 ONE = 1e3
 """Weight of the sum of the weights, beside errors of unit mean square: a sum off by 1e-6 costs as much as the noise."""
 
-UNSEEN = 1e9
-"""Penalty of a column that a law is not to see: its weight is a billionth of what it would be."""
+UNSEEN = 1e9  # penalty of a column that a law is not to see: its weight is a billionth of what it would be
 
 
 @dataclass(frozen=True, eq=False)
 class MixedMap:
-    """A weighted mean of maps, and the deviations and novelty of the Gaussian process among them.
+    """A weighted mean of maps, and the deviations and novelty of the Gaussian process among them."""
 
-    Parameters
-    ----------
-    gp : GPMap, which also says where it knows nothing
-    others : tuple of TreesMap, PolynomialMap or GPMap, the other k - 1
-    weights : (k, m) array, of each, the Gaussian process first; columns sum to 1
-    """
-
-    gp: GPMap
-    others: tuple[TreesMap | PolynomialMap | GPMap, ...]
-    weights: FloatArray
+    gp: GPMap  # which also says where it knows nothing
+    others: tuple[TreesMap | PolynomialMap | GPMap, ...]  # the other k - 1
+    weights: FloatArray  # (k, m) of each, the Gaussian process first; columns sum to 1
     extrapolates: ClassVar[bool] = True  # the linear law does
 
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -57,11 +49,6 @@ def learn_mixture(samples: Samples, layout: Layout, settings: FitSettings, progr
     """Learn a :class:`MixedMap` of the Gaussian process, trees, and a line.
 
     Of joints, whose learners have a law first: trees without it, and a Gaussian process without the past for the line.
-
-    Parameters
-    ----------
-    samples, layout, settings, progress
-        See :data:`Learner`.
     """
     members: list[Learner] = [learn_gp, learn_trees]
     if layout.penalties is None:
@@ -107,5 +94,4 @@ def _stacking_weights(errors: list[FloatArray]) -> FloatArray:
 
 def _sum(weights: FloatArray, parts: Sequence[FloatArray]) -> FloatArray:
     """Return the weighted sum `(n, m)` of k parts `(n, m)` under weights `(k, m)`."""
-    total: FloatArray = np.einsum("km,knm->nm", weights, np.stack(parts))
-    return total
+    return np.asarray(np.einsum("km,knm->nm", weights, np.stack(parts)))

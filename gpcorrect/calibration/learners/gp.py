@@ -42,20 +42,12 @@ the linear law; chosen by hand."""
 
 @dataclass(frozen=True, eq=False)
 class GPMap:
-    """A linear law on all inputs where there is one, and a regression on those that may act in a curved way.
+    """A linear law on all inputs where there is one, and a regression on those that may act in a curved way."""
 
-    Parameters
-    ----------
-    linear : PolynomialMap or None, of degree 1
-    columns : (k,) int array, inputs of the regression
-    predictor : Predictor, of what the linear law leaves
-    statistics : tuple of Statistics, what the predictor rests on, a group of targets each: more data can be added
-    """
-
-    linear: PolynomialMap | None
-    columns: IntArray
-    predictor: Predictor
-    statistics: tuple[Statistics, ...]
+    linear: PolynomialMap | None  # of degree 1
+    columns: IntArray  # (k,) inputs of the regression
+    predictor: Predictor  # of what the linear law leaves
+    statistics: tuple[Statistics, ...]  # what the predictor rests on, a group of targets each: more data can be added
 
     def __post_init__(self) -> None:
         inputs = self.predictor.tables.origin.shape[1]
@@ -89,11 +81,6 @@ def learn_gp(samples: Samples, layout: Layout, settings: FitSettings, progress: 
     Without a linear law, how many neighbouring samples count as one is chosen on errors at folds of trajectories that
     the regression was not fitted to (:func:`gpcorrect.gpr.learn_inflation`). After one, the regression is used of those
     targets alone whose errors there it clearly lessens.
-
-    Parameters
-    ----------
-    samples, layout, settings, progress
-        See :data:`Learner`.
     """
     from gpcorrect.gpr import SparseGPR  # a scikit-learn estimator; answering needs no scikit-learn
 

@@ -34,22 +34,14 @@ class TargetMap(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """What a learner returns.
+    """What a learner returns."""
 
-    Parameters
-    ----------
-    learned : TargetMap or CableModel, from inputs, or a whole path, to targets
-    left_out : LeftOut
-        Errors, standard deviations and novelties at the samples that may be learned from, each predicted without its
-        own fold, zeros that move over time taken for still.
-    zero : (m,) array or None, where zeros that move over time stood last; None for those that hold still
-    foretold : (n, m) array or None
-        Where the other folds say that they stood at these samples; None for those that hold still.
-    """
-
-    learned: Any
+    learned: Any  # TargetMap or CableModel: from inputs, or a whole path, to targets
+    # errors, standard deviations and novelties at the samples that may be learned from, each predicted without its own
+    # fold, zeros that move over time taken for still
     left_out: LeftOut
-    zero: FloatArray | None = None
+    zero: FloatArray | None = None  # (m,) where zeros that move over time stood last; None for those that hold still
+    # (n, m) where the other folds say that they stood at these samples; None for those that hold still
     foretold: FloatArray | None = None
 
     def judged(self) -> LeftOut:

@@ -20,20 +20,14 @@ L2, LEARNING_RATE, BATCH = 5e-4, 1e-3, 1024
 
 @dataclass(frozen=True, eq=False)
 class NetworkMap:
-    """Logistic layers and a linear last one, between scaled inputs and scaled targets.
+    """Logistic layers and a linear last one, between scaled inputs and scaled targets."""
 
-    Parameters
-    ----------
-    scaler, output : Scaler, of inputs and targets
-    weights, biases : tuples of arrays, of each layer
-    std : (m,) array, standard deviation of what is left in training
-    """
-
-    scaler: Scaler
+    scaler: Scaler  # of the inputs
+    # of each layer
     weights: tuple[FloatArray, ...]
     biases: tuple[FloatArray, ...]
-    output: Scaler
-    std: FloatArray
+    output: Scaler  # of the targets
+    std: FloatArray  # (m,) standard deviation of what is left in training
     extrapolates: ClassVar[bool] = True
 
     @classmethod
@@ -89,12 +83,6 @@ class NetworkMap:
 
 
 def learn_network(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-    """Learn a :class:`NetworkMap`; one fold is left out, for training takes long.
-
-    Parameters
-    ----------
-    samples, layout, settings, progress
-        See :data:`Learner`.
-    """
+    """Learn a :class:`NetworkMap`; one fold is left out, for training takes long."""
     layers, epochs, seed = settings.layers, settings.epochs, settings.seed
     return fitted(lambda part: NetworkMap.fit(*part.learnable(), layers, epochs, seed), samples, 1)

@@ -47,20 +47,12 @@ class Scaler:
 
 @dataclass(frozen=True, eq=False)
 class PolynomialMap:
-    """Polynomial of degree 0, 1 or 2 in scaled inputs; its standard deviation is that of the training residuals.
+    """Polynomial of degree 0, 1 or 2 in scaled inputs; its standard deviation is that of the training residuals."""
 
-    Parameters
-    ----------
-    degree : int, 0, 1 or 2
-    scaler : Scaler, of the inputs
-    weights : (terms, m) array, of 1, the inputs, and their products
-    std : (m,) array, of what is left in training
-    """
-
-    degree: int
-    scaler: Scaler
-    weights: FloatArray
-    std: FloatArray
+    degree: int  # 0, 1 or 2
+    scaler: Scaler  # of the inputs
+    weights: FloatArray  # (terms, m) of 1, the inputs, and their products
+    std: FloatArray  # (m,) of what is left in training
     extrapolates: ClassVar[bool] = True
 
     def __post_init__(self) -> None:

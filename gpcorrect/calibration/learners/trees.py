@@ -28,31 +28,19 @@ ROUNDS, RATE, LEAST_IN_LEAF = 200, 0.08, 20
 
 @dataclass(frozen=True, eq=False)
 class TreesMap:
-    """A linear law and sums of regression trees of what it leaves, the trees of all targets in one table of nodes.
+    """A linear law and sums of regression trees of what it leaves, the trees of all targets in one table of nodes."""
 
-    Parameters
-    ----------
-    linear : PolynomialMap or None, of degree 1
-    feature : (k,) int array, input that a node looks at; -1 in leaves
-    threshold : (k,) array, inputs up to it go left, those above go right
-    left, right : (k,) int arrays, next nodes; a leaf's are itself
-    value : (k,) array, of leaves, m or rad
-    roots : (t,) int array, first node of each tree
-    target : (t,) int array, which target a tree adds to
-    base : (m,) array, sum of no trees
-    std : (m,) array, standard deviation of what is left in training
-    """
-
-    linear: PolynomialMap | None
-    feature: IntArray
-    threshold: FloatArray
+    linear: PolynomialMap | None  # of degree 1
+    feature: IntArray  # (k,) input that a node looks at; -1 in leaves
+    threshold: FloatArray  # (k,) inputs up to it go left, those above go right
+    # (k,) each: next nodes; a leaf's are itself
     left: IntArray
     right: IntArray
-    value: FloatArray
-    roots: IntArray
-    target: IntArray
-    base: FloatArray
-    std: FloatArray
+    value: FloatArray  # (k,) of leaves, m or rad
+    roots: IntArray  # (t,) first node of each tree
+    target: IntArray  # (t,) which target a tree adds to
+    base: FloatArray  # (m,) sum of no trees
+    std: FloatArray  # (m,) standard deviation of what is left in training
 
     def __post_init__(self) -> None:
         k, own = len(self.feature), np.flatnonzero(self.feature >= 0)

@@ -32,24 +32,17 @@ TINY = 1e-9  # m or rad: keeps variances positive, far below the resolution of a
 
 @dataclass(frozen=True, eq=False)
 class CableModel:
-    """Elastic cable of every joint.
+    """Elastic cable of every joint."""
 
-    Parameters
-    ----------
-    motor : PolynomialMap
-        From positions to the error that coupling, gain and offset make; its deviations are what is left beside the
-        play, which the filter takes for none of its own.
-    gap : (d,) array, half gap, rad or m
-    stretch_per_effort, stretch_at_rest : (d,) arrays, stretch m - q for an effort: `compliance tau + rest`
-    process, measurement : (d,) arrays
-        Standard deviations of the joint's step, and of the stretch that the effort shows; infinite where it shows
-        nothing.
-    """
-
+    # from positions to the error that coupling, gain and offset make; its deviations are what is left beside the play,
+    # which the filter takes for none of its own
     motor: PolynomialMap
-    gap: FloatArray
+    gap: FloatArray  # (d,) half gap, rad or m
+    # (d,) each: stretch m - q for an effort: `compliance tau + rest`
     stretch_per_effort: FloatArray
     stretch_at_rest: FloatArray
+    # (d,) each: standard deviations of the joint's step, and of the stretch that the effort shows; infinite where it
+    # shows nothing
     process: FloatArray
     measurement: FloatArray
 
@@ -93,13 +86,7 @@ class CableModel:
 
 
 def learn_cable(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-    """Learn a :class:`CableModel`: so few numbers a joint that errors in training stand for left-out ones.
-
-    Parameters
-    ----------
-    samples, layout, settings, progress
-        See :data:`Learner`.
-    """
+    """Learn a :class:`CableModel`: so few numbers a joint that errors in training stand for left-out ones."""
     if samples.path.shape[1] != samples.target.shape[1]:
         raise DataError("the cable model (ukf) is of joints.", hint="Use: gpcorrect joint fit --method ukf")
     samples.learnable()

@@ -22,11 +22,6 @@ JOINT_POSITIONS = ("setpoint_jp", "measured_jp", "external_jp")
 EXAMPLES = 5  # rows named in a finding
 MIN_CORRELATION = 0.8  # of ranks: two signals of one joint agree at least so well, whatever their units
 MIN_PAIRED = 20  # samples, below which two signals are not compared; chosen by hand
-CLEARER = 0.7  # of what the best rotation leaves: 56 simulated and real logs that are right leave 0.95 and more
-MAX_LEFT = 0.5  # of the spread, that a reflection may leave: of what is unrelated it leaves all
-ROBUST_STEPS = 30  # of reweighting
-EXACT = 1e-12  # of the largest number, below which all weigh alike
-FLAT = 0.3  # of the median distance, below which all weigh alike
 
 
 @dataclass(frozen=True)
@@ -37,16 +32,11 @@ class Finding:
     ----------
     severity : {"error", "warning", "info"}
         error: what is learned from this log will be wrong; warning: look at it first; info: good to know.
-    code : str
-        Short fixed name, for programs.
-    signal : str
-        Name of the log's signal, "time" or "trajectory"; empty when it is about the log as a whole.
-    message : str
-        What was found, with numbers and units.
-    hint : str
-        What to do about it.
-    count : int
-        Samples (or trajectories) it is about.
+    code : str, short fixed name, for programs
+    signal : str, name of the log's signal, "time" or "trajectory"; empty when it is about the log as a whole
+    message : str, what was found, with numbers and units
+    hint : str, what to do about it
+    count : int, samples (or trajectories) it is about
     rows : sequence of int
         Those samples: rows of the log counted from 0, or trajectory numbers when the signal is "trajectory". The
         first few stay.
@@ -73,10 +63,8 @@ class Evidence:
 
     Parameters
     ----------
-    log : CalibrationLog
-        Any; nothing about it is taken for granted.
-    compared : collection of str, optional
-        Signals whose motion is compared with the robot's; all by default.
+    log : CalibrationLog, any; nothing about it is taken for granted
+    compared : collection of str, optional, signals whose motion is compared with the robot's; all by default
     """
 
     def __init__(self, log: CalibrationLog, compared: Collection[str] | None = None) -> None:
@@ -225,98 +213,3 @@ def spread(values: FloatArray) -> float:
     if not len(known):
         return 0.0
     return float(np.median(np.linalg.norm(known - np.median(known, axis=0), axis=1)))
-
-
-def spread_ratio(values: FloatArray, reference: FloatArray) -> float:
-    """How many times wider values vary than a reference that they follow; NaN if they do not.
-
-    Parameters
-    ----------
-    values, reference : (n,) arrays, NaN where missing
-    """
-    known = np.isfinite(values) & np.isfinite(reference)
-    a, b = values[known], reference[known]
-    if len(a) < MIN_PAIRED or np.ptp(a) == 0 or np.ptp(b) == 0:
-        return float("nan")
-    from scipy.stats import spearmanr  # half a second to import, and every recording that is read would pay it
-
-    if abs(float(spearmanr(a, b).statistic)) < MIN_CORRELATION:
-        return float("nan")
-    wide_a, wide_b = (float(np.diff(np.percentile(x, [5, 95]))[0]) for x in (a, b))
-    return wide_a / wide_b if wide_b > 0 else float("nan")
-
-
-def runs(mask: BoolArray) -> IntArray:
-    """Unbroken runs of True as `(r, 2)`: first row, and the row after the last.
-
-    Parameters
-    ----------
-    mask : (n,) bool array, a row each
-    """
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return edges.reshape(-1, 2)
-
-
-def rigid_misfit(points: FloatArray, target: FloatArray) -> float:
-    """Median distance, m, left by the best rigid motion of points onto targets, faults aside; NaN for too few.
-
-    Parameters
-    ----------
-    points, target : (n, 3) arrays, m; NaN where missing
-    """
-    known = np.isfinite(points).all(axis=1) & np.isfinite(target).all(axis=1)
-    if known.sum() < MIN_PAIRED:
-        return float("nan")
-    return _misfit(points[known], target[known], 1.0, axial=False)
-
-
-def mirrored(reference: FloatArray, observed: FloatArray, *, axial: bool = False) -> bool:
-    """Whether a reflection takes points onto others clearly better than any rotation does; no where it is unclear.
-
-    Both are fitted with weights that faults of the tracker hardly have (least absolute distances).
-
-    Parameters
-    ----------
-    reference, observed : (n, k) arrays, NaN where missing
-    axial : bool
-        Whether a point and its negative are the same, as of unit quaternions; they are not centred then.
-    """
-    known = np.isfinite(reference).all(axis=1) & np.isfinite(observed).all(axis=1)
-    if known.sum() < MIN_PAIRED:
-        return False
-    x, y = reference[known], observed[known]
-    if axial:
-        x, y = _one_side(x), _one_side(y)
-    else:  # about the median, in units of the spread
-        x, y = ((v - np.median(v, axis=0)) / max(spread(v), np.finfo(float).tiny) for v in (x, y))
-    rotated, reflected = (_misfit(x, y, sign, axial=axial) for sign in (1.0, -1.0))
-    return reflected < CLEARER * rotated and reflected < MAX_LEFT * spread(y)
-
-
-def _one_side(points: FloatArray) -> FloatArray:
-    """Return points `(n, k)` of norm 1, all on one side of the origin."""
-    unit: FloatArray = points / np.linalg.norm(points, axis=1, keepdims=True)
-    side: FloatArray = unit @ np.linalg.svd(unit, full_matrices=False)[2][0]
-    return unit * np.where(side < 0, -1.0, 1.0)[:, None]
-
-
-def _misfit(x: FloatArray, y: FloatArray, sign: float, *, axial: bool) -> float:
-    """Median distance that the best orthogonal map of this determinant leaves between points `(n, k)`; or NaN."""
-    weight = np.ones(len(x))
-    for _ in range(ROBUST_STEPS):
-        total = weight.sum()
-        a, b = (np.zeros(x.shape[1]) if axial else weight @ points / total for points in (x, y))
-        products = (weight[:, None] * (y - b)).T @ (x - a)
-        if not np.isfinite(products).all():  # numbers near the largest there are
-            return float("nan")
-        u, _, vt = np.linalg.svd(products)
-        u[:, -1] *= sign * np.sign(np.linalg.det(u) * np.linalg.det(vt))
-        fitted = (x - a) @ (u @ vt).T + b
-        if axial:
-            y = y * np.where(np.einsum("ij,ij->i", fitted, y) < 0, -1.0, 1.0)[:, None]
-        distance = np.linalg.norm(y - fitted, axis=1)
-        least = max(FLAT * float(np.median(distance)), EXACT * float(np.abs(y).max()))
-        if least == 0.0:
-            return 0.0
-        weight = 1.0 / np.maximum(distance, least)
-    return float(np.median(distance))

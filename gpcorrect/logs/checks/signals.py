@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gpcorrect.logs.checks.evidence import JOINT_POSITIONS, Evidence, Finding, Severity, check, runs
+from gpcorrect.logs.checks.evidence import JOINT_POSITIONS, Evidence, Finding, Severity, check
 from gpcorrect.logs.copies import OUTSIDE, stretches
-from gpcorrect.logs.mocap.tool import RIGID, typical_misfit
+from gpcorrect.logs.mocap.take import RIGID, typical_misfit
 from gpcorrect.logs.sync import REFERENCES
-from gpcorrect.types import FloatArray, IntArray
+from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 MANY_MISSING = 0.1  # of the samples: more than an occlusion now and then
 MOSTLY = 0.5  # of a trajectory, from which it is a copy of others
@@ -49,7 +49,7 @@ def _missing(evidence: Evidence) -> Iterator[Finding]:
             continue
         fraction = rows.size / len(lost)
         severity: Severity = "error" if fraction == 1.0 else "warning" if fraction > MANY_MISSING else "info"
-        longest = int(np.diff(runs(lost), axis=1).max())
+        longest = int(np.diff(_runs(lost), axis=1).max())
         what = f"{rows.size} of {len(lost)} samples ({fraction:.1%}) are missing, at most {longest} in a row."
         yield Finding(severity, "missing", name, what, "", rows.size, rows)
 
@@ -113,7 +113,7 @@ def _frozen(evidence: Evidence) -> Iterator[Finding]:
             continue
         same = evidence.repeats(name)
         moves = ~evidence.repeats(reference) & np.isfinite(evidence.steps) & evidence.known[reference]
-        repeated = runs(same)
+        repeated = _runs(same)
         usual = _usual_hold(repeated) if moves.any() and same[moves].mean() > HELD_SHARE else 0.0
         least = max(FROZEN_SAMPLES, HELD_FACTOR * usual)
         stuck = [r for r in repeated if r[1] - r[0] >= least and _displaced(evidence, reference, r)]
@@ -193,3 +193,9 @@ def _marker_misfit(evidence: Evidence) -> Iterator[Finding]:
         what = f"in a tenth of the frames the markers are {1e3 * misfit:.3g} mm or more from a rigid tool."
         hint = "Leave out the marker that moves, or label the markers anew."
         yield Finding("warning", "marker_misfit", "tracker_cp", what, hint)
+
+
+def _runs(mask: BoolArray) -> IntArray:
+    """Unbroken runs of True as `(r, 2)`: first row, and the row after the last."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return edges.reshape(-1, 2)

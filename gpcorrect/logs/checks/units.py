@@ -17,7 +17,6 @@ from gpcorrect.logs.checks.evidence import (
     check,
     extent,
     spread,
-    spread_ratio,
 )
 from gpcorrect.types import FloatArray
 
@@ -76,7 +75,7 @@ def _misread_joints(evidence: Evidence) -> dict[tuple[str, int], str]:
         if not {name, other} <= evidence.present:
             continue
         for j, (a, b) in enumerate(zip(evidence.tables[name].T, evidence.tables[other].T, strict=False)):
-            ratio, wide = spread_ratio(a, b), max(spread(a[:, None]), spread(b[:, None]))
+            ratio, wide = _spread_ratio(a, b), max(spread(a[:, None]), spread(b[:, None]))
             unlike = np.isfinite(ratio) and wide > MIN_SPREAD and _factor(ratio, RATIOS) is not None
             if unlike and (other, j) not in found:
                 what = f"varies {ratio:.3g} times as much as in {other}: they are not in the same unit."
@@ -162,3 +161,17 @@ def _joint_limits(evidence: Evidence) -> Iterator[Finding]:
                 f"in {rows.size} samples ({fraction:.2%}), by up to {scale * float(np.nanmax(beyond)):.3g} {unit}."
             )
             yield Finding(severity, "joint_limit", name, what, hint, rows.size, rows)
+
+
+def _spread_ratio(values: FloatArray, reference: FloatArray) -> float:
+    """How many times wider values vary than a reference that they follow; NaN if they do not."""
+    known = np.isfinite(values) & np.isfinite(reference)
+    a, b = values[known], reference[known]
+    if len(a) < MIN_PAIRED or np.ptp(a) == 0 or np.ptp(b) == 0:
+        return float("nan")
+    from scipy.stats import spearmanr  # half a second to import, and every recording that is read would pay it
+
+    if abs(float(spearmanr(a, b).statistic)) < MIN_CORRELATION:
+        return float("nan")
+    wide_a, wide_b = (float(np.diff(np.percentile(x, [5, 95]))[0]) for x in (a, b))
+    return wide_a / wide_b if wide_b > 0 else float("nan")

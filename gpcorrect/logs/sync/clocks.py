@@ -24,7 +24,6 @@ MAX_MISFIT = 0.5
 drive that looked like 0.38 s left 0.95, and one reach taken for another 0.5 to 1.3."""
 
 NAMES = {"tracker_cp": "the tracker", "external_jp": "the outside encoders"}
-REFERENCES = {"setpoint_cp": "the commands", "setpoint_jp": "the commands"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +32,8 @@ class Clocks:
 
     Parameters
     ----------
-    offset : TimeOffset or None
-        Estimate of how far the signal's stamps run ahead; None when it was not asked for.
-    applied : float
-        Seconds by which the signal was shifted; 0 when it was left alone.
+    offset : TimeOffset or None, estimate of how far the signal's stamps run ahead; None when it was not asked for
+    applied : float, seconds by which the signal was shifted; 0 when it was left alone
     remark : str, the same in a sentence
     to_note : bool
         Whether a person must know: the signal was shifted, or seems to be on another clock and was left alone.
@@ -54,13 +51,7 @@ class Clocks:
 
 
 def match_clocks(
-    log: CalibrationLog,
-    moving: str,
-    reference: str,
-    mode: str,
-    *,
-    plausible_lag: tuple[float, float] = PLAUSIBLE_LAG,
-    shifts: bool = True,
+    log: CalibrationLog, moving: str, reference: str, mode: str, *, shifts: bool = True
 ) -> tuple[CalibrationLog, Clocks]:
     """Return the log with one signal on the clock of another, as `mode` says.
 
@@ -71,16 +62,11 @@ def match_clocks(
 
     Parameters
     ----------
-    log : CalibrationLog
-        Not changed.
+    log : CalibrationLog, not changed
     moving, reference : str
         The signal that another clock may have stamped, and what it is compared with: both poses or both joints.
-    mode : {"auto", "none"} or str
-        "none" leaves the stamps alone; a number shifts the signal by so many seconds.
-    plausible_lag : (float, float)
-        Seconds by which the robot itself may make the signal run behind.
-    shifts : bool
-        Whether "auto" shifts; it only says what it found otherwise.
+    mode : {"auto", "none"} or str, "none" leaves the stamps alone; a number shifts the signal by so many seconds
+    shifts : bool, whether "auto" shifts; it only says what it found otherwise
 
     Returns
     -------
@@ -110,14 +96,14 @@ def match_clocks(
     if not found.observable:
         return log, Clocks(found, 0.0, f"the time offset of {name} is not observable: {found.reason}")
     middle, low, high = (1e3 * seconds for seconds in (found.offset, *found.ci95))
-    what = REFERENCES.get(reference, "what the robot reports")
+    what = "the commands" if reference.startswith("setpoint") else "what the robot reports"
     drift = "" if found.drift is None else f", and its clock {found.drift.ppm:+.0f} ppm against theirs"
     size = f"{name} runs {middle:.1f} ms behind {what} (95 %: {low:.1f} to {high:.1f}){drift}"
     inside = np.diff(log.trajectory) == 0
     step = float(np.median(np.diff(log.time)[inside])) if inside.any() else 0.0  # less is not worth an interpolation
-    if plausible_lag[0] - step <= found.ci95[1] and found.ci95[0] <= plausible_lag[1] + step:
+    if PLAUSIBLE_LAG[0] - step <= found.ci95[1] and found.ci95[0] <= PLAUSIBLE_LAG[1] + step:
         return log, _left(found, size, reference == "measured_cp" and found.ci95[0] > step)
-    doubt = _doubt(log, found, float(np.clip(found.offset, *plausible_lag)))
+    doubt = _doubt(log, found, float(np.clip(found.offset, *PLAUSIBLE_LAG)))
     if doubt:
         remark = f"{size}, but {doubt}: left alone; if it is the clock, give the seconds"
         return log, Clocks(found, 0.0, remark, to_note=True)
@@ -160,8 +146,7 @@ def seconds_of(text: str) -> float:
 
     Parameters
     ----------
-    text : str
-        A finite number.
+    text : str, a finite number
 
     Raises
     ------
@@ -187,8 +172,7 @@ def align(
 
     Parameters
     ----------
-    log : CalibrationLog
-        Not changed.
+    log : CalibrationLog, not changed
     offset : TimeOffset or float
         Seconds d by which the stamps of these signals run ahead; an estimate brings its drift along.
     signals : sequence of str
@@ -197,8 +181,7 @@ def align(
     Returns
     -------
     CalibrationLog
-        Same rows; NaN where no sample of the other clock is near enough in time, as at one end of the
-        recording.
+        Same rows; NaN where no sample of the other clock is near enough in time, as at one end of the recording.
 
     Raises
     ------

@@ -8,13 +8,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import stdtrit  # scipy.stats has it too, and takes half a second to import
 
-from gpcorrect.errors import DataError
+from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs.streams import Stream, default_max_gap
-from gpcorrect.logs.sync.blocks import block_sums
 from gpcorrect.logs.sync.correlation import LagCurve, lag_curve, peaks, typical_step
-from gpcorrect.logs.sync.motion import MotionPair, default_pair, pairs_of, stream_pair, stretches
+from gpcorrect.logs.sync.motion import REFERENCES, MotionPair, pairs_of, stream_pair, stretches
 from gpcorrect.logs.sync.offset import ClockDrift, TimeOffset, Verdict
-from gpcorrect.logs.sync.refine import MIN_INFORMATION, Refinement, Timing
+from gpcorrect.logs.sync.refine import MIN_INFORMATION, Refinement, Timing, block_sums
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, frozen_array
 
 Finding = tuple[Verdict, str]
@@ -63,12 +62,22 @@ def log_offset(log: CalibrationLog, observed: str | None = None, reference: str 
         The log does not hold two comparable signals.
     """
     if observed is None or reference is None:
-        chosen = default_pair(log)
+        chosen = _default_pair(log)
         observed, reference = observed or chosen[0], reference or chosen[1]
     if log.static:
         return replace(_nothing(("too_few", "static poses have no clock.")), observed=observed, reference=reference)
     pairs = pairs_of(log, observed, reference)
     return estimate_offset(pairs, names=(observed, reference))
+
+
+def _default_pair(log: CalibrationLog) -> tuple[str, str]:
+    """Names of the observed and the reference signal to compare: the first of REFERENCES in the log."""
+    for observed, references in REFERENCES.items():
+        for reference in references:
+            if observed in log.signals and reference in log.signals:
+                return observed, reference
+    hint = "Record the command (setpoint_cp or setpoint_jp) beside what was observed."
+    raise LogError(f"expected two signals of one motion, got {', '.join(log.signals) or 'no signal'}.", hint=hint)
 
 
 def stream_offset(
@@ -80,10 +89,8 @@ def stream_offset(
 
     Parameters
     ----------
-    observed, reference : Stream
-        Both poses or both joints.
-    max_lag, centre : float, optional
-        See :func:`estimate_offset`.
+    observed, reference : Stream, both poses or both joints
+    max_lag, centre : float, optional, see :func:`estimate_offset`
 
     Raises
     ------
@@ -115,10 +122,8 @@ def estimate_offset(
     max_lag : float, optional
         Largest distance from `centre` searched, s; by default 2 s, or a quarter of the time recorded if that is
         less, but at least five samples of the slower signal.
-    centre : float
-        Where to search: a rough offset, when the clocks have different origins.
-    names : (str, str)
-        Of the observed and the reference signal, for messages.
+    centre : float, where to search: a rough offset, when the clocks have different origins
+    names : (str, str), of the observed and the reference signal, for messages
 
     Raises
     ------
@@ -229,8 +234,7 @@ def regression(pieces: Sequence[MotionPair], starts: FloatArray) -> Timing | Non
 
     Parameters
     ----------
-    pieces : sequence of MotionPair
-        What to compare; a drift turns about the middle of their observed stamps.
+    pieces : sequence of MotionPair, what to compare; a drift turns about the middle of their observed stamps
     starts : (k,) array, shifts, s; enough samples must be in common at one of them
     """
     stamps = np.concatenate([p.observed.time for p in pieces])

@@ -25,25 +25,15 @@ STILL = 1e-6  # a joint that spans less than this fraction of the widest joint d
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Points that moved, on one clock.
+    """Points that moved, on one clock."""
 
-    Parameters
-    ----------
-    time : (n,) array
-        Stamps, s, of any spacing; samples out of order are left out.
-    values : (n, k) array
-        Positions in any frame, or joint positions; a row with NaN is a missing sample and left out.
-    lever : (n, m) array or None
-        Further columns that a constant matrix may mix into what the other clock saw: the nine entries of
-        the rotation matrix stand for an unknown lever arm between the two points.
-    label : (n,) int array or None
-        Trajectory of each sample, for offsets trajectory by trajectory.
-    """
-
-    time: FloatArray
+    time: FloatArray  # (n,) stamps, s, of any spacing; samples out of order are left out
+    # (n, k) positions in any frame, or joint positions; a row with NaN is a missing sample and left out
     values: FloatArray
+    # (n, m) further columns that a constant matrix may mix into what the other clock saw: the nine entries of the
+    # rotation matrix stand for an unknown lever arm between the two points
     lever: FloatArray | None = None
-    label: IntArray | None = None
+    label: IntArray | None = None  # (n,) trajectory of each sample, for offsets trajectory by trajectory
 
     def __post_init__(self) -> None:
         time, values = np.asarray(self.time, dtype=np.float64), np.asarray(self.values, dtype=np.float64)
@@ -80,17 +70,11 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class MotionPair:
-    """One motion as two clocks saw it: the robot's own record, and an observer's.
+    """One motion as two clocks saw it: the robot's own record, and an observer's."""
 
-    Parameters
-    ----------
-    reference : Motion
-        What the robot commanded or reported: the smoother one, because it is the one that is interpolated.
-    observed : Motion
-        What the other clock stamped; its values keep the reference's column order only when they are joints.
-    """
-
+    # what the robot commanded or reported: the smoother one, because it is the one that is interpolated
     reference: Motion
+    # what the other clock stamped; its values keep the reference's column order only when they are joints
     observed: Motion
 
 
@@ -114,21 +98,6 @@ def stretches(pair: MotionPair, gap: float, margin: float) -> Iterator[MotionPai
         yield MotionPair(reference.rows(keep), observed.rows((observed.time >= start) & (observed.time <= stop)))
 
 
-def default_pair(log: CalibrationLog) -> tuple[str, str]:
-    """Names of the observed and the reference signal to compare: the first of REFERENCES in the log.
-
-    Parameters
-    ----------
-    log : CalibrationLog
-    """
-    for observed, references in REFERENCES.items():
-        for reference in references:
-            if observed in log.signals and reference in log.signals:
-                return observed, reference
-    hint = "Record the command (setpoint_cp or setpoint_jp) beside what was observed."
-    raise LogError(f"expected two signals of one motion, got {', '.join(log.signals) or 'no signal'}.", hint=hint)
-
-
 def pairs_of(log: CalibrationLog, observed: str, reference: str) -> list[MotionPair]:
     """Two signals of a log, both poses or both joints, as a pair for each run of the clock.
 
@@ -137,10 +106,8 @@ def pairs_of(log: CalibrationLog, observed: str, reference: str) -> list[MotionP
 
     Parameters
     ----------
-    log : CalibrationLog
-        With a clock.
-    observed, reference : str
-        Names of the signals.
+    log : CalibrationLog, with a clock
+    observed, reference : str, names of the signals
 
     Raises
     ------

@@ -18,12 +18,9 @@ class ClockDrift:
 
     Parameters
     ----------
-    ppm : float
-        Parts in a million that the observer's clock runs fast against the reference's.
-    ci95 : (float, float)
-        95 % confidence interval, ppm.
-    epoch : float
-        Observer's time at which the offset is quoted, s.
+    ppm : float, parts in a million that the observer's clock runs fast against the reference's
+    ci95 : (float, float), 95 % confidence interval, ppm
+    epoch : float, observer's time at which the offset is quoted, s
     """
 
     ppm: float
@@ -37,25 +34,19 @@ class TimeOffset:
 
     Parameters
     ----------
-    offset : float
-        s; the best guess when ambiguous, NaN when there is none.
-    ci95 : (float, float)
-        95 % confidence interval, s; NaN when there is none.
+    offset : float, s; the best guess when ambiguous, NaN when there is none
+    ci95 : (float, float), 95 % confidence interval, s; NaN when there is none
     verdict : str
         "found", or what stands in the way: "too_few" samples in common, a "still" or "steady" reference,
         "unrelated" motions, an offset at the "edge" of the search or beyond it, an "ambiguous" (repeating)
         motion, an "imprecise" answer.
     reason : str, the same in words; empty when found
-    lags, correlation : (m,) arrays
-        Pooled correlation of the speeds, for a plot; empty when nothing could be compared.
-    rivals : tuple of float
-        Other offsets that explain the recording as well, s.
+    lags, correlation : (m,) arrays, pooled correlation of the speeds, for a plot; empty when nothing could be compared
+    rivals : tuple of float, other offsets that explain the recording as well, s
     drift : ClockDrift or None, only where it is significant
     trajectories : (k,) int array, numbers of the trajectories compared
-    per_trajectory : (k,) array
-        Offset of each of them by itself, s; NaN where it says nothing.
-    explained : float
-        Share of the observed spread that the shifted reference explains; NaN when there is no offset.
+    per_trajectory : (k,) array, offset of each of them by itself, s; NaN where it says nothing
+    explained : float, share of the observed spread that the shifted reference explains; NaN when there is no offset
     samples : int, observed samples compared
     observed, reference : str, names of the signals
     """

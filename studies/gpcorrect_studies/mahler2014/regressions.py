@@ -17,7 +17,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from gpcorrect.calibration import CommandCorrector, Experiment, FitSettings, folds_of, run_experiment
-from gpcorrect.calibration.pose_samples import INDUCING
+from gpcorrect.calibration.cartesian import INDUCING
 from gpcorrect.calibration.poses import pose_pair
 from gpcorrect.gpr import ExactGPR, SparseGPR, learn_inflation
 from gpcorrect.rigid import apply_residual, pose_residual

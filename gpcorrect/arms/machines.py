@@ -1,8 +1,13 @@
-"""The RAVEN-II arms, left and right.
+"""The arms that are known by name: RAVEN-II, left and right, and the classic dVRK PSM.
 
-Numbers are those of the public control software uw-biorobotics/raven2 (the file is named beside each) and of the
-RAVEN-II calibration paper. The tip is frame 6 of the table, on the jaws' common axis: the pose that the robot itself
-reports (`pos` and `ori` of its state message). The table ends there; a jaw's length comes in as the tool transform.
+RAVEN-II: numbers are those of the public control software uw-biorobotics/raven2 (the file is named beside each) and of
+the RAVEN-II calibration paper. The tip is frame 6 of the table, on the jaws' common axis: the pose that the robot
+itself reports (`pos` and `ori` of its state message). The table ends there; a jaw's length comes in as the tool
+transform.
+
+dVRK: lengths and table are those of the public calibration code BerkeleyAutomation/dvrkCalibration
+(motion/dvrkKinematics.py); the limits are the classic arm's. The tip is that code's: 10.2 mm beyond the yaw axis. No
+link masses are published there and the arm is counterbalanced, so only a payload weighs.
 """
 
 from __future__ import annotations
@@ -13,6 +18,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gpcorrect import se3
 from gpcorrect.arms.arm import STANDARD_GRAVITY, Link, Transmission
 from gpcorrect.arms.chain import Chain, Joint
 from gpcorrect.arms.remote_centre import RemoteCentreArm
@@ -54,7 +60,6 @@ CENTRES = {
     "left": ((0.0065, 0.09775, -0.13771), (-0.002, -0.18274, -0.23053), (0.0, 0.0, 0.0)),
     "right": ((-0.0065, -0.09775, 0.13771), (-0.002, -0.18274, 0.23053), (0.0, 0.0, 0.0)),
 }
-GRAVITY_BASE = (-STANDARD_GRAVITY, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -65,8 +70,7 @@ class Raven2Tool:
     ----------
     wrist_length : float, pitch axis to yaw axis, m
     jaw_coupling : float, yaw rad added by each pitch rad
-    insertion_sign : int
-        Sense in which insertion drags the tool cables of the left arm; the right arm's is opposite.
+    insertion_sign : int, sense in which insertion drags the tool cables of the left arm; the right arm's is opposite
     opposed_jaws : bool
         Whether the first jaw's cable runs the other way, so that insertion drags both jaws' mean direction.
     """
@@ -86,12 +90,9 @@ def raven2(side: Side, instrument: Raven2Tool = RAVEN_TOOL, tool: ArrayLike | No
 
     Parameters
     ----------
-    side : "left" or "right"
-        The gold or the green arm.
-    instrument : Raven2Tool
-        Tool on the arm.
-    tool : (4, 4) array, optional
-        Tip in frame 6; frame 6 itself by default.
+    side : "left" or "right", the gold or the green arm
+    instrument : Raven2Tool, tool on the arm
+    tool : (4, 4) array, optional, tip in frame 6; frame 6 itself by default
 
     Raises
     ------
@@ -105,7 +106,7 @@ def raven2(side: Side, instrument: Raven2Tool = RAVEN_TOOL, tool: ArrayLike | No
         chain=_chain(side, instrument, np.eye(4) if tool is None else np.asarray(tool, dtype=np.float64)),
         wrist_link=4,
         home=_radians(HOME_DEG),
-        gravity=np.array(GRAVITY_BASE),
+        gravity=np.array([-STANDARD_GRAVITY, 0.0, 0.0]),
         links=tuple(Link(m, np.array(c)) for m, c in zip(MASSES, CENTRES[side], strict=True)),
         velocity_limits=_radians(VELOCITY_LIMITS_DEG),
         transmission=Transmission(_transmission_matrix(side, instrument)),
@@ -145,3 +146,33 @@ def _radians(values: ArrayLike) -> FloatArray:
     """Degrees to radians, except the third joint's metres."""
     numbers = np.asarray(values, dtype=np.float64)
     return np.where(np.arange(6) == 2, numbers, np.deg2rad(numbers))
+
+
+L_RCC = 0.4318  # m, remote centre to carriage
+L_TOOL = 0.4162  # m, tool shaft
+L_PITCH_YAW = 0.0091  # m
+L_YAW_TIP = 0.0102  # m
+QUARTER_TURN = np.pi / 2  # rad
+
+
+def dvrk_psm() -> RemoteCentreArm:
+    """Classic dVRK PSM: joints outer yaw, outer pitch, insertion, roll, wrist pitch, wrist yaw."""
+    swing, tilt, roll, wrist = np.deg2rad([90.0, 60.0, 260.0, 80.0])
+    joints = (
+        Joint("R", -QUARTER_TURN, 0.0, 0.0, QUARTER_TURN, -swing, swing),
+        Joint("R", -QUARTER_TURN, 0.0, 0.0, QUARTER_TURN, -tilt, tilt),
+        Joint("P", 0.0, 0.0, L_TOOL - L_RCC, 0.0, 0.0, 0.24),
+        Joint("R", QUARTER_TURN, 0.0, 0.0, 0.0, -roll, roll),
+        Joint("R", -QUARTER_TURN, L_PITCH_YAW, 0.0, QUARTER_TURN, -wrist, wrist),
+        Joint("R", 0.0, L_YAW_TIP, 0.0, 0.0, -wrist, wrist),
+    )
+    about_x, about_z = (
+        se3.pose(se3.matrix_from_rotvec(QUARTER_TURN * axis), np.zeros(3)) for axis in np.eye(3)[[0, 2]]
+    )
+    return RemoteCentreArm(
+        name="dvrk_psm",
+        chain=Chain(joints, "standard", base=about_x, tool=about_z @ se3.invert(about_x)),
+        wrist_link=3,
+        home=np.array([0.0, 0.0, 0.1, 0.0, 0.0, 0.0]),
+        gravity=np.array([0.0, 0.0, -STANDARD_GRAVITY]),  # z of the base frame points up
+    )
