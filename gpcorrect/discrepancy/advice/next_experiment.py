@@ -47,8 +47,7 @@ def advise(
 
     Returns
     -------
-    experiment : Experiment or None
-        None when nothing is open.
+    experiment : Experiment or None, none when nothing is open
     plans : tuple of (Plan, float)
         Desired paths of it, each with the factor on the controller's gains; none when a sensor is advised.
     """

@@ -48,8 +48,7 @@ def bursts_of(dataset: Dataset, noises: Sequence[ChannelNoise], effects: Sequenc
     ----------
     dataset : Dataset
     noises : sequence of ChannelNoise
-    effects : sequence of Effect
-        Beyond the model's own.
+    effects : sequence of Effect, beyond the model's own
     """
     numbers, index = np.unique(dataset.trajectory, return_inverse=True)
     moments = np.stack([index, dataset.time // BURSTS.moment], axis=1)

@@ -104,12 +104,9 @@ def localise(
     Parameters
     ----------
     channels : sequence of ChannelData
-    rng : numpy.random.Generator
-        Draws the bootstrap.
-    draws : int
-        Bootstrap samples.
-    tolerance : float
-        Of the task, rad or m; the equivalence limit is the larger of it and a quarter of the noise.
+    rng : numpy.random.Generator, draws the bootstrap
+    draws : int, bootstrap samples
+    tolerance : float, of the task, rad or m; the equivalence limit is the larger of it and a quarter of the noise
     """
     findings: list[Finding] = []
     bounds: list[Equivalence] = []

@@ -43,10 +43,8 @@ def strongest_tone(time: FloatArray, residual: FloatArray, block: IntArray) -> T
 
     Parameters
     ----------
-    time, residual : (n,) arrays
-        Seconds, and residual; NaN is missing.
-    block : (n,) int array
-        Trajectory of each row; -1 for rows to leave out.
+    time, residual : (n,) arrays, seconds, and residual; NaN is missing
+    block : (n,) int array, trajectory of each row; -1 for rows to leave out
     """
     seen = np.where(np.isfinite(residual), block, -1)
     rows = [np.flatnonzero(seen == k) for k in np.unique(seen[seen >= 0])]

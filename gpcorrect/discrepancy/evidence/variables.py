@@ -68,10 +68,8 @@ def travel_direction(path: FloatArray, run: IntArray) -> FloatArray:
 
     Parameters
     ----------
-    path : (n,) array
-        rad or m.
-    run : (n,) int array
-        Continuous motion that each row belongs to.
+    path : (n,) array, rad or m
+    run : (n,) int array, continuous motion that each row belongs to
     """
     threshold = TESTS.resolution * float(np.ptp(path))
     direction = np.zeros(len(path))
@@ -94,10 +92,8 @@ def covariates_of(scene: Scene, joint_index: int | None, rows: IntArray) -> Cova
     Parameters
     ----------
     scene : Scene
-    joint_index : int or None
-        Column of the channel's joint; None for a channel of all joints.
-    rows : (m,) int array
-        Of the log, at which they are wanted.
+    joint_index : int or None, column of the channel's joint; None for a channel of all joints
+    rows : (m,) int array, of the log, at which they are wanted
     """
     time, motor, run, load = scene.time, scene.motor_path(), scene.run_of_row(), scene.load()
     speed = scene.layout.gather(scene.motion.velocity)
@@ -193,8 +189,7 @@ class Cells:
 
         Parameters
         ----------
-        rows : int array
-            Of the n rows.
+        rows : int array, of the n rows
         """
         columns = np.zeros((len(rows), len(self.spans)))
         columns[np.arange(len(rows)), self.code[rows]] = 1.0

@@ -84,8 +84,7 @@ class DatasetWhitener:
 
         Parameters
         ----------
-        columns, residual : (M, k) and (M,) arrays
-            Whitened.
+        columns, residual : (M, k) and (M,) arrays, whitened
         """
         return grams(columns, residual, self.block)
 
@@ -96,10 +95,8 @@ def estimate_noises(dataset: Dataset, residual: FloatArray, rows: BoolArray) -> 
     Parameters
     ----------
     dataset : Dataset
-    residual : (m, c) array
-        Measured minus simulated.
-    rows : (m,) bool array
-        Those to estimate on.
+    residual : (m, c) array, measured minus simulated
+    rows : (m,) bool array, those to estimate on
     """
     scene, channels = dataset.scene, dataset.scene.channels
     block = np.where(rows, dataset.block, -1)
@@ -132,12 +129,9 @@ def whitener_on(
     Parameters
     ----------
     dataset : Dataset
-    residual : (m, c) array
-        Whose tails are reduced.
-    rows : (m,) bool array
-        Those to use.
-    noises : tuple of ChannelNoise, optional
-        Estimated on these rows when None.
+    residual : (m, c) array, whose tails are reduced
+    rows : (m,) bool array, those to use
+    noises : tuple of ChannelNoise, optional, estimated on these rows when None
     """
     noises = noises or estimate_noises(dataset, residual, rows)
     wanted = np.unique(dataset.block[rows])

@@ -32,10 +32,8 @@ def columns_of(fitted: Sequence[FittedEffect], fit: FittedEffect) -> IntArray:
 
     Parameters
     ----------
-    fitted : sequence of FittedEffect
-        The set.
-    fit : FittedEffect
-        One of it.
+    fitted : sequence of FittedEffect, the set
+    fit : FittedEffect, one of it
     """
     index = next(i for i, m in enumerate(fitted) if m is fit)
     begin = sum(len(m.u) for m in fitted[:index])
@@ -57,14 +55,10 @@ def half_widths(
     Parameters
     ----------
     search : Search
-    whitener : DatasetWhitener
-        Data, and the rows and noise to use.
-    fitted : sequence of FittedEffect
-        The set.
-    fit : FittedEffect
-        One of it.
-    known : sequence of int
-        Coordinates of its that are taken for known, and left out.
+    whitener : DatasetWhitener, data, and the rows and noise to use
+    fitted : sequence of FittedEffect, the set
+    fit : FittedEffect, one of it
+    known : sequence of int, coordinates of its that are taken for known, and left out
 
     Notes
     -----

@@ -25,14 +25,10 @@ class Numbers:
 
     Parameters
     ----------
-    fitted : tuple of FittedEffect
-        The set, idle numbers at nothing.
-    ends : tuple of dict
-        95 % interval of each coordinate of each effect.
-    unsure : tuple of int
-        Places in the set of those whose size may be nothing.
-    std : (c,) array
-        Of the noise that the set leaves in each channel.
+    fitted : tuple of FittedEffect, the set, idle numbers at nothing
+    ends : tuple of dict, 95 % interval of each coordinate of each effect
+    unsure : tuple of int, places in the set of those whose size may be nothing
+    std : (c,) array, of the noise that the set leaves in each channel
     """
 
     fitted: tuple[FittedEffect, ...]
@@ -47,8 +43,7 @@ def estimate_numbers(state: Search, start: Sequence[FittedEffect]) -> Numbers:
     Parameters
     ----------
     state : Search
-    start : sequence of FittedEffect
-        The set, from where its numbers are now.
+    start : sequence of FittedEffect, the set, from where its numbers are now
     """
     fitted = _refit(state, start)
     whitener = whitener_on(state.dataset, state.residual(fitted), state.dataset.training)

@@ -27,12 +27,9 @@ def price_of(search: Search, fitted: Sequence[FittedEffect], fit: FittedEffect, 
     Parameters
     ----------
     search : Search
-    fitted : sequence of FittedEffect
-        A set.
-    fit : FittedEffect
-        One of it.
-    noisier : float
-        By how much evidence counts less.
+    fitted : sequence of FittedEffect, a set
+    fit : FittedEffect, one of it
+    noisier : float, by how much evidence counts less
     """
     candidate = fit.candidate
     sizes = [
@@ -66,8 +63,7 @@ def shape_evidence(search: Search, fitted: Sequence[FittedEffect]) -> float:
     Parameters
     ----------
     search : Search
-    fitted : sequence of FittedEffect
-        A set.
+    fitted : sequence of FittedEffect, a set
     """
     fit, candidate = fitted[-1], fitted[-1].candidate
     near = search.parted(fitted, candidate)[1]
@@ -96,12 +92,9 @@ class LinearLaw:
 
     Parameters
     ----------
-    slopes : (M, p) array
-        Its whitened tangents, less what the others of the set can take up.
-    numbers : (p,) array
-        Where it is.
-    misfit : float
-        Half the sum of squares that the set leaves.
+    slopes : (M, p) array, its whitened tangents, less what the others of the set can take up
+    numbers : (p,) array, where it is
+    misfit : float, half the sum of squares that the set leaves
     """
 
     slopes: FloatArray
@@ -115,10 +108,8 @@ class LinearLaw:
         Parameters
         ----------
         search : Search
-        fitted : sequence of FittedEffect
-            The set.
-        fit : FittedEffect
-            One of it.
+        fitted : sequence of FittedEffect, the set
+        fit : FittedEffect, one of it
         """
         rest = [m for m in fitted if m is not fit]
         slopes = linearise(search.whitener, [fit], rest).slopes
@@ -132,8 +123,7 @@ class LinearLaw:
         Parameters
         ----------
         change : (M,) array
-        noisier : float
-            By how much evidence counts less.
+        noisier : float, by how much evidence counts less
         """
         size = float(np.mean(factors_of(self.slopes, change) ** 2))
         if not size > 0.0:  # others take up all that it changes

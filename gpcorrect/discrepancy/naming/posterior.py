@@ -44,18 +44,12 @@ class Alternative:
 
     Parameters
     ----------
-    explanation : Explanation
-        An effect, nothing, or something outside the catalogue.
-    probability : float
-        Posterior among the alternatives.
-    label : str
-        The candidate's; "nothing" or "unknown".
-    name, family : str
-        Canonical name and class of the effect; empty for nothing and unknown.
-    joint : int, str or None
-        Where.
-    source : int or None
-        The joint that drives it, of a coupling or a cable that another joint pays out.
+    explanation : Explanation, an effect, nothing, or something outside the catalogue
+    probability : float, posterior among the alternatives
+    label : str, the candidate's; "nothing" or "unknown"
+    name, family : str, canonical name and class of the effect; empty for nothing and unknown
+    joint : int, str or None, where
+    source : int or None, the joint that drives it, of a coupling or a cable that another joint pays out
     """
 
     explanation: Explanation
@@ -73,8 +67,7 @@ class Alternative:
         Parameters
         ----------
         candidate : Candidate
-        probability : float
-            Posterior among the alternatives.
+        probability : float, posterior among the alternatives
         """
         c = candidate
         return cls(Explanation.EFFECT, probability, c.label, c.name, c.joint, c.family, dict(c.fixed).get("source"))
@@ -91,18 +84,12 @@ class Named:
 
     Parameters
     ----------
-    level : Level
-        EXACT, CLASS, SET, UNKNOWN or INCONCLUSIVE.
-    probability : float
-        Posterior of this very effect.
-    nats : float
-        Held-out log Bayes factor on discovery and confirmation, divided by the overdispersion.
-    alternatives : tuple of Alternative
-        With nothing and unknown, most probable first.
-    reasons : tuple of str
-        Why it is not EXACT.
-    spread : float
-        By how much its size differs between trajectories beyond noise, as a part of the size.
+    level : Level, EXACT, CLASS, SET, UNKNOWN or INCONCLUSIVE
+    probability : float, posterior of this very effect
+    nats : float, held-out log Bayes factor on discovery and confirmation, divided by the overdispersion
+    alternatives : tuple of Alternative, with nothing and unknown, most probable first
+    reasons : tuple of str, why it is not EXACT
+    spread : float, by how much its size differs between trajectories beyond noise, as a part of the size
     """
 
     fit: FittedEffect
@@ -135,10 +122,8 @@ def not_ruled_out(rivals: Sequence[Alternative], own: float) -> list[Alternative
 
     Parameters
     ----------
-    rivals : sequence of Alternative
-        Other effects.
-    own : float
-        Posterior of the effect.
+    rivals : sequence of Alternative, other effects
+    own : float, posterior of the effect
     """
     stable = [a for a in rivals if a.probability >= NAMING.stable]
     some_effect = own + sum(a.probability for a in rivals)
@@ -152,12 +137,9 @@ def posterior(candidate: Candidate, weighed: Weighed, cost: float) -> list[Alter
 
     Parameters
     ----------
-    candidate : Candidate
-        The effect.
-    weighed : Weighed
-        Its evidence, and that of what could stand in its place.
-    cost : float
-        Prior nats that any effect costs.
+    candidate : Candidate, the effect
+    weighed : Weighed, its evidence, and that of what could stand in its place
+    cost : float, prior nats that any effect costs
 
     Returns
     -------
@@ -208,8 +190,7 @@ def fraction_closed(search: Search, fit: FittedEffect) -> float:
     Parameters
     ----------
     search : Search
-    fit : FittedEffect
-        One of the set.
+    fit : FittedEffect, one of the set
     """
     rows = search.dataset.training
     before, after = (_mean_square(search.residual(fitted), rows) for fitted in ((), search.fitted))
@@ -236,8 +217,7 @@ def overtone_nats(view: View, fit: FittedEffect) -> float:
     Parameters
     ----------
     view : View
-    fit : FittedEffect
-        One of the set.
+    fit : FittedEffect, one of the set
     """
     effects = fit.effect.overtones()
     if not effects:
@@ -253,10 +233,8 @@ def name_effect(view: View, fit: FittedEffect, own: Own) -> tuple[Named, Weighed
     Parameters
     ----------
     view : View
-    fit : FittedEffect
-        One of the set.
-    own : Own
-        What it gains.
+    fit : FittedEffect, one of the set
+    own : Own, what it gains
     """
     weighed, cost = weigh(view, fit, own), penalty(view.search.n_kinds)
     alternatives = posterior(fit.candidate, weighed, cost)

@@ -36,20 +36,15 @@ def name_effects(
 
     Parameters
     ----------
-    search : Search
-        Finished.
+    search : Search, finished
     prepared : PreparedData
-    progress : Progress, optional
-        Reported each pass.
+    progress : Progress, optional, reported each pass
 
     Returns
     -------
-    search : Search
-        With the named effects only.
-    named : tuple of Named
-        Those, in the same order.
-    dropped : tuple of Named
-        The others, with the reasons.
+    search : Search, with the named effects only
+    named : tuple of Named, those, in the same order
+    dropped : tuple of Named, the others, with the reasons
     """
     selection = _ModelSelection(search, prepared)
     total = len(search.fitted)
@@ -68,21 +63,15 @@ class _ModelSelection:
 
     Parameters
     ----------
-    search : Search
-        With the effects as they are now.
-    assessments : dict
-        On each fit, by its identity.
-    dropped : list of Named
-        Taken out so far.
-    own : dict
-        What each fit gains, by its identity.
+    search : Search, with the effects as they are now
+    assessments : dict, on each fit, by its identity
+    dropped : list of Named, taken out so far
+    own : dict, what each fit gains, by its identity
     replaced : Counter
         How often a rival took the place of each since the last search. It may come back once, for the others' numbers
         were those beside it; two that each explain the other's must end.
-    searches : Counter
-        Searches made for what was taken out at each joint: one joint may not use up another's.
-    filled : int
-        How many of the dropped the last search has looked for a replacement of.
+    searches : Counter, searches made for what was taken out at each joint: one joint may not use up another's
+    filled : int, how many of the dropped the last search has looked for a replacement of
     """
 
     search: Search
@@ -207,16 +196,11 @@ def name_rare(
 
     Parameters
     ----------
-    prepared : PreparedData
-        By whole trajectories.
-    state : Search
-        After the naming.
-    named : sequence of Named
-        What was named, in the order of the state's effects.
-    candidates : sequence of Candidate
-        All that these data could show.
-    rng : numpy.random.Generator
-        Deals the pieces.
+    prepared : PreparedData, by whole trajectories
+    state : Search, after the naming
+    named : sequence of Named, what was named, in the order of the state's effects
+    candidates : sequence of Candidate, all that these data could show
+    rng : numpy.random.Generator, deals the pieces
     progress : Progress
 
     Returns

@@ -31,10 +31,8 @@ def smooth_columns(view: View, fitted: Sequence[FittedEffect], channels: BoolArr
     Parameters
     ----------
     view : View
-    fitted : sequence of FittedEffect
-        The set.
-    channels : (c,) bool array
-        Those that the model speaks of.
+    fitted : sequence of FittedEffect, the set
+    channels : (c,) bool array, those that the model speaks of
     """
     residual, rows = view.search.residual(fitted), view.search.dataset.discovery
     parts = [np.zeros((*residual.shape, 0))]
@@ -88,12 +86,9 @@ def smooth_nats(
     Parameters
     ----------
     view : View
-    fitted : sequence of FittedEffect
-        The set; the tangents of its effects take up what they can.
-    channels : (c,) bool array
-        Those that the columns speak of.
-    columns : pair of (M, k) arrays
-        Whitened on both parts.
+    fitted : sequence of FittedEffect, the set; the tangents of its effects take up what they can
+    channels : (c,) bool array, those that the columns speak of
+    columns : pair of (M, k) arrays, whitened on both parts
     """
     search, k = view.search, columns[0].shape[1]
     if k == 0:

@@ -28,8 +28,7 @@ def second_differences(values: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    values : (n, ...) array
-        Single samples in their order.
+    values : (n, ...) array, single samples in their order
     """
     second: FloatArray = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / np.sqrt(6.0)
     return second
@@ -69,22 +68,15 @@ def speed_growth(
 
     Parameters
     ----------
-    residual : (n,) array
-        Single samples, rad or m; NaN is missing.
-    speeds : (n, k) array
-        Of all joints, rad/s or m/s.
-    column : int
-        Of the joint.
-    trajectory : (n,) int array
-        Of each sample.
-    rows : (n,) bool array
-        Samples that may be looked at.
-    stated : float
-        Standard deviation of the instants that the model knows of, s: growth is what goes beyond it.
+    residual : (n,) array, single samples, rad or m; NaN is missing
+    speeds : (n, k) array, of all joints, rad/s or m/s
+    column : int, of the joint
+    trajectory : (n,) int array, of each sample
+    rows : (n,) bool array, samples that may be looked at
+    stated : float, standard deviation of the instants that the model knows of, s: growth is what goes beyond it
     rounding : float
         Standard deviation of the error of the motor's encoder: by rounding a prediction is noisier where it moves.
-    channels : int
-        That are looked at: each has its part of the chance of a false alarm.
+    channels : int, that are looked at: each has its part of the chance of a false alarm
     """
     own = speeds[:, [column]] ** 2
     line = _line(*_samples(residual, own, trajectory, rows, stated))

@@ -22,8 +22,7 @@ def size_overdispersion(search: Search, fit: FittedEffect) -> float:
     Parameters
     ----------
     search : Search
-    fit : FittedEffect
-        One of the set.
+    fit : FittedEffect, one of the set
     """
     score, energy = _scores(search, fit)
     if not len(energy):
@@ -40,8 +39,7 @@ def size_spread(search: Search, fit: FittedEffect) -> float:
     Parameters
     ----------
     search : Search
-    fit : FittedEffect
-        One of the set.
+    fit : FittedEffect, one of the set
 
     Notes
     -----

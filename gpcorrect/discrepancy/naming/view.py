@@ -28,8 +28,7 @@ class View:
 
         Parameters
         ----------
-        fitted : sequence of FittedEffect
-            The set.
+        fitted : sequence of FittedEffect, the set
         """
         placed = [self.placed(fitted, fit)[0] for fit in fitted]
         discovery, confirmation = self.whitened(self.search.residual(placed)[:, :, None])
@@ -40,16 +39,13 @@ class View:
 
         Parameters
         ----------
-        fitted : sequence of FittedEffect
-            The set.
-        fit : FittedEffect
-            One of them.
+        fitted : sequence of FittedEffect, the set
+        fit : FittedEffect, one of them
 
         Returns
         -------
         fit : FittedEffect
-        nats : float
-            That the choice among so many instants costs the confirmation part.
+        nats : float, that the choice among so many instants costs the confirmation part
         """
         if fit.candidate.instant is None:
             return fit, 0.0
@@ -62,8 +58,7 @@ class View:
 
         Parameters
         ----------
-        columns : (m, c, k) array
-            Of every channel.
+        columns : (m, c, k) array, of every channel
         """
         return self.search.whitener.whiten_columns(columns), self.confirmation.whiten_columns(columns)
 

@@ -28,10 +28,8 @@ class Rival:
 
     Parameters
     ----------
-    nats : float
-        Beyond the set without either.
-    price : float
-        Nats that its further numbers cost, as :func:`~gpcorrect.discrepancy.naming.occam.price_of` has it.
+    nats : float, beyond the set without either
+    price : float, nats that its further numbers cost, as :func:`~gpcorrect.discrepancy.naming.occam.price_of` has it
     shape_nats : float
         What the data say of its shape, where it is a fuller law of the effect's family that says something else here;
         infinite elsewhere.
@@ -62,14 +60,10 @@ class Own:
 
     Parameters
     ----------
-    rest : tuple of FittedEffect
-        The set without it, fitted anew.
-    reference : pair of arrays
-        Whitened residual of that set on discovery and confirmation.
-    discovery, confirmation : (b,) arrays
-        Nats of each trajectory of either part.
-    overdispersion : float
-        By how much evidence counts less, because the residual is still larger than noise.
+    rest : tuple of FittedEffect, the set without it, fitted anew
+    reference : pair of arrays, whitened residual of that set on discovery and confirmation
+    discovery, confirmation : (b,) arrays, nats of each trajectory of either part
+    overdispersion : float, by how much evidence counts less, because the residual is still larger than noise
     """
 
     rest: tuple[FittedEffect, ...]
@@ -95,12 +89,10 @@ class Weighed:
 
     Parameters
     ----------
-    price : float
-        Nats that its further numbers cost.
+    price : float, nats that its further numbers cost
     active : (b,) bool array
         Trajectories of discovery, then confirmation, in which it acts: a slip does not before it happens.
-    rivals : tuple of Rival
-        Those like it and those that it is a special case of, best first.
+    rivals : tuple of Rival, those like it and those that it is a special case of, best first
     """
 
     own: Own
@@ -116,8 +108,7 @@ def own_gain(view: View, fit: FittedEffect) -> Own:
     Parameters
     ----------
     view : View
-    fit : FittedEffect
-        One of the set.
+    fit : FittedEffect, one of the set
     """
     search, candidate = view.search, fit.candidate
     rest = search.refit([m for m in search.fitted if m is not fit], candidate)
@@ -133,10 +124,8 @@ def weigh(view: View, fit: FittedEffect, own: Own) -> Weighed:
     Parameters
     ----------
     view : View
-    fit : FittedEffect
-        One of the set.
-    own : Own
-        What it gains.
+    fit : FittedEffect, one of the set
+    own : Own, what it gains
     """
     search, channels = view.search, _strongest_channels(view, fit)
     columns = smooth_columns(view, own.rest, channels)
@@ -159,12 +148,9 @@ def between_effects(own: Own, unknown: Unknown, cost: float) -> float:
 
     Parameters
     ----------
-    own : Own
-        What the effect gains.
-    unknown : Unknown
-        The smooth model's nats.
-    cost : float
-        Prior nats that any effect costs.
+    own : Own, what the effect gains
+    unknown : Unknown, the smooth model's nats
+    cost : float, prior nats that any effect costs
     """
     tolerated = max(unknown.beside - cost, NAMING.shape_error**2 * own.nats)
     return max(own.overdispersion, tolerated / float(-np.log(NAMING.stable)))

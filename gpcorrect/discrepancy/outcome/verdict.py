@@ -123,8 +123,7 @@ def place_verdicts(
     gaps : sequence of ChannelGap, of every channel
     left : Localisation, of the residual that the named effects leave
     bursts : sequence of Burst, of the same
-    alike : sequence of NamedEffect
-        Those that the machine only acts like: where one matters, something is unknown.
+    alike : sequence of NamedEffect, those that the machine only acts like: where one matters, something is unknown
     """
     acting = [e for e in (*effects, *alike) if isinstance(e.joint, int)]
     every = {g.channel.joint or "tool" for g in gaps} | {e.joint for e in acting}

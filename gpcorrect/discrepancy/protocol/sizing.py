@@ -64,8 +64,7 @@ def effect_to_noise(scene: Scene, std: FloatArray, effects: Sequence[Effect]) ->
     Parameters
     ----------
     scene : Scene
-    std : (c,) array
-        Noise of each channel; NaN for those that do not count.
+    std : (c,) array, noise of each channel; NaN for those that do not count
     effects : sequence of Effect, that are added
     """
     change = scene.predict(effects) - scene.predict()

@@ -31,10 +31,8 @@ class Remembered(Generic[V]):
 
     Parameters
     ----------
-    most : int
-        Cost that all values together may have.
-    cost : callable
-        Of a value.
+    most : int, cost that all values together may have
+    cost : callable, of a value
     """
 
     def __init__(self, most: int, cost: Callable[[V], int] = one) -> None:

@@ -28,8 +28,7 @@ def watched(scene: Scene, session: int) -> tuple[float, float]:
     Parameters
     ----------
     scene : Scene
-    session : int
-        Index of the session, from 0.
+    session : int, index of the session, from 0
     """
     here, time = scene.session == session, scene.layout.gather(scene.motion.time)
     motions = [time[here & (scene.trajectory == t)] for t in np.unique(scene.trajectory[here])]
@@ -45,16 +44,11 @@ class Candidate:
 
     Parameters
     ----------
-    kind : type of Effect
-        From the registry.
-    joint : int or str
-        Where it would act.
-    fixed : tuple of (field, value)
-        Fields that are no numbers to estimate, such as a coupling's source.
-    coordinates : tuple of Coordinate
-        Numbers to estimate, one for each session where the effect has one a session.
-    start : tuple of float
-        Coordinates at which its signature is taken.
+    kind : type of Effect, from the registry
+    joint : int or str, where it would act
+    fixed : tuple of (field, value), fields that are no numbers to estimate, such as a coupling's source
+    coordinates : tuple of Coordinate, numbers to estimate, one for each session where the effect has one a session
+    start : tuple of float, coordinates at which its signature is taken
     """
 
     kind: type[Effect]
@@ -148,8 +142,7 @@ class Candidate:
 
         Parameters
         ----------
-        factors : array
-            One for each amplitude, or one for the whole.
+        factors : array, one for each amplitude, or one for the whole
         """
         u = np.array(self.start)
         if not self.amplitudes and self.coordinates[0].kind == "log":
@@ -323,10 +316,8 @@ def describe(fit: FittedEffect, ends: Mapping[int, tuple[float, float]]) -> dict
 
     Parameters
     ----------
-    fit : FittedEffect
-        The effect with its numbers.
-    ends : mapping of int to pair of float
-        Of the 95 % intervals of its coordinates.
+    fit : FittedEffect, the effect with its numbers
+    ends : mapping of int to pair of float, of the 95 % intervals of its coordinates
     """
     result: dict[str, Estimate] = {}
     candidate = fit.candidate

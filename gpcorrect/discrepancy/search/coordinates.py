@@ -103,10 +103,8 @@ def coordinate_of(parameter: Parameter, joint_type: str, *, amplitude: bool) -> 
     Parameters
     ----------
     parameter : Parameter
-    joint_type : str
-        "R" or "P".
-    amplitude : bool
-        Whether the effect grows with it.
+    joint_type : str, "R" or "P"
+    amplitude : bool, whether the effect grows with it
     """
     span = parameter.range(joint_type)
     if np.isinf(parameter.identity):

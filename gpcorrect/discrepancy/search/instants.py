@@ -29,8 +29,7 @@ def with_best_instant(whitener: DatasetWhitener, others: Sequence[FittedEffect],
     Parameters
     ----------
     whitener : DatasetWhitener
-    others : sequence of FittedEffect
-        Present beside it.
+    others : sequence of FittedEffect, present beside it
     fit : FittedEffect
     """
     fit = _scanned(whitener, others, fit)
@@ -60,13 +59,10 @@ def with_open_instant_placed(
 
     Parameters
     ----------
-    open_to : DatasetWhitener
-        Of the rows that may decide.
-    others : sequence of FittedEffect
-        Present beside it.
+    open_to : DatasetWhitener, of the rows that may decide
+    others : sequence of FittedEffect, present beside it
     fit : FittedEffect
-    known : (m,) bool array
-        Rows that it was fitted on.
+    known : (m,) bool array, rows that it was fitted on
 
     Returns
     -------
@@ -129,8 +125,7 @@ class _Cuts:
 
         Parameters
         ----------
-        instants : (k,) array
-            Session time, s.
+        instants : (k,) array, session time, s
         """
         energy, along = self._products(instants)
         factor = np.divide(along, energy, out=np.zeros(len(instants)), where=energy > 0.0)
@@ -141,8 +136,7 @@ class _Cuts:
 
         Parameters
         ----------
-        instants : (k,) array
-            Session time, s.
+        instants : (k,) array, session time, s
         """
         energy, along = self._products(instants)
         return along - 0.5 * energy
@@ -184,8 +178,7 @@ def instant_half_width(whitener: DatasetWhitener, others: Sequence[FittedEffect]
     Parameters
     ----------
     whitener : DatasetWhitener
-    others : sequence of FittedEffect
-        Present beside it.
+    others : sequence of FittedEffect, present beside it
     fit : FittedEffect
     """
     index = _place(fit)

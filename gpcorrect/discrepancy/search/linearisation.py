@@ -32,12 +32,9 @@ def signature(
 
     Parameters
     ----------
-    dataset : Dataset
-        Of m rows and c channels.
-    base : (m, c) array
-        Channels without it.
-    others : sequence of FittedEffect
-        Present beside it.
+    dataset : Dataset, of m rows and c channels
+    base : (m, c) array, channels without it
+    others : sequence of FittedEffect, present beside it
     candidate : Candidate
 
     Returns
@@ -85,12 +82,9 @@ def refine(
 
     Parameters
     ----------
-    whitener : DatasetWhitener
-        Data, and the rows and noise to fit with.
-    fixed, free : sequences of FittedEffect
-        The set.
-    evaluations : int
-        Of the set, at most.
+    whitener : DatasetWhitener, data, and the rows and noise to fit with
+    fixed, free : sequences of FittedEffect, the set
+    evaluations : int, of the set, at most
     worth : float
         Nats of misfit, half the sum of squares, that somebody asks for: a fit that will not come there ends early.
     """
@@ -163,10 +157,8 @@ def linearise(
 
     Parameters
     ----------
-    whitener : DatasetWhitener
-        Data, and the rows and noise to take them with.
-    free, fixed : sequences of FittedEffect
-        The set; the fixed ones' numbers stay.
+    whitener : DatasetWhitener, data, and the rows and noise to take them with
+    free, fixed : sequences of FittedEffect, the set; the fixed ones' numbers stay
     """
     at, slopes = _tangents(whitener.dataset, fixed, free)
     residual = whitener.whiten(whitener.dataset.observed - at)
@@ -180,12 +172,9 @@ def held_out(whitener: DatasetWhitener, reference: FloatArray, z: FloatArray, sl
 
     Parameters
     ----------
-    whitener : DatasetWhitener
-        That made the columns.
-    reference, z : (M,) arrays
-        Whitened residual without the set, and with it at its best numbers.
-    slopes : (M, p) array
-        Its whitened tangents.
+    whitener : DatasetWhitener, that made the columns
+    reference, z : (M,) arrays, whitened residual without the set, and with it at its best numbers
+    slopes : (M, p) array, its whitened tangents
     """
     block = whitener.block
     n_blocks = int(block.max()) + 1

@@ -46,8 +46,7 @@ class PreparedData:
 
         Parameters
         ----------
-        samples : (n, c) bool array
-            Of the log's rows and the channels.
+        samples : (n, c) bool array, of the log's rows and the channels
         """
         if not samples.any():
             return self
@@ -64,8 +63,7 @@ def prepare_data(log: CalibrationLog, model: Model, rng: np.random.Generator) ->
     ----------
     log : CalibrationLog
     model : Model
-    rng : numpy.random.Generator
-        Deals the parts.
+    rng : numpy.random.Generator, deals the parts
 
     Raises
     ------
@@ -84,12 +82,9 @@ def in_pieces(prepared: PreparedData, bursts: Sequence[Burst], rng: np.random.Ge
 
     Parameters
     ----------
-    prepared : PreparedData
-        By whole trajectories.
-    bursts : sequence of Burst
-        What happens in it; not empty.
-    rng : numpy.random.Generator
-        Deals the pieces.
+    prepared : PreparedData, by whole trajectories
+    bursts : sequence of Burst, what happens in it; not empty
+    rng : numpy.random.Generator, deals the pieces
     """
     dataset = prepared.dataset
     rows = np.isin(dataset.scene.trajectory, [t for b in bursts for t in b.trajectories])
@@ -133,10 +128,8 @@ def localise_residual(
     prepared : PreparedData
     fitted : sequence of FittedEffect
     noises : tuple of ChannelNoise
-    tolerance : float
-        Of the task, rad or m.
-    rng : numpy.random.Generator
-        Draws the null law.
+    tolerance : float, of the task, rad or m
+    rng : numpy.random.Generator, draws the null law
     """
     dataset = prepared.dataset
     residual = dataset.residual([m.effect for m in fitted])
@@ -159,10 +152,8 @@ def open_beginnings(dataset: Dataset, effects: Sequence[Effect], noises: Sequenc
     Parameters
     ----------
     dataset : Dataset
-    effects : sequence of Effect
-        Those that are named.
-    noises : sequence of ChannelNoise
-        Of every channel.
+    effects : sequence of Effect, those that are named
+    noises : sequence of ChannelNoise, of every channel
     """
     scene = dataset.scene
     left_open = np.zeros(dataset.good.shape, dtype=np.bool_)

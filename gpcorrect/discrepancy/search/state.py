@@ -43,16 +43,11 @@ class Search:
 
     Parameters
     ----------
-    whitener : DatasetWhitener
-        Data, and how the discovery part is whitened now.
-    traces : tuple of Trace
-        Of the candidates that leave one in the nominal machine.
-    fitted, waterfall : tuples of FittedEffect and Step
-        What was found so far, and the steps taken.
-    without_trace : tuple of Candidate
-        One of each label whose candidates leave no trace in these channels.
-    whitened_by : tuple of FittedEffect
-        The set whose rest the noise was estimated from last: sets change more often.
+    whitener : DatasetWhitener, data, and how the discovery part is whitened now
+    traces : tuple of Trace, of the candidates that leave one in the nominal machine
+    fitted, waterfall : tuples of FittedEffect and Step, what was found so far, and the steps taken
+    without_trace : tuple of Candidate, one of each label whose candidates leave no trace in these channels
+    whitened_by : tuple of FittedEffect, the set whose rest the noise was estimated from last: sets change more often
     """
 
     whitener: DatasetWhitener
@@ -142,8 +137,7 @@ class Search:
         ----------
         fitted : sequence of FittedEffect
         candidate : Candidate
-        worth : float
-            Misfit that somebody asks for: a fit that will not come there ends early.
+        worth : float, misfit that somebody asks for: a fit that will not come there ends early
         """
         fixed, near = self.parted(fitted, candidate)
         return (*fixed, *refine(self.whitener, fixed, near, worth=worth))
@@ -169,10 +163,8 @@ class Search:
 
         Parameters
         ----------
-        z : (M,) array
-            Whitened residual.
-        channels : (c,) bool array
-            Those to take it over.
+        z : (M,) array, whitened residual
+        channels : (c,) bool array, those to take it over
         """
         rows = channels[self.whitener.channel]
         return max(1.0, float(np.mean(z[rows] ** 2))) if rows.any() else 1.0
@@ -183,10 +175,8 @@ def penalty(n_kinds: int, round_number: int = 0) -> float:
 
     Parameters
     ----------
-    n_kinds : int
-        K, the number of things that could be named.
-    round_number : int
-        Of the search, from 0.
+    n_kinds : int, K, the number of things that could be named
+    round_number : int, of the search, from 0
     """
     return float(np.log(max(n_kinds, 1) / (SEARCH.prior / 2**round_number)))
 

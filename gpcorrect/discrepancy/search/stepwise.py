@@ -43,14 +43,10 @@ def rank(
     Parameters
     ----------
     search : Search
-    linearised : Linearisation
-        The set, whose free numbers move along with the candidate's.
-    without : sequence of Candidate
-        Not to be looked at, whatever their numbers.
-    channels : (c,) bool array, optional
-        Only candidates that show in one of these.
-    beyond : sequence of Candidate, optional
-        Only shapes of these that have more numbers than they have.
+    linearised : Linearisation, the set, whose free numbers move along with the candidate's
+    without : sequence of Candidate, not to be looked at, whatever their numbers
+    channels : (c,) bool array, optional, only candidates that show in one of these
+    beyond : sequence of Candidate, optional, only shapes of these that have more numbers than they have
     """
     fewest = {} if beyond is None else {c.key: c.extra for c in beyond}
     taken = {m.candidate.key for m in linearised.fitted} | {c.key for c in without}
@@ -97,8 +93,7 @@ def search(
     ----------
     state : Search
     rounds : int
-    refused : sequence of Candidate
-        Not to be added.
+    refused : sequence of Candidate, not to be added
     progress : Progress, optional
     """
     refused, progress = list(refused), progress or Progress()
