@@ -140,7 +140,7 @@ def localise_residual(
         ChannelData(c, dataset.time, residual[:, i], blocks[i], noises[i], prepared.tests[i], least.get(c.signal, 0.0))
         for i, c in enumerate(dataset.scene.channels)
     ]
-    return localise(channels, rng, draws=TESTS.draws, tolerance=tolerance)
+    return localise(channels, rng, tolerance=tolerance)
 
 
 def open_beginnings(dataset: Dataset, effects: Sequence[Effect], noises: Sequence[ChannelNoise]) -> BoolArray:
