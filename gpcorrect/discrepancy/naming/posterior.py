@@ -8,9 +8,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from gpcorrect.discrepancy.naming.intervals import away_from_nothing, explained_by_others, undetermined
+from gpcorrect.discrepancy.naming.intervals import away_from_nothing, explained_by_others, size_spread, undetermined
 from gpcorrect.discrepancy.naming.smooth_model import smooth_nats
-from gpcorrect.discrepancy.naming.spread import size_spread
 from gpcorrect.discrepancy.naming.view import View
 from gpcorrect.discrepancy.naming.weigh import Own, Weighed, between_effects, weigh
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
@@ -267,14 +266,12 @@ def _doubts_of_evidence(weighed: Weighed, cost: float) -> list[str]:
 
 def _doubts_of_numbers(view: View, fit: FittedEffect, own: Own) -> list[str]:
     """Conditions of an exact name that its numbers do not meet."""
-    search, whitener = view.search, view.search.whitener
-    fixed, near = search.parted(search.fitted, fit.candidate)
-    fitted = [*fixed, *near]
+    search = view.search
     doubts = [f"{name} is at the edge of its physical range" for name in fit.at_edge]
-    if not away_from_nothing(search, whitener, fitted, fit):
+    if not away_from_nothing(search, fit):
         doubts.append("its size cannot be distinguished from zero")
-    doubts += [f"these data do not determine its {name}" for name in undetermined(search, whitener, fitted, fit)]
-    explained = explained_by_others(whitener, fitted, fit)
+    doubts += [f"these data do not determine its {name}" for name in undetermined(search, fit)]
+    explained = explained_by_others(search, fit)
     weak = own.nats < NAMING.strong * own.overdispersion or 1.0 - explained < NAMING.shape_error**2
     if explained > NAMING.explained and weak:
         doubts.append(

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.discrepancy.naming.occam import LinearLaw, factors_of, price_of, shape_evidence
+from gpcorrect.discrepancy.naming.intervals import size_overdispersion
+from gpcorrect.discrepancy.naming.occam import factors_of, linear_evidence, own_slopes, price_of, shape_evidence
 from gpcorrect.discrepancy.naming.smooth_model import smooth_columns, smooth_nats
-from gpcorrect.discrepancy.naming.spread import size_overdispersion
 from gpcorrect.discrepancy.naming.view import View
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.linearisation import Linearisation, held_out
@@ -263,16 +263,16 @@ def _more_general(search: Search, own: Own, fit: FittedEffect, price: float) -> 
     if not _is_linear(fit.candidate):
         return []
     alike, rest, noisier = fit.candidate.kind.about.neighbours, own.rest, own.overdispersion
-    narrow = LinearLaw.of(search, search.fitted, fit)
-    change = narrow.slopes @ fit.u
-    alone = narrow.evidence(change, noisier)
+    slopes = own_slopes(search, search.fitted, fit)
+    change = slopes @ fit.u
+    alone = linear_evidence(slopes, fit.u, change, search.misfit(search.fitted), noisier)
     if not np.isfinite(alone):
         return []
     found: dict[Hashable, Rival] = {}
     for trace in search.traces:
         other = trace.candidate
-        wider = other.extra > fit.candidate.extra and other.name in alike and _is_linear(other)
-        if not wider or other.key in found or any(other.key == m.candidate.key for m in rest):
+        is_wider = other.extra > fit.candidate.extra and other.name in alike and _is_linear(other)
+        if not is_wider or other.key in found or any(other.key == m.candidate.key for m in rest):
             continue
         columns = search.whitener.whiten_columns(trace.change)
         factors = factors_of(columns, change)
@@ -281,9 +281,10 @@ def _more_general(search: Search, own: Own, fit: FittedEffect, price: float) -> 
             continue
         fitted = search.refit((*rest, FittedEffect(other, other.scaled(factors))), other)
         if not fitted[-1].at_edge:
-            wide = LinearLaw.of(search, fitted, fitted[-1])
-            nats = noisier * (wide.evidence(change, noisier) - alone)
-            found[other.key] = Rival(fitted[-1], own.nats + nats, price)  # in the evidence, all numbers are paid for
+            wider = own_slopes(search, fitted, fitted[-1])
+            nats = linear_evidence(wider, fitted[-1].u, change, search.misfit(fitted), noisier) - alone
+            # in the evidence, all numbers are paid for
+            found[other.key] = Rival(fitted[-1], own.nats + noisier * nats, price)
     return list(found.values())
 
 
