@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gpcorrect.discrepancy.advice.next_experiment import advise
+from gpcorrect.discrepancy.advice import advise
 from gpcorrect.discrepancy.evidence.bursts import bursts_of
 from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.evidence.whitener import estimate_noises

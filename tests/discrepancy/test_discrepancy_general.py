@@ -14,12 +14,11 @@ from gpcorrect.discrepancy.naming.intervals import half_widths, without_idle_num
 from gpcorrect.discrepancy.naming.numbers import estimate_numbers
 from gpcorrect.discrepancy.naming.occam import linear_evidence
 from gpcorrect.discrepancy.naming.posterior import Named, name_effect
-from gpcorrect.discrepancy.naming.view import view_of
 from gpcorrect.discrepancy.naming.weigh import own_gain
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.prepared import PreparedData, prepare_data
-from gpcorrect.discrepancy.search.state import start_search
+from gpcorrect.discrepancy.search.state import start_search, view_of
 from gpcorrect.discrepancy.search.stepwise import search
 from gpcorrect.sim import machine_of, model_from_dict, simulate
 from gpcorrect.sim.effects import DhError, Effect, RegistrationError

@@ -10,8 +10,16 @@ import numpy as np
 import pytest
 from discrepancy_support import OFFSET_SPEC, nominal, written_spec
 
-from gpcorrect.discrepancy.protocol.generate import LABELS, generate, label_of, read_spec, seal
-from gpcorrect.discrepancy.protocol.sizing import drawn_effect, effect_to_noise, noise_of
+from gpcorrect.discrepancy.protocol.generate import (
+    LABELS,
+    drawn_effect,
+    effect_to_noise,
+    generate,
+    label_of,
+    noise_of,
+    read_spec,
+    seal,
+)
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.errors import DataError
 from gpcorrect.sim.joint_motion import joint_motion_log

@@ -21,20 +21,12 @@ BESIDE = (0.8, 1.25)  # half a cycle in two, for which a joint of a tenth of cri
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """Estimates of a set's numbers with what the data say of them.
+    """Estimates of a set's numbers with what the data say of them."""
 
-    Parameters
-    ----------
-    fitted : tuple of FittedEffect, the set, idle numbers at nothing
-    ends : tuple of dict, 95 % interval of each coordinate of each effect
-    unsure : tuple of int, places in the set of those whose size may be nothing
-    std : (c,) array, of the noise that the set leaves in each channel
-    """
-
-    fitted: tuple[FittedEffect, ...]
-    ends: tuple[Mapping[int, tuple[float, float]], ...]
-    unsure: tuple[int, ...]
-    std: FloatArray
+    fitted: tuple[FittedEffect, ...]  # the set, idle numbers at nothing
+    ends: tuple[Mapping[int, tuple[float, float]], ...]  # 95 % interval of each coordinate of each effect
+    unsure: tuple[int, ...]  # places in the set of those whose size may be nothing
+    std: FloatArray  # (c,) of the noise that the set leaves in each channel
 
 
 def estimate_numbers(state: Search, start: Sequence[FittedEffect]) -> Numbers:

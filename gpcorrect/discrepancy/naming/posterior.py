@@ -10,10 +10,9 @@ import numpy as np
 
 from gpcorrect.discrepancy.naming.intervals import away_from_nothing, explained_by_others, size_spread, undetermined
 from gpcorrect.discrepancy.naming.smooth_model import smooth_nats
-from gpcorrect.discrepancy.naming.view import View
 from gpcorrect.discrepancy.naming.weigh import Own, Weighed, between_effects, weigh
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
-from gpcorrect.discrepancy.search.state import Search, penalty
+from gpcorrect.discrepancy.search.state import Search, View, penalty
 from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.types import BoolArray, FloatArray
 
@@ -39,25 +38,15 @@ class Explanation(StrEnum):
 
 @dataclass(frozen=True)
 class Alternative:
-    """One thing that could stand in an effect's place.
-
-    Parameters
-    ----------
-    explanation : Explanation, an effect, nothing, or something outside the catalogue
-    probability : float, posterior among the alternatives
-    label : str, the candidate's; "nothing" or "unknown"
-    name, family : str, canonical name and class of the effect; empty for nothing and unknown
-    joint : int, str or None, where
-    source : int or None, the joint that drives it, of a coupling or a cable that another joint pays out
-    """
+    """One thing that could stand in an effect's place."""
 
     explanation: Explanation
-    probability: float
-    label: str
-    name: str = ""
+    probability: float  # posterior among the alternatives
+    label: str  # the candidate's; "nothing" or "unknown"
+    name: str = ""  # canonical, of an effect
     joint: int | str | None = None
-    family: str = ""
-    source: int | None = None
+    family: str = ""  # class of an effect
+    source: int | None = None  # the joint that drives it, of a coupling or a cable that another joint pays out
 
     @classmethod
     def of(cls, candidate: Candidate, probability: float) -> Alternative:
@@ -79,25 +68,15 @@ class Alternative:
 
 @dataclass(frozen=True, eq=False)
 class Named:
-    """An effect with the level at which it may be named.
-
-    Parameters
-    ----------
-    level : Level, EXACT, CLASS, SET, UNKNOWN or INCONCLUSIVE
-    probability : float, posterior of this very effect
-    nats : float, held-out log Bayes factor on discovery and confirmation, divided by the overdispersion
-    alternatives : tuple of Alternative, with nothing and unknown, most probable first
-    reasons : tuple of str, why it is not EXACT
-    spread : float, by how much its size differs between trajectories beyond noise, as a part of the size
-    """
+    """An effect with the level at which it may be named."""
 
     fit: FittedEffect
     level: Level
-    probability: float
-    nats: float
-    alternatives: tuple[Alternative, ...]
-    reasons: tuple[str, ...]
-    spread: float = 0.0
+    probability: float  # posterior of this very effect
+    nats: float  # held-out log Bayes factor on discovery and confirmation, divided by the overdispersion
+    alternatives: tuple[Alternative, ...]  # with nothing and unknown, most probable first
+    reasons: tuple[str, ...]  # why it is not EXACT
+    spread: float = 0.0  # by how much its size differs between trajectories beyond noise, as a part of the size
 
     @property
     def may_be_named(self) -> bool:

@@ -15,11 +15,10 @@ import numpy as np
 from gpcorrect.discrepancy.evidence.bursts import Burst, bursts_of
 from gpcorrect.discrepancy.naming.numbers import estimate_numbers
 from gpcorrect.discrepancy.naming.posterior import Named, name_effect
-from gpcorrect.discrepancy.naming.view import View, view_of
 from gpcorrect.discrepancy.naming.weigh import Own, Rival, Weighed, own_gain
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.prepared import PreparedData, in_pieces
-from gpcorrect.discrepancy.search.state import Search, Trace, penalty, start_search
+from gpcorrect.discrepancy.search.state import Search, Trace, View, penalty, start_search, view_of
 from gpcorrect.discrepancy.search.stepwise import search as search_on
 from gpcorrect.discrepancy.settings import BURSTS, NAMING
 from gpcorrect.types import BoolArray, Progress
@@ -59,29 +58,18 @@ def name_effects(
 
 @dataclass
 class _ModelSelection:
-    """A set of effects on its way to names; every step changes it once.
+    """A set of effects on its way to names; every step changes it once."""
 
-    Parameters
-    ----------
-    search : Search, with the effects as they are now
-    assessments : dict, on each fit, by its identity
-    dropped : list of Named, taken out so far
-    own : dict, what each fit gains, by its identity
-    replaced : Counter
-        How often a rival took the place of each since the last search. It may come back once, for the others' numbers
-        were those beside it; two that each explain the other's must end.
-    searches : Counter, searches made for what was taken out at each joint: one joint may not use up another's
-    filled : int, how many of the dropped the last search has looked for a replacement of
-    """
-
-    search: Search
+    search: Search  # with the effects as they are now
     prepared: PreparedData
-    assessments: dict[int, tuple[Named, Weighed]] = field(default_factory=dict)
-    dropped: list[Named] = field(default_factory=list)
-    own: dict[int, Own] = field(default_factory=dict)
+    assessments: dict[int, tuple[Named, Weighed]] = field(default_factory=dict)  # of each fit, by its identity
+    dropped: list[Named] = field(default_factory=list)  # taken out so far
+    own: dict[int, Own] = field(default_factory=dict)  # what each fit gains, by its identity
+    # How often a rival took the place of each since the last search. It may come back once, for the others' numbers
+    # were those beside it; two that each explain the other's must end.
     replaced: Counter[Hashable] = field(default_factory=Counter)
-    searches: Counter[int | str] = field(default_factory=Counter)
-    filled: int = 0
+    searches: Counter[int | str] = field(default_factory=Counter)  # for what went at each joint: each has its own
+    filled: int = 0  # how many of the dropped the last search has looked for a replacement of
 
     def step(self) -> bool:
         """Change the set once; False when there is nothing to change."""

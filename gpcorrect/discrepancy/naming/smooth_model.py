@@ -13,9 +13,9 @@ import numpy as np
 
 from gpcorrect.discrepancy.evidence.linear import fold_of, held_out_nats, solve
 from gpcorrect.discrepancy.evidence.variables import Cells
-from gpcorrect.discrepancy.naming.view import View
 from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.search.linearisation import linearise
+from gpcorrect.discrepancy.search.state import View
 from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.types import BoolArray, FloatArray
 

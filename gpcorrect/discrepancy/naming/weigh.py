@@ -13,10 +13,9 @@ import numpy as np
 from gpcorrect.discrepancy.naming.intervals import size_overdispersion
 from gpcorrect.discrepancy.naming.occam import factors_of, linear_evidence, own_slopes, price_of, shape_evidence
 from gpcorrect.discrepancy.naming.smooth_model import smooth_columns, smooth_nats
-from gpcorrect.discrepancy.naming.view import View
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.linearisation import Linearisation, held_out
-from gpcorrect.discrepancy.search.state import Search, penalty
+from gpcorrect.discrepancy.search.state import Search, View, penalty
 from gpcorrect.discrepancy.search.stepwise import Ranked, rank
 from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.types import BoolArray, FloatArray
@@ -24,20 +23,12 @@ from gpcorrect.types import BoolArray, FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """Another candidate in an effect's place, and its nats.
-
-    Parameters
-    ----------
-    nats : float, beyond the set without either
-    price : float, nats that its further numbers cost, as :func:`~gpcorrect.discrepancy.naming.occam.price_of` has it
-    shape_nats : float
-        What the data say of its shape, where it is a fuller law of the effect's family that says something else here;
-        infinite elsewhere.
-    """
+    """Another candidate in an effect's place, and its nats."""
 
     fit: FittedEffect
-    nats: float
-    price: float
+    nats: float  # beyond the set without either
+    price: float  # nats that its further numbers cost, as :func:`~gpcorrect.discrepancy.naming.occam.price_of` has it
+    # what the data say of its shape, where it is a fuller law of the effect's family that says something else here
     shape_nats: float = np.inf
 
     @property
@@ -56,21 +47,13 @@ class Unknown:
 
 @dataclass(frozen=True, eq=False)
 class Own:
-    """What an effect gains beyond the set without it.
+    """What an effect gains beyond the set without it."""
 
-    Parameters
-    ----------
-    rest : tuple of FittedEffect, the set without it, fitted anew
-    reference : pair of arrays, whitened residual of that set on discovery and confirmation
-    discovery, confirmation : (b,) arrays, nats of each trajectory of either part
-    overdispersion : float, by how much evidence counts less, because the residual is still larger than noise
-    """
-
-    rest: tuple[FittedEffect, ...]
-    reference: tuple[FloatArray, FloatArray]
-    discovery: FloatArray
-    confirmation: FloatArray
-    overdispersion: float
+    rest: tuple[FittedEffect, ...]  # the set without it, fitted anew
+    reference: tuple[FloatArray, FloatArray]  # whitened residual of that set on discovery and confirmation
+    discovery: FloatArray  # (b,) nats of each trajectory of this part
+    confirmation: FloatArray  # (b,)
+    overdispersion: float  # by how much evidence counts less, because the residual is still larger than noise
 
     @property
     def nats(self) -> float:
@@ -85,20 +68,12 @@ class Own:
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """Evidence for one effect, and for what could stand in its place.
-
-    Parameters
-    ----------
-    price : float, nats that its further numbers cost
-    active : (b,) bool array
-        Trajectories of discovery, then confirmation, in which it acts: a slip does not before it happens.
-    rivals : tuple of Rival, those like it and those that it is a special case of, best first
-    """
+    """Evidence for one effect, and for what could stand in its place."""
 
     own: Own
-    price: float
-    active: BoolArray
-    rivals: tuple[Rival, ...]
+    price: float  # nats that its further numbers cost
+    active: BoolArray  # (b,) in which trajectories of discovery, then confirmation, it acts: a slip does not at first
+    rivals: tuple[Rival, ...]  # those like it and those that it is a special case of, best first
     unknown: Unknown
 
 

@@ -10,12 +10,11 @@ from gpcorrect.discrepancy.evidence.bursts import Burst, bursts_of
 from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.naming.posterior import Level, Named
 from gpcorrect.discrepancy.naming.smooth_model import smooth_columns, smooth_nats
-from gpcorrect.discrepancy.naming.view import view_of
 from gpcorrect.discrepancy.outcome.result import ChannelGap, NamedEffect, PlaceVerdict
 from gpcorrect.discrepancy.recording.scene import Channel
 from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.search.prepared import PreparedData
-from gpcorrect.discrepancy.search.state import Search, penalty
+from gpcorrect.discrepancy.search.state import Search, penalty, view_of
 from gpcorrect.discrepancy.settings import TESTS, VERDICT
 
 SURENESS = (Level.EXACT, Level.CLASS, Level.SET)

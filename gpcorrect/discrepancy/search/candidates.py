@@ -40,22 +40,13 @@ def watched(scene: Scene, session: int) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect on a joint, with its numbers still open.
+    """An effect on a joint, with its numbers still open."""
 
-    Parameters
-    ----------
-    kind : type of Effect, from the registry
-    joint : int or str, where it would act
-    fixed : tuple of (field, value), fields that are no numbers to estimate, such as a coupling's source
-    coordinates : tuple of Coordinate, numbers to estimate, one for each session where the effect has one a session
-    start : tuple of float, coordinates at which its signature is taken
-    """
-
-    kind: type[Effect]
-    joint: int | str
-    fixed: tuple[tuple[str, Any], ...]
-    coordinates: tuple[Coordinate, ...]
-    start: tuple[float, ...]
+    kind: type[Effect]  # from the registry
+    joint: int | str  # where it would act
+    fixed: tuple[tuple[str, Any], ...]  # fields that are no numbers to estimate, such as a coupling's source
+    coordinates: tuple[Coordinate, ...]  # numbers to estimate, one for each session where it has one a session
+    start: tuple[float, ...]  # coordinates at which its signature is taken
 
     @property
     def name(self) -> str:

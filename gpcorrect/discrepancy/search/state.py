@@ -1,4 +1,4 @@
-"""Where a search stands: the whitened data, the candidates' signatures, and the effects fitted so far."""
+"""Where a search stands, and how it looks on both its parts: whitened data, candidates' signatures, effects so far."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ import numpy as np
 from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener, whitener_on
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
+from gpcorrect.discrepancy.search.instants import with_open_instant_placed
 from gpcorrect.discrepancy.search.linearisation import Linearisation, linearise, refine, signature
+from gpcorrect.discrepancy.search.prepared import PreparedData
 from gpcorrect.discrepancy.settings import SEARCH
 from gpcorrect.parallel import each
 from gpcorrect.types import BoolArray, FloatArray, Progress
@@ -39,23 +41,14 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """State of the search.
+    """State of the search."""
 
-    Parameters
-    ----------
-    whitener : DatasetWhitener, data, and how the discovery part is whitened now
-    traces : tuple of Trace, of the candidates that leave one in the nominal machine
-    fitted, waterfall : tuples of FittedEffect and Step, what was found so far, and the steps taken
-    without_trace : tuple of Candidate, one of each label whose candidates leave no trace in these channels
-    whitened_by : tuple of FittedEffect, the set whose rest the noise was estimated from last: sets change more often
-    """
-
-    whitener: DatasetWhitener
-    traces: tuple[Trace, ...]
-    fitted: tuple[FittedEffect, ...] = ()
-    without_trace: tuple[Candidate, ...] = ()
-    waterfall: tuple[Step, ...] = ()
-    whitened_by: tuple[FittedEffect, ...] = ()
+    whitener: DatasetWhitener  # data, and how the discovery part is whitened now
+    traces: tuple[Trace, ...]  # of the candidates that leave one in the nominal machine
+    fitted: tuple[FittedEffect, ...] = ()  # what was found so far
+    without_trace: tuple[Candidate, ...] = ()  # one of each label whose candidates leave no trace in these channels
+    waterfall: tuple[Step, ...] = ()  # the steps taken
+    whitened_by: tuple[FittedEffect, ...] = ()  # whose rest the noise was estimated from last: sets change more often
 
     @property
     def dataset(self) -> Dataset:
@@ -205,3 +198,64 @@ def start_search(dataset: Dataset, candidates: Iterable[Candidate], progress: Pr
             silent.setdefault(candidate.label, candidate)
     active = {t.candidate.label for t in traces}
     return Search(whitener, tuple(traces), (), tuple(c for label, c in silent.items() if label not in active))
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A search with the recording that it was made on, and the whitener of its confirmation part."""
+
+    search: Search
+    prepared: PreparedData
+    confirmation: DatasetWhitener
+
+    def whitened_residuals(self, fitted: Sequence[FittedEffect]) -> tuple[FloatArray, FloatArray]:
+        """Return the whitened residual of a set on discovery and confirmation.
+
+        Parameters
+        ----------
+        fitted : sequence of FittedEffect, the set
+        """
+        placed = [self.placed(fitted, fit)[0] for fit in fitted]
+        discovery, confirmation = self.whitened(self.search.residual(placed)[:, :, None])
+        return discovery[:, 0], confirmation[:, 0]
+
+    def placed(self, fitted: Sequence[FittedEffect], fit: FittedEffect) -> tuple[FittedEffect, float]:
+        """Return an effect with the instant that confirmation shows where discovery leaves it open, and its price.
+
+        Parameters
+        ----------
+        fitted : sequence of FittedEffect, the set
+        fit : FittedEffect, one of them
+
+        Returns
+        -------
+        fit : FittedEffect
+        nats : float, that the choice among so many instants costs the confirmation part
+        """
+        if fit.candidate.instant is None:
+            return fit, 0.0
+        others = [m for m in fitted if m is not fit]
+        found, instants = with_open_instant_placed(self.confirmation, others, fit, self.search.dataset.discovery)
+        return found, float(np.log(instants))
+
+    def whitened(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return columns whitened on discovery and confirmation.
+
+        Parameters
+        ----------
+        columns : (m, c, k) array, of every channel
+        """
+        return self.search.whitener.whiten_columns(columns), self.confirmation.whiten_columns(columns)
+
+
+def view_of(search: Search, prepared: PreparedData) -> View:
+    """Whiten the confirmation part with the noise of discovery.
+
+    Parameters
+    ----------
+    search : Search
+    prepared : PreparedData
+    """
+    residual = search.residual(search.fitted)
+    confirmation = whitener_on(search.dataset, residual, search.dataset.confirmation, search.whitener.noises)
+    return View(search, prepared, confirmation)
