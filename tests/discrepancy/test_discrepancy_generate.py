@@ -54,9 +54,9 @@ def test_drawn_effects_have_the_size_that_was_asked_for() -> None:
     scout = joint_motion_log(model, 6, 6.0, seed=1)
     scene = build_scene(scout, model, np.ones(len(scout), dtype=np.bool_))
     for seed, name in enumerate(("backlash", "transmission_ratio", "homing_offset")):
-        drawn = drawn_effect(model, scout, 2.0, np.random.default_rng(seed), names=[name])
-        assert drawn.effect.about.name == name
-        assert effect_to_noise(scene, noise_of(model, scene), [drawn.effect]) == pytest.approx(2.0, rel=0.1)
+        _, effect = drawn_effect(model, scout, 2.0, np.random.default_rng(seed), names=[name])
+        assert effect.about.name == name
+        assert effect_to_noise(scene, noise_of(model, scene), [effect]) == pytest.approx(2.0, rel=0.1)
 
 
 def test_no_effect_can_be_sized_without_noise() -> None:

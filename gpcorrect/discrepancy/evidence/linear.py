@@ -14,23 +14,10 @@ FOLDS = 5  # of cross-validation over whole trajectories: chosen by hand
 
 @dataclass(frozen=True, eq=False)
 class Grams:
-    """Sums of products of p whitened columns over each of b blocks, which is what least squares needs of them.
+    """Sums of products of p whitened columns over each of b blocks, which is what least squares needs of them."""
 
-    `gram` `(b, p, p)` is with each other, `moment` `(b, p)` with the whitened residual, or `(b, p, r)` with r of them.
-    """
-
-    gram: FloatArray
-    moment: FloatArray
-
-    def take(self, columns: IntArray | list[int]) -> Grams:
-        """Return the same of some columns only.
-
-        Parameters
-        ----------
-        columns : int array or list of int
-        """
-        index = np.asarray(columns, dtype=np.int64)
-        return Grams(self.gram[:, index[:, None], index], self.moment[:, index])
+    gram: FloatArray  # (b, p, p) with each other
+    moment: FloatArray  # (b, p) with the whitened residual, or (b, p, r) with r of them
 
 
 def grams(columns: FloatArray, residual: FloatArray, block: IntArray) -> Grams:

@@ -30,44 +30,36 @@ CLIP = 5.0  # robust standard deviations
 
 @dataclass(frozen=True, eq=False)
 class ChannelData:
-    """One channel as the tests, `cells`, see it: time (s), residual (NaN is missing) and its noise.
-
-    `block` `(n,)` numbers whole trajectories from 0 without gaps, -1 for rows to leave out. Findings of less than
-    `least` times the noise do not count.
-    """
+    """One channel as the tests see it."""
 
     channel: Channel
-    time: FloatArray
-    residual: FloatArray
-    block: IntArray
+    time: FloatArray  # (n,) s
+    residual: FloatArray  # (n,) NaN is missing
+    block: IntArray  # (n,) whole trajectories from 0 without gaps, -1 for rows to leave out
     noise: ChannelNoise
-    cells: Sequence[Cells]
-    least: float = 0.0
+    cells: Sequence[Cells]  # the tests
+    least: float = 0.0  # of the noise: findings of less do not count
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A test that noise cannot explain: what the residual depends on, and the cell in which it is largest.
-
-    `nats` are gained on held-out trajectories. `size` is the root mean square of what depends on the variables, as a
-    fraction of the noise, and `counts` whether that is large enough to matter.
-    """
+    """A test that noise cannot explain: what the residual depends on, and the cell in which it is largest."""
 
     channel: Channel
     variables: tuple[Variable, ...]
     region: tuple[Span, ...]
-    nats: float
-    size: float
-    counts: bool = True
+    nats: float  # gained on held-out trajectories
+    size: float  # root mean square of what depends on the variables, as a fraction of the noise
+    counts: bool = True  # whether that is large enough to matter
 
 
 @dataclass(frozen=True)
 class Equivalence:
-    """Upper 95 % bound of a channel's systematic part, as a fraction of its noise, and the bound it has to be under."""
+    """How large a channel's systematic part may be, as a fraction of its noise."""
 
     channel: Channel
-    upper: float
-    limit: float
+    upper: float  # 95 % bound
+    limit: float  # that it has to be under
 
     @property
     def shown(self) -> bool:
@@ -77,15 +69,11 @@ class Equivalence:
 
 @dataclass(frozen=True)
 class Localisation:
-    """Outcome of all tests: the findings above the threshold, largest first, those too small to count as well.
+    """Outcome of all tests."""
 
-    The largest of all tests stays below the threshold in noise, with the level's probability; `largest` are the nats of
-    the best test whose finding counts.
-    """
-
-    findings: tuple[Finding, ...]
-    threshold: float
-    largest: float
+    findings: tuple[Finding, ...]  # above the threshold, largest first, those too small to count as well
+    threshold: float  # nats that the largest of all tests stays below in noise, with the level's probability
+    largest: float  # nats of the best test whose finding counts
     equivalence: tuple[Equivalence, ...]
 
     @property

@@ -8,31 +8,21 @@ from functools import cached_property
 import numpy as np
 from scipy.stats import t as student
 
-from gpcorrect.discrepancy.evidence.linear import Grams, grams
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.recording.noise import NORMAL_MAD, ChannelNoise, Whitener, estimate_noise
-from gpcorrect.discrepancy.recording.stated_noise import (
-    averaged,
-    chosen_noise,
-    rounded_to,
-    stated_noises,
-)
+from gpcorrect.discrepancy.recording.stated_noise import averaged, chosen_noise, rounded_to, stated_noises
 from gpcorrect.discrepancy.settings import NOISE
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
 class DatasetWhitener:
-    """Whitens columns of the m condensed rows of a dataset and stacks their channels to M rows.
-
-    `blocks` are of each channel `(m,)`, from 0 without gaps, -1 where the channel is missing or the row is left out;
-    `weight` `(M,)` reduces heavy tails.
-    """
+    """Whitens columns of the m condensed rows of a dataset and stacks their channels to M rows."""
 
     dataset: Dataset
-    blocks: tuple[IntArray, ...]
+    blocks: tuple[IntArray, ...]  # (m,) of each channel, from 0 without gaps, -1 where it is missing or left out
     noises: tuple[ChannelNoise, ...]
-    weight: FloatArray
+    weight: FloatArray  # (M,) reduces heavy tails
 
     @cached_property
     def block(self) -> IntArray:
@@ -78,15 +68,6 @@ class DatasetWhitener:
         values : (m, c) array
         """
         return self.whiten_columns(values[:, :, None])[:, 0]
-
-    def grams(self, columns: FloatArray, residual: FloatArray) -> Grams:
-        """Sum products over each block.
-
-        Parameters
-        ----------
-        columns, residual : (M, k) and (M,) arrays, whitened
-        """
-        return grams(columns, residual, self.block)
 
 
 def estimate_noises(dataset: Dataset, residual: FloatArray, rows: BoolArray) -> tuple[ChannelNoise, ...]:

@@ -14,7 +14,6 @@ from gpcorrect.discrepancy.naming.weigh import Own, Weighed, between_effects, we
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.state import Search, View, penalty
 from gpcorrect.discrepancy.settings import NAMING
-from gpcorrect.types import BoolArray, FloatArray
 
 
 class Level(StrEnum):
@@ -170,10 +169,10 @@ def fraction_closed(search: Search, fit: FittedEffect) -> float:
     search : Search
     fit : FittedEffect, one of the set
     """
-    rows = search.dataset.training
-    before, after = (_mean_square(search.residual(fitted), rows) for fitted in ((), search.fitted))
-    noise = search.whitener.std**2
-    change = _mean_square(search.dataset.predict([fit.effect]) - search.dataset.predict(), rows)
+    rows, noise = search.dataset.training, search.whitener.std**2
+    changed = search.dataset.predict([fit.effect]) - search.dataset.predict()
+    errors = (search.residual(()), search.residual(search.fitted), changed)
+    before, after, change = (np.nanmean(e[rows] ** 2, axis=0) for e in errors)
     touched = search.touched(fit.candidate) & (change > 0.0)
     if not touched.any():
         return 1.0
@@ -183,10 +182,6 @@ def fraction_closed(search: Search, fit: FittedEffect) -> float:
     closed[worth] = np.maximum(closed, 1.0 - (after - noise) / np.where(worth, before - noise, 1.0))[worth]
     weight = np.where(touched, change / noise, 0.0)
     return float(weight @ closed / weight.sum())
-
-
-def _mean_square(values: FloatArray, rows: BoolArray) -> FloatArray:
-    return np.asarray(np.nanmean(values[rows] ** 2, axis=0))
 
 
 def overtone_nats(view: View, fit: FittedEffect) -> float:

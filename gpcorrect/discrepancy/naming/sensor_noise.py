@@ -33,17 +33,13 @@ Numbers = Mapping[str, tuple[float, tuple[float, float], str]]  # of an effect: 
 
 @dataclass(frozen=True)
 class Growth:
-    """Noise beyond what was there before, or beyond what is stated.
+    """Noise beyond what was there before, or beyond what is stated."""
 
-    Its standard deviation (unit of the channel) by the scatter of the trajectories, the session time from which on it
-    is there (s), and the gain of log-likelihood of the trajectories' levels.
-    """
-
-    std: float
-    std_ci95: tuple[float, float]
-    since: float
+    std: float  # in the channel's unit
+    std_ci95: tuple[float, float]  # by the scatter of the trajectories
+    since: float  # session time from which on it is there, s
     since_ci95: tuple[float, float]
-    nats: float
+    nats: float  # gain of log-likelihood of the trajectories' levels
 
 
 def levels_of(residual: FloatArray, trajectory: IntArray, rows: BoolArray) -> tuple[FloatArray, IntArray, FloatArray]:

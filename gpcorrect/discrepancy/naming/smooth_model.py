@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gpcorrect.discrepancy.evidence.linear import fold_of, held_out_nats, solve
+from gpcorrect.discrepancy.evidence.linear import Grams, fold_of, grams, held_out_nats, solve
 from gpcorrect.discrepancy.evidence.variables import Cells
 from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.search.linearisation import linearise
@@ -99,9 +99,9 @@ def smooth_nats(
     confirmation = linearise(view.confirmation, touching, others)
     size = float(np.sqrt(np.nanmean(search.residual(fitted)[search.dataset.discovery][:, channels] ** 2)))
     p = discovery.slopes.shape[1]
-    sums = search.whitener.grams(np.concatenate([discovery.slopes, columns[0]], axis=1), discovery.z)
+    sums = grams(np.concatenate([discovery.slopes, columns[0]], axis=1), discovery.z, search.whitener.block)
     fold = fold_of(len(sums.gram))
-    own = held_out_nats(sums.take(list(range(p))), fold).sum()
+    own = held_out_nats(Grams(sums.gram[:, :p, :p], sums.moment[:, :p]), fold).sum()
     priors = [np.r_[np.zeros(p), np.full(k, strength / size**2)] for strength in PRECISIONS]
     nats = [float(held_out_nats(sums, fold, prior).sum()) for prior in priors]
     best = int(np.argmax(nats))

@@ -11,16 +11,12 @@ from gpcorrect.discrepancy.evidence.linear import solve
 from gpcorrect.discrepancy.settings import SENSORS, TESTS
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
+# Times the mean product of neighbouring second differences (1, -2, 1 over the root of 6) is the variance of white
+# noise: their weights share -4 of 6. Of what is smooth the product is positive, so that an unexplained motion, which
+# grows with speed as well, counts against noise and never for it.
 NEIGHBOURS = -1.5
-"""Times the mean product of neighbouring second differences (1, -2, 1 over the root of 6) is the variance of white
-noise: their weights share -4 of 6. Of what is smooth the product is positive, so that an unexplained motion, which
-grows with speed as well, counts against noise and never for it."""
-
-MOVING = 0.05
-"""Of a joint's root mean square speed, from which on it counts as moving: below it creeps."""
-
-REWEIGHTED = 4
-"""Rounds of the regression: its weights come from the line of the round before, and stand still after three."""
+MOVING = 0.05  # of a joint's root mean square speed, from which on it counts as moving: below it creeps
+REWEIGHTED = 4  # rounds of the regression: weights come from the line of the round before, and stand still after three
 
 
 def second_differences(values: FloatArray) -> FloatArray:
@@ -36,16 +32,12 @@ def second_differences(values: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class SpeedGrowth:
-    """Variance of noise that goes with the square of the speed.
+    """Variance of noise that goes with the square of the speed."""
 
-    The root of its slope is the spread of the instants (s), with an interval by the scatter of stretches; `level` is
-    the noise at rest (rad or m), `nats` half the square of the slope's standard score.
-    """
-
-    seconds: float
-    seconds_ci95: tuple[float, float]
-    level: float
-    nats: float
+    seconds: float  # root of its slope: the spread of the instants, s
+    seconds_ci95: tuple[float, float]  # by the scatter of stretches
+    level: float  # noise at rest, rad or m
+    nats: float  # half the square of the slope's standard score
 
 
 def speed_growth(

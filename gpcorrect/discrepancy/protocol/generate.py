@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import cycle, islice
@@ -145,10 +145,11 @@ def generate(spec: Spec, progress: Progress | None = None) -> Iterator[Case]:
 def _drawn(spec: Spec, draw: DrawTable, rng: np.random.Generator) -> Iterator[tuple[tuple[Effect, ...], float]]:
     scout = _log(spec, spec.model, rng, seed=0)
     for ratio in islice(cycle(draw.effect_to_noise), draw.cases):
-        members: list[Drawn] = []
+        members: dict[Hashable, Effect] = {}
         for _ in range(draw.effects):
-            members.append(drawn_effect(spec.model, scout, ratio, rng, names=draw.names, besides=members))
-        yield tuple(m.effect for m in members), ratio
+            candidate, effect = drawn_effect(spec.model, scout, ratio, rng, names=draw.names, besides=members)
+            members[candidate.key] = effect
+        yield tuple(members.values()), ratio
 
 
 def _case(spec: Spec, case: tuple[int, tuple[Effect, ...], float | None]) -> Case:
@@ -173,14 +174,6 @@ def _log(spec: Spec, model: Model, rng: np.random.Generator, seed: int) -> Calib
         payloads=motion.payloads,
     )
     return simulate(machine, plan, seed)
-
-
-@dataclass(frozen=True, eq=False)
-class Drawn:
-    """An effect, and the candidate that it came from."""
-
-    candidate: Candidate
-    effect: Effect
 
 
 def noise_of(model: Model, scene: Scene) -> FloatArray:
@@ -233,9 +226,9 @@ def drawn_effect(
     rng: np.random.Generator,
     *,
     names: Sequence[str] = (),
-    besides: Sequence[Drawn] = (),
-) -> Drawn:
-    """Draw an effect at random, and scale it until it stands out of the noise by about `ratio`.
+    besides: Container[Hashable] = (),
+) -> tuple[Candidate, Effect]:
+    """Draw a candidate at random, and scale it until its effect stands out of the noise by about `ratio`.
 
     Parameters
     ----------
@@ -244,7 +237,7 @@ def drawn_effect(
     ratio : float, root mean square of the change over the noise, in the channel where it is largest
     rng : numpy.random.Generator
     names : sequence of str, effects to draw from; all when empty
-    besides : sequence of Drawn, already there: not drawn again
+    besides : container of candidates' keys, already there: not drawn again
 
     Raises
     ------
@@ -253,8 +246,7 @@ def drawn_effect(
     """
     scene = build_scene(scout, model, np.ones(len(scout), dtype=np.bool_)).strict()
     std = noise_of(model, scene)
-    taken = {d.candidate.key for d in besides}
-    open_ones = [c for c in all_candidates(scene) if c.key not in taken and (not names or c.name in names)]
+    open_ones = [c for c in all_candidates(scene) if c.key not in besides and (not names or c.name in names)]
     keys = list(dict.fromkeys(c.name for c in open_ones))
     for _ in range(TRIES if keys else 0):
         name = keys[int(rng.integers(len(keys)))]
@@ -262,7 +254,7 @@ def drawn_effect(
         candidate = same[int(rng.integers(len(same)))]
         effect = _sized(candidate, scene, std, ratio, rng)
         if effect is not None:
-            return Drawn(candidate, effect)
+            return candidate, effect
     raise DataError(
         f"no effect of {', '.join(names) or 'the catalogue'} can stand out of the noise by {ratio:g} in this machine.",
         hint="Ask for other names, or give the model less noise.",

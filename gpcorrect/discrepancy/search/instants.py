@@ -121,23 +121,13 @@ class _Cuts:
     instants: FloatArray
 
     def at(self, instants: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the best factor of the trace when it begins at each of k instants, and its gain in nats.
-
-        Parameters
-        ----------
-        instants : (k,) array, session time, s
-        """
+        """Return the best factor of the trace when it begins at each instant `(k,)`, s, and its gain in nats."""
         energy, along = self._products(instants)
         factor = np.divide(along, energy, out=np.zeros(len(instants)), where=energy > 0.0)
         return factor, 0.5 * factor * along
 
     def gain(self, instants: FloatArray) -> FloatArray:
-        """Return the gain in nats of the trace as it is when it begins at each of k instants.
-
-        Parameters
-        ----------
-        instants : (k,) array, session time, s
-        """
+        """Return the gain in nats of the trace as it is when it begins at each instant `(k,)`, s."""
         energy, along = self._products(instants)
         return along - 0.5 * energy
 

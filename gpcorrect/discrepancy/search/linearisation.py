@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
-from gpcorrect.discrepancy.evidence.linear import fold_of, held_out_nats
+from gpcorrect.discrepancy.evidence.linear import fold_of, grams, held_out_nats
 from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
@@ -143,11 +143,11 @@ def _at(fitted: Sequence[FittedEffect], u: FloatArray) -> list[FittedEffect]:
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """A set, the whitened residual `(M,)` that it leaves, and whitened tangents `(M, p)` of its free coordinates."""
+    """A set with tangents."""
 
     fitted: tuple[FittedEffect, ...]
-    z: FloatArray
-    slopes: FloatArray
+    z: FloatArray  # (M,) whitened residual that it leaves
+    slopes: FloatArray  # (M, p) whitened tangents of its free coordinates
 
 
 def linearise(
@@ -181,5 +181,5 @@ def held_out(whitener: DatasetWhitener, reference: FloatArray, z: FloatArray, sl
     before, after = np.bincount(block, reference**2, n_blocks), np.bincount(block, z**2, n_blocks)
     gains: FloatArray = 0.5 * (before - after).astype(np.float64)
     if slopes.shape[1]:
-        gains += held_out_nats(whitener.grams(slopes, z), fold_of(n_blocks), ridge=1e-4)
+        gains += held_out_nats(grams(slopes, z, block), fold_of(n_blocks), ridge=1e-4)
     return gains

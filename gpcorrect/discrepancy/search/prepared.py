@@ -28,18 +28,14 @@ MOST = 0.5  # of a joint's usual way: what remembers more depends on the beginni
 
 @dataclass(frozen=True, eq=False)
 class PreparedData:
-    """What the workflow needs of a recording.
+    """What the workflow needs of a recording."""
 
-    `log` has the joint paths that its poses stand for. `tests` and `inputs` (variables at the condensed rows) are of
-    each channel; `remarks` say how it was split, and what had to be assumed.
-    """
-
-    log: CalibrationLog
+    log: CalibrationLog  # with the joint paths that its poses stand for
     split: Split
     dataset: Dataset
-    tests: tuple[tuple[Cells, ...], ...]
-    inputs: tuple[Covariates, ...]
-    remarks: tuple[str, ...]
+    tests: tuple[tuple[Cells, ...], ...]  # of each channel
+    inputs: tuple[Covariates, ...]  # of each channel, at the condensed rows
+    remarks: tuple[str, ...]  # how it was split, and what had to be assumed
 
     def without(self, samples: BoolArray) -> PreparedData:
         """Return the recording without samples that may be off by how a motion began, and a remark on them.

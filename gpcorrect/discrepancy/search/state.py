@@ -21,14 +21,11 @@ from gpcorrect.types import BoolArray, FloatArray, Progress
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """A candidate's signature at its start `(m, c, a)`, a column for each amplitude.
-
-    It touches the channels `(c,)` in which it is more than a fiftieth of the noise.
-    """
+    """A candidate's signature at its start."""
 
     candidate: Candidate
-    change: FloatArray
-    touched: BoolArray
+    change: FloatArray  # (m, c, a) a column for each amplitude
+    touched: BoolArray  # (c,) channels in which it is more than a fiftieth of the noise
 
 
 @dataclass(frozen=True)

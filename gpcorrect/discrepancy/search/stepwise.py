@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from gpcorrect.discrepancy.evidence.linear import bordered, fold_of, held_out_nats, solve
+from gpcorrect.discrepancy.evidence.linear import bordered, fold_of, grams, held_out_nats, solve
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.linearisation import Linearisation, held_out, linearise
 from gpcorrect.discrepancy.search.state import Search, Step, penalty
@@ -51,7 +51,7 @@ def rank(
     fewest = {} if beyond is None else {c.key: c.extra for c in beyond}
     taken = {m.candidate.key for m in linearised.fitted} | {c.key for c in without}
     whitener, slopes, z = search.whitener, linearised.slopes, linearised.z
-    base, p = whitener.grams(slopes, z), slopes.shape[1]
+    base, p = grams(slopes, z, whitener.block), slopes.shape[1]
     fold = fold_of(int(whitener.block.max()) + 1)
     base_nats = float(held_out_nats(base, fold).sum()) if p else 0.0
     best: dict[Hashable, Ranked] = {}
