@@ -46,7 +46,9 @@ WIGGLE = 0.05  # of the range, at the reference pose
 def advise(
     scene: Scene, fitted: Sequence[FittedEffect], named: Sequence[Named], noises: Sequence[ChannelNoise]
 ) -> tuple[Experiment | None, Plans]:
-    """Find the run that tells the two leaders apart whose question is the most open.
+    """Find the run that tells the two leaders apart whose question is the most open; None when nothing is open.
+
+    Also return its desired paths, each with the factor on the controller's gains; none when a sensor is advised.
 
     Parameters
     ----------
@@ -54,12 +56,6 @@ def advise(
     fitted : sequence of FittedEffect, effects that were named
     named : sequence of Named, all that were weighed, with their alternatives
     noises : sequence of ChannelNoise
-
-    Returns
-    -------
-    experiment : Experiment or None, when nothing is open
-    plans : tuple of (Plan, float)
-        Desired paths of it, each with the factor on the controller's gains; none when a sensor is advised.
     """
     question = _question(named)
     if question is None:

@@ -44,16 +44,13 @@ def half_widths(search: Search, fit: FittedEffect, known: Sequence[int] = ()) ->
 
     The larger of sandwich (by trajectory) and Gauss-Newton, and what an error in the shape of our own signatures adds:
     an effect that is seen a hundred times above noise is still only known as well as its operator describes it.
+    Sandwich with whole trajectories as units: Liang and Zeger 1986, Biometrika 73(1).
 
     Parameters
     ----------
     search : Search, a set, and the rows and noise to use
     fit : FittedEffect, one of the set
     known : sequence of int, coordinates of its that are taken for known, and left out
-
-    Notes
-    -----
-    Sandwich with whole trajectories as units: Liang and Zeger 1986, Biometrika 73(1).
     """
     own, coordinates, whitener = columns_of(search.fitted, fit), fit.candidate.coordinates, search.whitener
     left = [i for i in range(len(own)) if i not in known]
@@ -82,8 +79,7 @@ def interval_ends(search: Search, fit: FittedEffect) -> dict[int, tuple[float, f
 
     Parameters
     ----------
-    search, fit
-        As for :func:`half_widths`.
+    search, fit : as for :func:`half_widths`
     """
     widths, candidate = half_widths(search, fit), fit.candidate
     ends = {i: (float(fit.u[i]) - half, float(fit.u[i]) + half) for i, half in widths.items()}
@@ -114,15 +110,12 @@ def interval_ends(search: Search, fit: FittedEffect) -> dict[int, tuple[float, f
 def without_idle_numbers(search: Search) -> tuple[FittedEffect, ...]:
     """Return a set in which, of an effect's several sizes of either sign, those that nothing asks for are nothing.
 
-    They are what noise makes of them, or have moved with one that they trade places with.
+    They are what noise makes of them, or have moved with one that they trade places with. Backward elimination, as long
+    as the set stays within the 95 % region of the numbers that are nothing.
 
     Parameters
     ----------
     search : Search, the set at its best numbers, and the rows and noise to use
-
-    Notes
-    -----
-    Backward elimination, as long as the set stays within the 95 % region of the numbers that are nothing.
     """
     whitener, fitted = search.whitener, search.fitted
     columns = {(i, k): columns_of(fitted, f)[k] for i, f in enumerate(fitted) for k in f.candidate.sizes}
@@ -163,8 +156,7 @@ def undetermined(search: Search, fit: FittedEffect) -> list[str]:
 
     Parameters
     ----------
-    search, fit
-        As for :func:`half_widths`.
+    search, fit : as for :func:`half_widths`
     """
     candidate = fit.candidate
     refining = {f.name for f in fields(candidate.kind) if f.default is not MISSING}
@@ -193,15 +185,12 @@ def away_from_nothing(search: Search, fit: FittedEffect) -> bool:
     present shape, because an effect of no size has none (Davies 1977, Biometrika 64(2)); but a spring that is mostly
     cubic has hardly any of its linear part in its present shape, and of a lone size with a shape the profile decides.
 
-    Parameters
-    ----------
-    search, fit
-        As for :func:`half_widths`.
-
-    Notes
-    -----
     Hotelling's T-squared of the sizes, with either covariance. With fewer than three trajectories a size it is almost
     without power (its limit is in the thousands), and Student's t of the sizes' present mixture is taken.
+
+    Parameters
+    ----------
+    search, fit : as for :func:`half_widths`
     """
     own, sizes = columns_of(search.fitted, fit), list(fit.candidate.sizes)
     distance = np.array([fit.u[i] - fit.candidate.coordinates[i].identity for i in sizes])
@@ -248,8 +237,7 @@ def explained_by_others(search: Search, fit: FittedEffect) -> float:
 
     Parameters
     ----------
-    search, fit
-        As for :func:`half_widths`.
+    search, fit : as for :func:`half_widths`
     """
     slopes, own = linearise(search.whitener, search.fitted).slopes, columns_of(search.fitted, fit)
     tangent, others = slopes[:, own[fit.candidate.sizes[0]]], np.delete(slopes, own, axis=1)
@@ -281,16 +269,12 @@ def size_spread(search: Search, fit: FittedEffect) -> float:
     """Return the standard deviation of an effect's size between trajectories, beyond noise, as a part of the size.
 
     What a part of a machine is or does is the same in every motion. 0 where noise may be all of the difference (0.1 %
-    level).
+    level). DerSimonian and Laird 1986, Controlled Clinical Trials 7(3), Eq. 8.
 
     Parameters
     ----------
     search : Search
     fit : FittedEffect, one of the set
-
-    Notes
-    -----
-    DerSimonian and Laird 1986, Controlled Clinical Trials 7(3), Eq. 8.
     """
     score, energy = _scores(search, fit)
     freedom, change = len(energy) - 1, score / energy

@@ -86,7 +86,7 @@ class Named:
     def rivals(self) -> tuple[Alternative, ...]:
         """Other effects that cannot be ruled out."""
         own = self.fit.candidate.label
-        return tuple(not_ruled_out([a for a in self.alternatives if a.is_effect and a.label != own], self.probability))
+        return tuple(_not_ruled_out([a for a in self.alternatives if a.is_effect and a.label != own], self.probability))
 
     def in_doubt(self) -> Named:
         """Return it as an effect whose size may be nothing after all."""
@@ -94,14 +94,8 @@ class Named:
         return replace(self, level=Level.INCONCLUSIVE, reasons=reasons)
 
 
-def not_ruled_out(rivals: Sequence[Alternative], own: float) -> list[Alternative]:
-    """Return the rivals above the limit; where none is, the best, if it is some effect that has an exact name's odds.
-
-    Parameters
-    ----------
-    rivals : sequence of Alternative, other effects
-    own : float, posterior of the effect
-    """
+def _not_ruled_out(rivals: Sequence[Alternative], own: float) -> list[Alternative]:
+    """Return the rivals above the limit; where none is, the best, if it is some effect that has an exact name's odds."""
     stable = [a for a in rivals if a.probability >= NAMING.stable]
     some_effect = own + sum(a.probability for a in rivals)
     if stable or own >= NAMING.exact or some_effect < NAMING.exact:
@@ -110,18 +104,15 @@ def not_ruled_out(rivals: Sequence[Alternative], own: float) -> list[Alternative
 
 
 def posterior(candidate: Candidate, weighed: Weighed, cost: float) -> list[Alternative]:
-    """Weigh an effect against nothing, unknown and its rivals.
+    """Weigh an effect against nothing, unknown and its rivals, in this order; their probabilities sum to 1.
+
+    Of the rivals those that would be called something else.
 
     Parameters
     ----------
     candidate : Candidate, the effect
     weighed : Weighed, its evidence, and that of what could stand in its place
     cost : float, prior nats that any effect costs
-
-    Returns
-    -------
-    list of Alternative
-        The effect itself, nothing, unknown, and the rivals that would be called something else; probabilities sum to 1.
     """
     own, rivals = weighed.own, [r for r in weighed.rivals if not r.candidate.called_like(candidate)]
     nats = np.array([own.nats, cost, _unknown_nats(weighed, cost), *(r.nats for r in rivals)]) - cost
@@ -270,7 +261,7 @@ def _level(alternatives: Sequence[Alternative], doubts: Sequence[str], partial: 
     if partial:
         return Level.UNKNOWN, partial
     own, nothing, unknown, *rivals = alternatives
-    stable = not_ruled_out(rivals, own.probability)
+    stable = _not_ruled_out(rivals, own.probability)
     if unknown.probability > 0.5:
         return Level.UNKNOWN, ["a smooth model outside the catalogue explains more"]
     if doubts or nothing.probability > NAMING.stable:

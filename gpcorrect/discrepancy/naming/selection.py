@@ -31,27 +31,20 @@ def name_effects(
 ) -> tuple[Search, tuple[Named, ...], tuple[Named, ...]]:
     """Weigh every fit of a finished search; put better rivals in place, and take out what may not be named.
 
-    An effect is weighed anew whenever an effect that shows in its channels has gone or changed.
+    An effect is weighed anew whenever an effect that shows in its channels has gone or changed. Return the search with
+    the named effects only, those in the same order, and the others with the reasons.
 
     Parameters
     ----------
     search : Search, finished
     prepared : PreparedData
     progress : Progress, optional, reported each pass
-
-    Returns
-    -------
-    search : Search, with the named effects only
-    named : tuple of Named, those, in the same order
-    dropped : tuple of Named, the others, with the reasons
     """
     selection = _ModelSelection(search, prepared)
-    total = len(search.fitted)
+    total, progress = len(search.fitted), progress or Progress()
     while selection.step():
-        if progress is not None:
-            progress.step("naming", len(selection.dropped) / (total + len(selection.dropped) + 1))
-    if progress is not None:
-        progress.step("naming", 1.0)
+        progress.step("naming", len(selection.dropped) / (total + len(selection.dropped) + 1))
+    progress.step("naming", 1.0)
     named = tuple(selection.assessments[id(m)][0] for m in selection.search.fitted)
     return selection.search, named, tuple(selection.dropped)
 
@@ -180,7 +173,8 @@ def name_rare(
 
     Such as a limit that is reached once. No motion can foretell another's there, so that evidence from motion to motion
     has nothing to say. But what happens lasts for many samples, and a law with few numbers that is fitted to some of
-    them has to foretell the others.
+    them has to foretell the others. Return the recording in pieces, the state with the new effects, and all that is
+    named; None when nothing rare gets a name.
 
     Parameters
     ----------
@@ -190,12 +184,6 @@ def name_rare(
     candidates : sequence of Candidate, all that these data could show
     rng : numpy.random.Generator, deals the pieces
     progress : Progress
-
-    Returns
-    -------
-    tuple or None
-        The recording in pieces, the state with the new effects, and all that is named; None when nothing rare gets a
-        name.
     """
     found = bursts_of(prepared.dataset, state.whitener.noises, [f.effect for f in state.fitted])
     bursts = [b for b in found if b.rare]

@@ -41,12 +41,13 @@ def verdict_level(
     fitted : sequence of FittedEffect, those of them that change a mean, with their final numbers
     dropped : sequence of Named, what was looked at and may not be named
     """
+    dataset, noises = state.dataset, state.whitener.noises
+    bursts = bursts_of(dataset, noises, [f.effect for f in fitted])
+    lasting = any(b.lasts for b in bursts)
     if not before.something and not effects:
-        dataset, noises = state.dataset, state.whitener.noises
-        tolerable = all(t <= VERDICT.most_tolerated for t in dataset.tolerated(noises).values())
-        bursts = bursts_of(dataset, noises, [f.effect for f in fitted])
-        if any(b.lasts for b in bursts):
+        if lasting:
             return Level.UNKNOWN
+        tolerable = all(t <= VERDICT.most_tolerated for t in dataset.tolerated(noises).values())
         compared = not dataset.scene.unclocked  # else the motors were compared with nothing
         return Level.NONE if before.nothing and tolerable and compared and not bursts else Level.INCONCLUSIVE
     if alike and not effects:
@@ -54,13 +55,12 @@ def verdict_level(
     if effects and (fitted or not before.something):
         return _least_sure(effects)
     joints = {e.joint for e in effects}  # of effects on noise, which say what is odd there
-    channels = {c for c in prepared.dataset.scene.channels if c.joint not in joints}
-    elsewhere = np.array([c in channels for c in prepared.dataset.scene.channels])
+    elsewhere = np.array([c.joint not in joints for c in dataset.scene.channels])
+    channels = {c for c in dataset.scene.channels if c.joint not in joints}
     view = view_of(state, prepared)
     each = np.eye(len(elsewhere), dtype=np.bool_)[elsewhere]  # all at once, six joints ask for gigabytes
     left = sum(smooth_nats(view, fitted, only, smooth_columns(view, fitted, only)) for only in each)
-    rare = any(b.lasts for b in bursts_of(state.dataset, state.whitener.noises, [f.effect for f in fitted]))
-    if left > penalty(max(state.n_kinds, 1)) or is_plain(before, channels, dropped) or rare:
+    if left > penalty(state.n_kinds) or is_plain(before, channels, dropped) or lasting:
         return Level.UNKNOWN
     return _least_sure(effects) if effects else Level.INCONCLUSIVE
 

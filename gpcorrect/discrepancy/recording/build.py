@@ -59,8 +59,9 @@ def build_scene(
     driven = has_controller(model) and log.setpoint_jp is not None
     command = _joint_columns(log, "setpoint_jp", joints) if driven else None
     time = None if command is None else settled_stamps(log.time, label, command)
-    settling = _settling(log.time, label)
-    on_the_move = settling
+    first_rows = np.flatnonzero(np.diff(label, prepend=-1))
+    # Where a servo may not have forgotten how the motion began.
+    on_the_move = settling = np.asarray(log.time - log.time[first_rows][label] < CLOCK.settles)
     if time is not None and command is not None:
         on_the_move = settling & _begun_on_the_move(time, label, command)
     loop = time is not None and not on_the_move.all()
@@ -236,12 +237,6 @@ def _continuous_runs(log: CalibrationLog, motor: FloatArray) -> IntArray:
     near = (moved <= np.nanmax(moved[inside], axis=0)).all(axis=1)
     joined = (step > 0) & (step <= step[~change].max()) & near & (np.diff(log.session) == 0)
     return np.concatenate([[0], np.cumsum(np.where(change, ~joined, hole & ~near))]).astype(np.int64)
-
-
-def _settling(time: FloatArray, label: IntArray) -> BoolArray:
-    """Say in which rows `(n,)` a servo may not have forgotten how the motion began."""
-    first = np.flatnonzero(np.diff(label, prepend=-1))
-    return np.asarray(time - time[first][label] < CLOCK.settles)
 
 
 def _begun_on_the_move(time: FloatArray, label: IntArray, command: FloatArray) -> BoolArray:

@@ -56,6 +56,7 @@ def with_open_instant_placed(
     """Move a change-point between two known rows to where it explains other rows there best; its size stays.
 
     An instant in a pause of the discovery part is open to its ends, and the confirmation part may lie between them.
+    Also return among how many it was chosen: the mean of their likelihoods is the best one's divided by that, at least.
 
     Parameters
     ----------
@@ -63,12 +64,6 @@ def with_open_instant_placed(
     others : sequence of FittedEffect, present beside it
     fit : FittedEffect
     known : (m,) bool array, rows that it was fitted on
-
-    Returns
-    -------
-    fit : FittedEffect
-    instants : int
-        Among how many it was chosen: the mean of their likelihoods is the best one's divided by that, at least.
     """
     index, cuts = _place(fit), _cuts(open_to, others, fit)
     coordinate = fit.candidate.coordinates[index]

@@ -219,15 +219,12 @@ class View:
     def placed(self, fitted: Sequence[FittedEffect], fit: FittedEffect) -> tuple[FittedEffect, float]:
         """Return an effect with the instant that confirmation shows where discovery leaves it open, and its price.
 
+        That are the nats which the choice among so many instants costs the confirmation part.
+
         Parameters
         ----------
         fitted : sequence of FittedEffect, the set
         fit : FittedEffect, one of them
-
-        Returns
-        -------
-        fit : FittedEffect
-        nats : float, that the choice among so many instants costs the confirmation part
         """
         if fit.candidate.instant is None:
             return fit, 0.0
