@@ -95,7 +95,7 @@ class Named:
 
 
 def _not_ruled_out(rivals: Sequence[Alternative], own: float) -> list[Alternative]:
-    """Return the rivals above the limit; where none is, the best, if it is some effect that has an exact name's odds."""
+    """Return the rivals above the limit; else the best, if own and rivals together have an exact name's odds."""
     stable = [a for a in rivals if a.probability >= NAMING.stable]
     some_effect = own + sum(a.probability for a in rivals)
     if stable or own >= NAMING.exact or some_effect < NAMING.exact:
