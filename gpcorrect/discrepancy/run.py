@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gpcorrect.discrepancy.advice.next_experiment import advise
+from gpcorrect.discrepancy.advice import advise
 from gpcorrect.discrepancy.evidence.bursts import bursts_of
 from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.evidence.whitener import estimate_noises
@@ -113,10 +113,10 @@ def _find(
     started, rng = time.monotonic(), np.random.default_rng(seed)
     progress.step("preparing", 0.0)
     prepared = prepare_data(log, model, rng)
-    dataset, train = prepared.dataset, prepared.dataset.training
+    dataset = prepared.dataset
     progress.step("preparing", 1.0)
     progress.step("localising", 0.0)
-    noises = estimate_noises(dataset, dataset.residual(), train)
+    noises = estimate_noises(dataset, dataset.residual(), dataset.training)
     before = localise_residual(prepared, (), noises, tolerance, rng)
     progress.step("localising", 1.0)
     candidates, lacks = split_by_needs(all_candidates(dataset.scene), dataset.scene, prepared.log)
@@ -127,13 +127,11 @@ def _find(
         state = load_or_search(
             state, candidates, store, lambda start: search(start, rounds=SEARCH.rounds, progress=progress)
         )
-        known = prepared
         state, named, dropped = load_or_name(
-            state, candidates, store, lambda done: name_effects(done, known, progress=progress)
+            state, candidates, store, lambda done: name_effects(done, prepared, progress=progress)
         )
     if (rare := name_rare(prepared, state, named, candidates, rng, progress)) is not None:
         prepared, state, named = rare
-        dataset, train = prepared.dataset, prepared.dataset.training
     judge = partial(_judge, prepared, state, before, named, dropped, tolerance, rng, progress)
     found = judge(only_large=False)
     effects = found.verdict.effects
@@ -189,7 +187,7 @@ def _judge(
     only_large: bool,
 ) -> _Judged:
     """Estimate all numbers together, leave out what turns out unsure or minor, and look at what is left then."""
-    dataset, train = prepared.dataset, prepared.dataset.training
+    dataset = prepared.dataset
     progress.step("numbers", 0.0)
     numbers = estimate_numbers(state, [n.fit for n in named])
     found = _effects_of(state, named, numbers)
@@ -203,7 +201,7 @@ def _judge(
     fitted = numbers.fitted
     progress.step("numbers", 1.0)
     shown = [f.effect for f in fitted]
-    noises = estimate_noises(dataset, state.residual(fitted), train)
+    noises = estimate_noises(dataset, state.residual(fitted), dataset.training)
     on_noise = noise_effects(dataset, shown, np.array([n.std for n in noises]) * np.sqrt(dataset.samples_a_row))
     sure = [e for e in on_noise if e.named.may_be_named]
     prepared = prepared.without(open_beginnings(dataset, shown, noises))

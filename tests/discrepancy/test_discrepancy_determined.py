@@ -40,7 +40,7 @@ def test_a_wave_is_as_well_determined_wherever_the_joint_has_its_zero(zero: floa
     numbers = [c.coordinate(x) for c, x in zip(wheel.coordinates, (NOISE, WAVES, phase), strict=True)]
     (fit,) = refine(state.whitener, [], [FittedEffect(wheel, np.array(numbers))], 30)
     state = replace(state, fitted=(fit,))
-    assert undetermined(state, state.whitener, [fit], fit) == []
+    assert undetermined(state, fit) == []
 
 
 def swing(rng: np.random.Generator) -> FloatArray:
@@ -70,8 +70,8 @@ def test_a_stretch_that_is_beyond_doubt_has_no_interval_that_holds_nothing(
     wanted = [c for c in all_candidates(prepared.dataset.scene) if c.name == "nonlinear_stretch" and c.joint == 2]
     state = search(start_search(prepared.dataset, wanted), rounds=1)
     (fit,) = state.fitted
-    half = half_widths(state, state.whitener, [fit], fit)[0]
-    low, high = interval_ends(state, state.whitener, [fit], fit)[0]
+    half = half_widths(state, fit)[0]
+    low, high = interval_ends(state, fit)[0]
     assert bool(half > fit.u[0]) is doubtful
     assert high == pytest.approx(fit.u[0] + half)
     assert low > 0.0 if doubtful else low == pytest.approx(fit.u[0] - half)

@@ -12,14 +12,13 @@ from scipy.stats import multivariate_normal
 from gpcorrect.discrepancy import run as workflow
 from gpcorrect.discrepancy.naming.intervals import half_widths, without_idle_numbers
 from gpcorrect.discrepancy.naming.numbers import estimate_numbers
-from gpcorrect.discrepancy.naming.occam import LinearLaw
+from gpcorrect.discrepancy.naming.occam import linear_evidence
 from gpcorrect.discrepancy.naming.posterior import Named, name_effect
-from gpcorrect.discrepancy.naming.view import view_of
 from gpcorrect.discrepancy.naming.weigh import own_gain
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.prepared import PreparedData, prepare_data
-from gpcorrect.discrepancy.search.state import start_search
+from gpcorrect.discrepancy.search.state import start_search, view_of
 from gpcorrect.discrepancy.search.stepwise import search
 from gpcorrect.sim import machine_of, model_from_dict, simulate
 from gpcorrect.sim.effects import DhError, Effect, RegistrationError
@@ -76,7 +75,7 @@ def test_what_these_sensors_do_not_see_stays_where_it_is_and_may_be_anything() -
     alpha, theta = (next(i for i, c in enumerate(row.coordinates) if c.parameter.name == n) for n in ("alpha", "theta"))
     assert fit.at_edge == ()
     assert row.coordinates[alpha].value(float(fit.u[alpha])) == pytest.approx(-0.078, rel=0.03)
-    widths = half_widths(state, state.whitener, [fit], fit)
+    widths = half_widths(replace(state, fitted=(fit,)), fit)
     assert widths[theta] == row.coordinates[theta].width
     assert widths[alpha] < 0.1 * row.coordinates[alpha].width
 
@@ -87,7 +86,7 @@ def test_numbers_that_the_data_do_not_ask_for_are_nothing() -> None:
     row = row_of(prepared, 2)
     state = start_search(prepared.dataset, [row])
     fitted = refine(state.whitener, [], [FittedEffect(row, np.array(row.start))])
-    (lean,) = without_idle_numbers(state, state.whitener, fitted)
+    (lean,) = without_idle_numbers(replace(state, fitted=tuple(fitted)))
     numbers = dict(zip([c.parameter.name for c in row.coordinates], lean.u, strict=True))
     assert np.count_nonzero(fitted[0].u) == 4
     assert numbers["alpha"] == numbers["d"] == numbers["theta"] == 0.0
@@ -108,13 +107,13 @@ def test_the_evidence_of_a_linear_model_is_what_is_left_of_the_data_once_its_num
         misfit = 0.5 * float((data - slopes @ numbers) @ (data - slopes @ numbers))
         marginal = multivariate_normal(cov=noisier * np.eye(40) + size * slopes @ slopes.T).logpdf(data)
         alone = -0.5 * 40 * np.log(2.0 * np.pi * noisier)
-        found = LinearLaw(slopes, numbers, misfit).evidence(slopes @ numbers, noisier)
+        found = linear_evidence(slopes, numbers, slopes @ numbers, misfit, noisier)
         assert found + alone == pytest.approx(marginal, rel=1e-5)
 
 
 def test_what_others_take_up_altogether_has_no_evidence() -> None:
     """A tracker whose axes are exchanged: a registration that takes up all that an effect changes ended the run."""
-    assert LinearLaw(np.zeros((5, 2)), np.zeros(2), 3.0).evidence(np.zeros(5), 1.0) == -np.inf
+    assert linear_evidence(np.zeros((5, 2)), np.zeros(2), np.zeros(5), 3.0, 1.0) == -np.inf
 
 
 def test_the_size_of_an_effect_is_whole_where_a_tolerance_takes_up_most_of_it() -> None:

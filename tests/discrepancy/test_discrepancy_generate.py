@@ -10,8 +10,16 @@ import numpy as np
 import pytest
 from discrepancy_support import OFFSET_SPEC, nominal, written_spec
 
-from gpcorrect.discrepancy.protocol.generate import LABELS, generate, label_of, read_spec, seal
-from gpcorrect.discrepancy.protocol.sizing import drawn_effect, effect_to_noise, noise_of
+from gpcorrect.discrepancy.protocol.generate import (
+    LABELS,
+    drawn_effect,
+    effect_to_noise,
+    generate,
+    label_of,
+    noise_of,
+    read_spec,
+    seal,
+)
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.errors import DataError
 from gpcorrect.sim.joint_motion import joint_motion_log
@@ -46,9 +54,9 @@ def test_drawn_effects_have_the_size_that_was_asked_for() -> None:
     scout = joint_motion_log(model, 6, 6.0, seed=1)
     scene = build_scene(scout, model, np.ones(len(scout), dtype=np.bool_))
     for seed, name in enumerate(("backlash", "transmission_ratio", "homing_offset")):
-        drawn = drawn_effect(model, scout, 2.0, np.random.default_rng(seed), names=[name])
-        assert drawn.effect.about.name == name
-        assert effect_to_noise(scene, noise_of(model, scene), [drawn.effect]) == pytest.approx(2.0, rel=0.1)
+        _, effect = drawn_effect(model, scout, 2.0, np.random.default_rng(seed), names=[name])
+        assert effect.about.name == name
+        assert effect_to_noise(scene, noise_of(model, scene), [effect]) == pytest.approx(2.0, rel=0.1)
 
 
 def test_no_effect_can_be_sized_without_noise() -> None:

@@ -10,8 +10,7 @@ from discrepancy_core import NOISE, RUNS, SAMPLES, joint_log
 from discrepancy_support import nominal
 
 from gpcorrect.discrepancy.evidence.whitener import whitener_on
-from gpcorrect.discrepancy.naming.intervals import half_widths
-from gpcorrect.discrepancy.naming.spread import size_overdispersion
+from gpcorrect.discrepancy.naming.intervals import half_widths, size_overdispersion
 from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates, watched
 from gpcorrect.discrepancy.search.instants import with_open_instant_placed
@@ -108,7 +107,7 @@ def test_the_interval_of_an_instant_holds_it_and_is_no_point(slipped: tuple[Sear
     """No slope leads to an instant, and yet its interval is neither empty nor the whole session."""
     state, found = slipped
     place = next(i for i, c in enumerate(found.candidate.coordinates) if c.parameter.change_point)
-    coordinate, width = found.candidate.coordinates[place], half_widths(state, state.whitener, [found], found)[place]
+    coordinate, width = found.candidate.coordinates[place], half_widths(replace(state, fitted=(found,)), found)[place]
     low, high = (coordinate.value(float(found.u[place]) + side * width) for side in (-1, 1))
     assert low < INSTANT < high
     assert high - low < 4 * 60.0  # of the motions on either side, one is not of the discovery part

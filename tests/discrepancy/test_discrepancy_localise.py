@@ -32,7 +32,7 @@ def found(seed: int, size: float = 0.0, tail: float = np.inf, least: float = 0.0
     noise = estimate_noise(time, r, block, np.zeros(len(r), dtype=np.bool_))
     tests = all_cells(Covariates(values, (POSITION_1, DIRECTION_1), {}))
     channel = ChannelData(outside(1), time, r, block, noise, tests, least)
-    return localise([channel], np.random.default_rng(seed + 99), draws=100)
+    return localise([channel], np.random.default_rng(seed + 99))
 
 
 @pytest.mark.parametrize("tail", [np.inf, 3.0])

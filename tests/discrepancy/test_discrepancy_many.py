@@ -9,7 +9,7 @@ import pytest
 from discrepancy_core import joint_log
 from discrepancy_support import nominal
 
-from gpcorrect.discrepancy.naming.spread import size_overdispersion
+from gpcorrect.discrepancy.naming.intervals import size_overdispersion
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.discrepancy.search.state import Search, start_search

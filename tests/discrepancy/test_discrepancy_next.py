@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from discrepancy_support import nominal
 
-from gpcorrect.discrepancy.advice.next_experiment import advise
-from gpcorrect.discrepancy.advice.planned_runs import Site, planned_runs
+from gpcorrect.discrepancy.advice import Site, advise, planned_runs
 from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level, Named
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.recording.noise import ChannelNoise

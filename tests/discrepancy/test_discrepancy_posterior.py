@@ -19,13 +19,12 @@ from gpcorrect.discrepancy.naming.posterior import (
     overtone_nats,
     posterior,
 )
-from gpcorrect.discrepancy.naming.view import view_of
 from gpcorrect.discrepancy.naming.weigh import Own, Rival, Unknown, Weighed
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.prepared import prepare_data
-from gpcorrect.discrepancy.search.state import Search, start_search
+from gpcorrect.discrepancy.search.state import Search, start_search, view_of
 from gpcorrect.discrepancy.settings import SETTINGS
 from gpcorrect.sim import model_from_dict
 from gpcorrect.sim.effects import HomingOffset, PulleyEccentricity

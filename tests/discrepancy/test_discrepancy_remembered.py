@@ -13,8 +13,7 @@ import pytest
 from discrepancy_core import joint_log
 
 from gpcorrect.discrepancy.recording.dataset import SignalMemory
-from gpcorrect.discrepancy.recording.remembered import Remembered, in_bytes
-from gpcorrect.discrepancy.recording.scene import ReplayMemory
+from gpcorrect.discrepancy.recording.scene import Remembered, ReplayMemory
 from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.sim import model_from_dict
 from gpcorrect.sim.effects import Backlash, CableCoupling, Effect, HomingOffset
@@ -24,7 +23,7 @@ TWO_JOINTS = {"arm": "joints", "joints": [1, 2], "joint_types": "RR"}
 
 def test_the_oldest_are_forgotten_and_the_newest_stays() -> None:
     arrays = [np.full(10, float(i)) for i in range(5)]
-    few = Remembered(3 * arrays[0].nbytes, in_bytes)
+    few = Remembered[np.ndarray](3 * arrays[0].nbytes)
     for i, array in enumerate(arrays):
         assert few.keep(i, array) is array
     assert [few.get(i) is not None for i in range(5)] == [False, False, True, True, True]
@@ -53,9 +52,9 @@ def test_threads_see_what_one_would_though_nothing_is_remembered_for_long() -> N
         for size in rng.normal(scale=0.01, size=120)
     ]
     alone = [prepared.dataset.predict(effects) for effects in sets]
-    short = ReplayMemory(loops=Remembered(1), paths=Remembered(1, in_bytes))
+    short = ReplayMemory(loops=Remembered(1), paths=Remembered(1))
     scene = replace(prepared.dataset.scene, memory=short)
-    dataset = replace(prepared.dataset, scene=scene, memory=SignalMemory(Remembered(2), Remembered(1, in_bytes)))
+    dataset = replace(prepared.dataset, scene=scene, memory=SignalMemory(Remembered(2), Remembered(1)))
     with ThreadPoolExecutor(8) as threads:
         found = list(threads.map(dataset.predict, sets + sets))
     for a, b in zip(alone + alone, found, strict=True):

@@ -13,14 +13,13 @@ from discrepancy_core import RUNS, SAMPLES, joint_log, motors
 from discrepancy_support import named, nominal
 
 from gpcorrect.discrepancy import Level, find_discrepancy
-from gpcorrect.discrepancy.naming.view import view_of
 from gpcorrect.discrepancy.naming.weigh import own_gain, weigh
 from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentence
 from gpcorrect.discrepancy.outcome.verdict import closed_where_they_show
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.prepared import prepare_data
-from gpcorrect.discrepancy.search.state import start_search
+from gpcorrect.discrepancy.search.state import start_search, view_of
 from gpcorrect.sim.effects import Backlash, CableSlip, Hysteresis, PulleyEccentricity
 from gpcorrect.types import CalibrationLog, FloatArray
 

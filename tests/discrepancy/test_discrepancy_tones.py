@@ -7,8 +7,7 @@ import pytest
 from discrepancy_support import outside
 from scipy.signal import lfilter
 
-from gpcorrect.discrepancy.evidence.localise import ChannelData, localise
-from gpcorrect.discrepancy.evidence.tones import strongest_tone
+from gpcorrect.discrepancy.evidence.localise import ChannelData, localise, strongest_tone
 from gpcorrect.discrepancy.evidence.variables import Covariates, Quantity, Variable, all_cells
 from gpcorrect.discrepancy.recording.noise import estimate_noise
 from gpcorrect.discrepancy.settings import SETTINGS
@@ -82,7 +81,7 @@ def localised(size: float) -> tuple[list[tuple[Variable, ...]], bool]:
     time, values, block = recording(5, size)
     noise = estimate_noise(time, values, block, np.zeros(len(time), dtype=np.bool_))
     tests = all_cells(Covariates({SESSION_TIME: time}, (SESSION_TIME,), {}))
-    result = localise([ChannelData(outside(1), time, values, block, noise, tests)], np.random.default_rng(0), draws=50)
+    result = localise([ChannelData(outside(1), time, values, block, noise, tests)], np.random.default_rng(0))
     return [f.variables for f in result.findings], result.nothing
 
 

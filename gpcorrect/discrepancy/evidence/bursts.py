@@ -18,20 +18,15 @@ from gpcorrect.types import FloatArray, IntArray
 
 @dataclass(frozen=True)
 class Burst:
-    """A channel in which something happens far above its noise, in trajectories as the log numbers them.
-
-    `largest` is the largest residual there, `noise` the standard deviation of the noise, `rows` counts the condensed
-    rows there that are above the limit. `rare` says that most trajectories are calm and without it, `fitful` that
-    moments far above the noise stand apart from calm ones, be it in every trajectory.
-    """
+    """A channel in which something happens far above its noise."""
 
     channel: Channel
-    trajectories: tuple[int, ...]
-    largest: float
-    noise: float
-    rows: int
-    rare: bool
-    fitful: bool = False
+    trajectories: tuple[int, ...]  # as the log numbers them
+    largest: float  # residual there
+    noise: float  # standard deviation
+    rows: int  # condensed ones there that are above the limit
+    rare: bool  # whether most trajectories are calm and without it
+    fitful: bool = False  # whether moments far above the noise stand apart from calm ones, be it in every trajectory
 
     @property
     def lasts(self) -> bool:
@@ -48,8 +43,7 @@ def bursts_of(dataset: Dataset, noises: Sequence[ChannelNoise], effects: Sequenc
     ----------
     dataset : Dataset
     noises : sequence of ChannelNoise
-    effects : sequence of Effect
-        Beyond the model's own.
+    effects : sequence of Effect, beyond the model's own
     """
     numbers, index = np.unique(dataset.trajectory, return_inverse=True)
     moments = np.stack([index, dataset.time // BURSTS.moment], axis=1)

@@ -14,23 +14,10 @@ FOLDS = 5  # of cross-validation over whole trajectories: chosen by hand
 
 @dataclass(frozen=True, eq=False)
 class Grams:
-    """Sums of products of p whitened columns over each of b blocks, which is what least squares needs of them.
+    """Sums of products of p whitened columns over each of b blocks, which is what least squares needs of them."""
 
-    `gram` `(b, p, p)` is with each other, `moment` `(b, p)` with the whitened residual, or `(b, p, r)` with r of them.
-    """
-
-    gram: FloatArray
-    moment: FloatArray
-
-    def take(self, columns: IntArray | list[int]) -> Grams:
-        """Return the same of some columns only.
-
-        Parameters
-        ----------
-        columns : int array or list of int
-        """
-        index = np.asarray(columns, dtype=np.int64)
-        return Grams(self.gram[:, index[:, None], index], self.moment[:, index])
+    gram: FloatArray  # (b, p, p) with each other
+    moment: FloatArray  # (b, p) with the whitened residual, or (b, p, r) with r of them
 
 
 def grams(columns: FloatArray, residual: FloatArray, block: IntArray) -> Grams:
@@ -38,12 +25,9 @@ def grams(columns: FloatArray, residual: FloatArray, block: IntArray) -> Grams:
 
     Parameters
     ----------
-    columns : (n, p) array
-        Whitened.
-    residual : (n,) or (n, r) array
-        Whitened.
-    block : (n,) int array
-        Label of each row, from 0 without gaps; -1 is left out.
+    columns : (n, p) array, whitened
+    residual : (n,) or (n, r) array, whitened
+    block : (n,) int array, label of each row, from 0 without gaps; -1 is left out
     """
     n_blocks, p = int(block.max(initial=-1)) + 1, columns.shape[1]
     gram, moment = np.zeros((n_blocks, p, p)), np.zeros((n_blocks, p, *residual.shape[1:]))
@@ -60,16 +44,11 @@ def bordered(base: Grams, columns: FloatArray, new: FloatArray, residual: FloatA
 
     Parameters
     ----------
-    base : Grams
-        Of `columns`, known already.
-    columns : (n, p) array
-        Whitened.
-    new : (n, q) array
-        Further columns.
-    residual : (n,) array
-        Whitened.
-    block : (n,) int array
-        Label of each row, from 0 without gaps.
+    base : Grams, of `columns`, known already
+    columns : (n, p) array, whitened
+    new : (n, q) array, further columns
+    residual : (n,) array, whitened
+    block : (n,) int array, label of each row, from 0 without gaps
     """
     n_blocks, p = base.moment.shape
     width = p + new.shape[1]
@@ -128,12 +107,9 @@ def solve(gram: FloatArray, moment: FloatArray, ridge: float = 1e-6) -> FloatArr
 
     Parameters
     ----------
-    gram : (..., p, p) array
-        Products of the columns; leading axes are problems of their own.
-    moment : (..., p) array, or (..., p, r) for r right sides
-        Products with what is to be explained.
-    ridge : float
-        Added to the diagonal, in units of the columns' energy.
+    gram : (..., p, p) array, products of the columns; leading axes are problems of their own
+    moment : (..., p) array, or (..., p, r) for r right sides, products with what is to be explained
+    ridge : float, added to the diagonal, in units of the columns' energy
     """
     single = moment.ndim == gram.ndim - 1
     right = moment[..., None] if single else moment
@@ -158,12 +134,10 @@ def held_out_nats(
     Parameters
     ----------
     data : Grams
-    fold : (b,) int array
-        Fold of each block.
+    fold : (b,) int array, fold of each block
     prior_precision : float or (p,) array
         Added to the normal equations' diagonal: shrinks coefficients that few samples speak of.
-    ridge : float
-        See :func:`solve`.
+    ridge : float, see :func:`solve`
     """
     numbers, place = np.unique(fold, return_inverse=True)
     gram = data.gram.sum(axis=0) - np.stack([data.gram[fold == k].sum(axis=0) for k in numbers])

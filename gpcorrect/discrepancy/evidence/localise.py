@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lombscargle
+from scipy.special import digamma, polygamma
 from scipy.stats import t as student
 
 from gpcorrect.discrepancy.evidence.linear import fold_of, grams, held_out_nats, solve
-from gpcorrect.discrepancy.evidence.tones import strongest_tone
 from gpcorrect.discrepancy.evidence.variables import Cells, Quantity, Span, Variable
 from gpcorrect.discrepancy.recording.noise import NORMAL_MAD, ChannelNoise, Whitener
 from gpcorrect.discrepancy.recording.scene import Channel
@@ -18,48 +19,47 @@ from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.types import FloatArray, IntArray
 
 SHOWN = 5  # findings of a channel
+# Of the spectra that tones are sought in; the fewest were chosen by hand on development cases.
+FEWEST_ROWS, MOST_ROWS = 40, 400  # of a piece
+FEWEST_PIECES, FEWEST_FREQUENCIES = 4, 40  # to average a spectrum over, and to fit a smooth one through
+CYCLES = 3.0  # in a piece, at least
+FINER = 2  # frequencies for each that can be resolved
+DEGREE, ROUNDS = 5, 20  # of the curve through a spectrum, and of fitting it
+CLIP = 5.0  # robust standard deviations
 
 
 @dataclass(frozen=True, eq=False)
 class ChannelData:
-    """One channel as the tests, `cells`, see it: time (s), residual (NaN is missing) and its noise.
-
-    `block` `(n,)` numbers whole trajectories from 0 without gaps, -1 for rows to leave out. Findings of less than
-    `least` times the noise do not count.
-    """
+    """One channel as the tests see it."""
 
     channel: Channel
-    time: FloatArray
-    residual: FloatArray
-    block: IntArray
+    time: FloatArray  # (n,) s
+    residual: FloatArray  # (n,) NaN is missing
+    block: IntArray  # (n,) whole trajectories from 0 without gaps, -1 for rows to leave out
     noise: ChannelNoise
-    cells: Sequence[Cells]
-    least: float = 0.0
+    cells: Sequence[Cells]  # the tests
+    least: float = 0.0  # of the noise: findings of less do not count
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A test that noise cannot explain: what the residual depends on, and the cell in which it is largest.
-
-    `nats` are gained on held-out trajectories. `size` is the root mean square of what depends on the variables, as a
-    fraction of the noise, and `counts` whether that is large enough to matter.
-    """
+    """A test that noise cannot explain: what the residual depends on, and the cell in which it is largest."""
 
     channel: Channel
     variables: tuple[Variable, ...]
     region: tuple[Span, ...]
-    nats: float
-    size: float
-    counts: bool = True
+    nats: float  # gained on held-out trajectories
+    size: float  # root mean square of what depends on the variables, as a fraction of the noise
+    counts: bool = True  # whether that is large enough to matter
 
 
 @dataclass(frozen=True)
 class Equivalence:
-    """Upper 95 % bound of a channel's systematic part, as a fraction of its noise, and the bound it has to be under."""
+    """How large a channel's systematic part may be, as a fraction of its noise."""
 
     channel: Channel
-    upper: float
-    limit: float
+    upper: float  # 95 % bound
+    limit: float  # that it has to be under
 
     @property
     def shown(self) -> bool:
@@ -69,15 +69,11 @@ class Equivalence:
 
 @dataclass(frozen=True)
 class Localisation:
-    """Outcome of all tests: the findings above the threshold, largest first, those too small to count as well.
+    """Outcome of all tests."""
 
-    The largest of all tests stays below the threshold in noise, with the level's probability; `largest` are the nats of
-    the best test whose finding counts.
-    """
-
-    findings: tuple[Finding, ...]
-    threshold: float
-    largest: float
+    findings: tuple[Finding, ...]  # above the threshold, largest first, those too small to count as well
+    threshold: float  # nats that the largest of all tests stays below in noise, with the level's probability
+    largest: float  # nats of the best test whose finding counts
     equivalence: tuple[Equivalence, ...]
 
     @property
@@ -96,52 +92,46 @@ class Localisation:
         return not self.something and all(e.shown for e in self.equivalence)
 
 
-def localise(
-    channels: Sequence[ChannelData], rng: np.random.Generator, *, draws: int, tolerance: float = 0.0
-) -> Localisation:
+def localise(channels: Sequence[ChannelData], rng: np.random.Generator, *, tolerance: float = 0.0) -> Localisation:
     """Run every test of every channel, and the null law of the largest of them by parametric bootstrap from the noise.
 
     Parameters
     ----------
     channels : sequence of ChannelData
-    rng : numpy.random.Generator
-        Draws the bootstrap.
-    draws : int
-        Bootstrap samples.
-    tolerance : float
-        Of the task, rad or m; the equivalence limit is the larger of it and a quarter of the noise.
+    rng : numpy.random.Generator, draws the bootstrap
+    tolerance : float, of the task, rad or m; the equivalence limit is the larger of it and a quarter of the noise
     """
     findings: list[Finding] = []
     bounds: list[Equivalence] = []
-    largest, null = 0.0, np.full(draws, -np.inf)
+    largest, null = 0.0, np.full(TESTS.draws, -np.inf)
     tested = [c for c in channels if (c.block >= 0).any()]
     for data in tested:
-        found, null_nats, upper = _test_channel(data, rng, draws)
+        found, null_nats, upper = _test_channel(data, rng)
         findings += found[:SHOWN]
         null = np.maximum(null, null_nats)
         best = found[0].nats if found and found[0].counts else -np.inf
         largest = max(largest, best) if bounds else best
         bounds.append(Equivalence(data.channel, upper, max(TESTS.equivalence, tolerance / data.noise.std)))
-    threshold = max(0.0, _quantile_of_largest(null, TESTS.level)) if tested else 0.0
+    threshold = max(0.0, _quantile_of_largest(null)) if tested else 0.0
     above = sorted((f for f in findings if f.nats > threshold), key=_rank)
     return Localisation(tuple(above), threshold, largest, tuple(bounds))
 
 
-def _quantile_of_largest(null: FloatArray, level: float) -> float:
-    """Return a quantile of a maximum of many: of the Gumbel law with the draws' mean and standard deviation.
+def _quantile_of_largest(null: FloatArray) -> float:
+    """Return the level's quantile of a maximum of many: of the Gumbel law with the draws' mean and standard deviation.
 
     Its 99 % quantile from 60 draws is as sure (half a standard deviation) as the third largest of 300 (Gumbel 1958,
     Statistics of Extremes, Sec. 6.2).
     """
     scale = float(np.std(null)) * np.sqrt(6.0) / np.pi
-    return float(np.mean(null) - scale * (np.euler_gamma + np.log(-np.log(level))))
+    return float(np.mean(null) - scale * (np.euler_gamma + np.log(-np.log(TESTS.level))))
 
 
 def _rank(finding: Finding) -> tuple[bool, float]:
     return not finding.counts, -finding.nats
 
 
-def _test_channel(data: ChannelData, rng: np.random.Generator, draws: int) -> tuple[list[Finding], FloatArray, float]:
+def _test_channel(data: ChannelData, rng: np.random.Generator) -> tuple[list[Finding], FloatArray, float]:
     """Return all findings, the best first, the largest nats in each draw of noise, and how large the rest may be."""
     rows = np.flatnonzero((data.block >= 0) & np.isfinite(data.residual))
     fold = fold_of(int(data.block[rows].max()) + 1)[data.block[rows]]
@@ -149,10 +139,10 @@ def _test_channel(data: ChannelData, rng: np.random.Generator, draws: int) -> tu
     rows, fold = rows[order], fold[order]
     whitener = Whitener.of(data.noise, data.time[rows], data.block[rows])
     z = _clipped(whitener(data.residual[rows, None]))
-    both = np.concatenate([z, _clipped(_noise(data.noise.tail, (len(rows), draws), rng))[order]], axis=1)
+    both = np.concatenate([z, _clipped(_noise(data.noise.tail, (len(rows), TESTS.draws), rng))[order]], axis=1)
     std = data.noise.std
     precision = 1.0 / (TESTS.prior_std * max(float(np.sqrt(np.mean(data.residual[rows] ** 2))), std)) ** 2
-    null = np.full(draws, -np.inf)
+    null = np.full(TESTS.draws, -np.inf)
     found, systematic = [], 0.0
     for cells in data.cells:
         columns = cells.indicator(rows)
@@ -209,3 +199,68 @@ def _systematic(
     scattered = beta[:, None] + root @ rng.standard_normal((len(beta), 400))
     squares = fraction @ scattered**2 - 2 * float(fraction @ scatter)
     return size, float(np.sqrt(max(0.0, np.quantile(squares, 0.95))))
+
+
+@dataclass(frozen=True)
+class Tone:
+    """A narrow peak of a spectrum that no variable of the motion explains: a pump, mains, a floor that shakes."""
+
+    low: float  # Hz
+    high: float
+    rms: float  # of what is above the spectrum around it
+    nats: float  # minus the logarithm of a bound on the chance of such a peak anywhere in noise of a smooth spectrum
+
+
+def strongest_tone(time: FloatArray, residual: FloatArray, block: IntArray) -> Tone | None:
+    """Return the most unlikely peak; None when the recording is too short to say.
+
+    Cells of variables cannot see a tone, for its phase is another one in every trajectory. Periodograms are averaged
+    over trajectories, where noise gives a smooth spectrum and a tone a narrow peak (Percival and Walden 1993, Ch. 10).
+
+    Parameters
+    ----------
+    time, residual : (n,) arrays, seconds, and residual; NaN is missing
+    block : (n,) int array, trajectory of each row; -1 for rows to leave out
+    """
+    seen = np.where(np.isfinite(residual), block, -1)
+    rows = [np.flatnonzero(seen == k) for k in np.unique(seen[seen >= 0])]
+    parts = [p for own in rows for p in np.array_split(own, int(np.ceil(len(own) / MOST_ROWS)))]
+    pieces = [p for p in parts if len(p) >= FEWEST_ROWS]
+    if len(pieces) < FEWEST_PIECES:
+        return None
+    span = float(np.median([np.ptp(time[p]) for p in pieces]))
+    step = float(np.median(np.concatenate([np.diff(time[p]) for p in pieces])))
+    frequency = np.arange(CYCLES / span, 0.5 / step, 1.0 / (FINER * span))
+    if len(frequency) < FEWEST_FREQUENCIES:
+        return None
+    scale = float(np.median(np.abs(residual[np.concatenate(pieces)]))) / NORMAL_MAD
+    power = np.mean([_power(time[p], residual[p], scale, frequency) for p in pieces], axis=0)
+    background = _smooth(power, frequency, len(pieces))
+    ratio = np.maximum(power / background, 1.0)
+    peak = int(np.argmax(ratio))
+    # Chernoff's bound on the chance that the mean of so many exponential variables is as large, at any frequency.
+    nats = len(pieces) * float(ratio[peak] - 1.0 - np.log(ratio[peak])) - float(np.log(len(frequency)))
+    rms = float(np.sqrt(max(0.0, power[peak] - background[peak])))
+    width = 1.0 / span  # of what can be resolved
+    return Tone(float(frequency[peak]) - width, float(frequency[peak]) + width, rms, nats)
+
+
+def _power(time: FloatArray, values: FloatArray, scale: float, frequency: FloatArray) -> FloatArray:
+    """Mean square of a sine fitted at each frequency, outliers clipped."""
+    values = np.clip(values - values.mean(), -CLIP * scale, CLIP * scale)
+    power: FloatArray = np.asarray(lombscargle(time, values, 2.0 * np.pi * frequency)) * (2.0 / len(time))
+    return power
+
+
+def _smooth(power: FloatArray, frequency: FloatArray, pieces: int) -> FloatArray:
+    """Spectrum of the noise: a smooth curve of logarithms that peaks hardly move."""
+    x = np.log(frequency)
+    columns = np.vander((x - x.mean()) / np.ptp(x), DEGREE + 1)
+    height = np.log(np.maximum(power, 1e-300)) - (digamma(pieces) - np.log(pieces))  # mean of log Gamma
+    spread = np.sqrt(polygamma(1, pieces))
+    weight = np.ones(len(x))
+    for _ in range(ROUNDS):
+        beta = np.linalg.lstsq(columns * weight[:, None], height * weight, rcond=None)[0]
+        weight = 1.0 / np.sqrt(1.0 + ((height - columns @ beta) / (2.0 * spread)) ** 2)
+    smooth: FloatArray = np.exp(columns @ beta)
+    return smooth

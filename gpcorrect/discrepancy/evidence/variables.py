@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from itertools import combinations, pairwise, product
@@ -14,7 +13,7 @@ from gpcorrect.discrepancy.settings import TESTS
 from gpcorrect.sim.effects import lag, play
 from gpcorrect.types import FloatArray, IntArray
 
-BINS = {1: 8, 2: 5}
+BINS = {1: 8, 2: 5}  # of one variable, and of each of two
 PLAYS = (0.01, 0.04, 0.16)  # half widths over a joint's travel: what Preisach's weights are sampled at
 LAGS = (0.1, 1.0, 10.0)  # s
 
@@ -49,17 +48,13 @@ class Variable:
 
 @dataclass(frozen=True, eq=False)
 class Covariates:
-    """Variables for one joint's channel, from the motor side only, so that no truth leaks into them.
+    """Variables for one joint's channel, from the motor side only, so that no truth leaks into them."""
 
-    `values` `(n,)` leave out what does not vary, `primary` ones are tested together with every other, `units` are SI
-    and empty for pure numbers. `memory` `(n,)` is what plays of a few half widths and lags of a few time constants
-    leave of the motors' path and load: what has a memory, of whatever kind, is a function of such states (Preisach's
-    operator is an integral over plays).
-    """
-
-    values: dict[Variable, FloatArray]
-    primary: tuple[Variable, ...]
-    units: dict[Variable, str]
+    values: dict[Variable, FloatArray]  # (n,) each; what does not vary is left out
+    primary: tuple[Variable, ...]  # tested together with every other
+    units: dict[Variable, str]  # SI, empty for pure numbers
+    # (n,) each: what plays of a few half widths and lags of a few time constants leave of the motors' path and load.
+    # What has a memory, of whatever kind, is a function of such states (Preisach's operator is an integral over plays).
     memory: tuple[FloatArray, ...] = ()
 
 
@@ -68,10 +63,8 @@ def travel_direction(path: FloatArray, run: IntArray) -> FloatArray:
 
     Parameters
     ----------
-    path : (n,) array
-        rad or m.
-    run : (n,) int array
-        Continuous motion that each row belongs to.
+    path : (n,) array, rad or m
+    run : (n,) int array, continuous motion that each row belongs to
     """
     threshold = TESTS.resolution * float(np.ptp(path))
     direction = np.zeros(len(path))
@@ -94,10 +87,8 @@ def covariates_of(scene: Scene, joint_index: int | None, rows: IntArray) -> Cova
     Parameters
     ----------
     scene : Scene
-    joint_index : int or None
-        Column of the channel's joint; None for a channel of all joints.
-    rows : (m,) int array
-        Of the log, at which they are wanted.
+    joint_index : int or None, column of the channel's joint; None for a channel of all joints
+    rows : (m,) int array, of the log, at which they are wanted
     """
     time, motor, run, load = scene.time, scene.motor_path(), scene.run_of_row(), scene.load()
     speed = scene.layout.gather(scene.motion.velocity)
@@ -193,8 +184,7 @@ class Cells:
 
         Parameters
         ----------
-        rows : int array
-            Of the n rows.
+        rows : int array, of the n rows
         """
         columns = np.zeros((len(rows), len(self.spans)))
         columns[np.arange(len(rows)), self.code[rows]] = 1.0
@@ -210,22 +200,19 @@ def all_cells(covariates: Covariates) -> list[Cells]:
     """
     values, units, primary = covariates.values, covariates.units, covariates.primary
     pairs = [(a, b) for a, b in combinations(values, 2) if a in primary or b in primary]
-    return [_cells_of(variables, values, units) for variables in [*((v,) for v in values), *pairs][: TESTS.max_tests]]
-
-
-def _cells_of(
-    variables: tuple[Variable, ...], values: Mapping[Variable, FloatArray], units: Mapping[Variable, str]
-) -> Cells:
-    """Cut one variable in 8 cells, or two in 5 by 5, that hold equally many rows; one of few values keeps them."""
-    code, spans = np.zeros(1, dtype=np.int64), []
-    for variable in variables:
-        own, ends = _cut(values[variable], BINS[len(variables)])
-        code = code * len(ends) + own
-        spans.append([Span(variable, low, high, units.get(variable, "")) for low, high in ends])
-    return Cells(variables, code, tuple(product(*spans)))
+    found = []
+    for variables in [*((v,) for v in values), *pairs][: TESTS.max_tests]:
+        code, spans = np.zeros(1, dtype=np.int64), []
+        for variable in variables:
+            own, ends = _cut(values[variable], BINS[len(variables)])
+            code = code * len(ends) + own
+            spans.append([Span(variable, low, high, units.get(variable, "")) for low, high in ends])
+        found.append(Cells(variables, code, tuple(product(*spans))))
+    return found
 
 
 def _cut(values: FloatArray, n_bins: int) -> tuple[IntArray, list[tuple[float, float]]]:
+    """Cut a variable so that all cells hold equally many rows; one of few values keeps them."""
     distinct = np.unique(values)
     if len(distinct) <= n_bins:
         return np.searchsorted(distinct, values).astype(np.int64), [(float(v), float(v)) for v in distinct]

@@ -8,31 +8,21 @@ from functools import cached_property
 import numpy as np
 from scipy.stats import t as student
 
-from gpcorrect.discrepancy.evidence.linear import Grams, grams
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.recording.noise import NORMAL_MAD, ChannelNoise, Whitener, estimate_noise
-from gpcorrect.discrepancy.recording.stated_noise import (
-    averaged,
-    chosen_noise,
-    rounded_to,
-    stated_noises,
-)
+from gpcorrect.discrepancy.recording.stated_noise import averaged, chosen_noise, rounded_to, stated_noises
 from gpcorrect.discrepancy.settings import NOISE
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False)
 class DatasetWhitener:
-    """Whitens columns of the m condensed rows of a dataset and stacks their channels to M rows.
-
-    `blocks` are of each channel `(m,)`, from 0 without gaps, -1 where the channel is missing or the row is left out;
-    `weight` `(M,)` reduces heavy tails.
-    """
+    """Whitens columns of the m condensed rows of a dataset and stacks their channels to M rows."""
 
     dataset: Dataset
-    blocks: tuple[IntArray, ...]
+    blocks: tuple[IntArray, ...]  # (m,) of each channel, from 0 without gaps, -1 where it is missing or left out
     noises: tuple[ChannelNoise, ...]
-    weight: FloatArray
+    weight: FloatArray  # (M,) reduces heavy tails
 
     @cached_property
     def block(self) -> IntArray:
@@ -79,16 +69,6 @@ class DatasetWhitener:
         """
         return self.whiten_columns(values[:, :, None])[:, 0]
 
-    def grams(self, columns: FloatArray, residual: FloatArray) -> Grams:
-        """Sum products over each block.
-
-        Parameters
-        ----------
-        columns, residual : (M, k) and (M,) arrays
-            Whitened.
-        """
-        return grams(columns, residual, self.block)
-
 
 def estimate_noises(dataset: Dataset, residual: FloatArray, rows: BoolArray) -> tuple[ChannelNoise, ...]:
     """Return the noise of every channel: as the model states it, else as the residual shows it.
@@ -96,10 +76,8 @@ def estimate_noises(dataset: Dataset, residual: FloatArray, rows: BoolArray) -> 
     Parameters
     ----------
     dataset : Dataset
-    residual : (m, c) array
-        Measured minus simulated.
-    rows : (m,) bool array
-        Those to estimate on.
+    residual : (m, c) array, measured minus simulated
+    rows : (m,) bool array, those to estimate on
     """
     scene, channels = dataset.scene, dataset.scene.channels
     block = np.where(rows, dataset.block, -1)
@@ -132,12 +110,9 @@ def whitener_on(
     Parameters
     ----------
     dataset : Dataset
-    residual : (m, c) array
-        Whose tails are reduced.
-    rows : (m,) bool array
-        Those to use.
-    noises : tuple of ChannelNoise, optional
-        Estimated on these rows when None.
+    residual : (m, c) array, whose tails are reduced
+    rows : (m,) bool array, those to use
+    noises : tuple of ChannelNoise, optional, estimated on these rows when None
     """
     noises = noises or estimate_noises(dataset, residual, rows)
     wanted = np.unique(dataset.block[rows])

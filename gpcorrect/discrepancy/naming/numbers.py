@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener, whitener_on
+from gpcorrect.discrepancy.evidence.whitener import whitener_on
 from gpcorrect.discrepancy.naming.intervals import away_from_nothing, interval_ends, without_idle_numbers
 from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.search.instants import with_open_instant_placed
@@ -21,24 +21,12 @@ BESIDE = (0.8, 1.25)  # half a cycle in two, for which a joint of a tenth of cri
 
 @dataclass(frozen=True, eq=False)
 class Numbers:
-    """Estimates of a set's numbers with what the data say of them.
+    """Estimates of a set's numbers with what the data say of them."""
 
-    Parameters
-    ----------
-    fitted : tuple of FittedEffect
-        The set, idle numbers at nothing.
-    ends : tuple of dict
-        95 % interval of each coordinate of each effect.
-    unsure : tuple of int
-        Places in the set of those whose size may be nothing.
-    std : (c,) array
-        Of the noise that the set leaves in each channel.
-    """
-
-    fitted: tuple[FittedEffect, ...]
-    ends: tuple[Mapping[int, tuple[float, float]], ...]
-    unsure: tuple[int, ...]
-    std: FloatArray
+    fitted: tuple[FittedEffect, ...]  # the set, idle numbers at nothing
+    ends: tuple[Mapping[int, tuple[float, float]], ...]  # 95 % interval of each coordinate of each effect
+    unsure: tuple[int, ...]  # places in the set of those whose size may be nothing
+    std: FloatArray  # (c,) of the noise that the set leaves in each channel
 
 
 def estimate_numbers(state: Search, start: Sequence[FittedEffect]) -> Numbers:
@@ -47,26 +35,26 @@ def estimate_numbers(state: Search, start: Sequence[FittedEffect]) -> Numbers:
     Parameters
     ----------
     state : Search
-    start : sequence of FittedEffect
-        The set, from where its numbers are now.
+    start : sequence of FittedEffect, the set, from where its numbers are now
     """
     fitted = _refit(state, start)
     whitener = whitener_on(state.dataset, state.residual(fitted), state.dataset.training)
-    ends = tuple(interval_ends(state, whitener, fitted, fit) for fit in fitted)
-    unsure = (i for i, fit in enumerate(fitted) if _may_be_nothing(state, whitener, fitted, fit, ends[i]))
-    return Numbers(without_idle_numbers(state, whitener, fitted), ends, tuple(unsure), whitener.std)
+    state = replace(state, whitener=whitener, fitted=fitted)
+    ends = tuple(interval_ends(state, fit) for fit in fitted)
+    unsure = tuple(i for i, fit in enumerate(fitted) if _may_be_nothing(state, fit, ends[i]))
+    return Numbers(without_idle_numbers(state), ends, unsure, whitener.std)
 
 
 def _refit(state: Search, fitted: Sequence[FittedEffect]) -> tuple[FittedEffect, ...]:
     """Return a set at its best numbers, each group that shows in common channels by itself."""
     if not fitted:
         return ()
-    rows, residual = state.dataset.training, state.residual(fitted)
-    whitener, done = whitener_on(state.dataset, residual, rows), list(fitted)
+    rows, residual, done = state.dataset.training, state.residual(fitted), list(fitted)
+    state = replace(state, whitener=whitener_on(state.dataset, residual, rows))
     for group in _groups(state, fitted):
         fixed = [f for i, f in enumerate(done) if i not in group]
-        found = [refine(whitener, fixed, start, EVALUATIONS) for start in _starts([done[i] for i in group])]
-        left = [float((whitener.whiten(state.residual([*fixed, *fits])) ** 2).sum()) for fits in found]
+        found = [refine(state.whitener, fixed, start, EVALUATIONS) for start in _starts([done[i] for i in group])]
+        left = [state.misfit([*fixed, *fits]) for fits in found]
         for i, fit in zip(group, found[int(np.argmin(left))], strict=True):
             done[i] = fit.canonical()
     for i, fit in enumerate(done):
@@ -97,15 +85,9 @@ def _groups(state: Search, fitted: Sequence[FittedEffect]) -> list[list[int]]:
     return groups
 
 
-def _may_be_nothing(
-    state: Search,
-    whitener: DatasetWhitener,
-    fitted: Sequence[FittedEffect],
-    fit: FittedEffect,
-    ends: Mapping[int, tuple[float, float]],
-) -> bool:
+def _may_be_nothing(state: Search, fit: FittedEffect, ends: Mapping[int, tuple[float, float]]) -> bool:
     """Whether every size's interval holds that of none; of several, only the difference may be known: all together."""
     sizes, coordinates = fit.candidate.sizes, fit.candidate.coordinates
     if not all(ends[k][0] <= coordinates[k].identity <= ends[k][1] for k in sizes):
         return False
-    return len(sizes) == 1 or not away_from_nothing(state, whitener, fitted, fit)
+    return len(sizes) == 1 or not away_from_nothing(state, fit)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import comb
@@ -27,12 +26,9 @@ def price_of(search: Search, fitted: Sequence[FittedEffect], fit: FittedEffect, 
     Parameters
     ----------
     search : Search
-    fitted : sequence of FittedEffect
-        A set.
-    fit : FittedEffect
-        One of it.
-    noisier : float
-        By how much evidence counts less.
+    fitted : sequence of FittedEffect, a set
+    fit : FittedEffect, one of it
+    noisier : float, by how much evidence counts less
     """
     candidate = fit.candidate
     sizes = [
@@ -42,12 +38,11 @@ def price_of(search: Search, fitted: Sequence[FittedEffect], fit: FittedEffect, 
     ]
     if len(sizes) < 2:
         return SEARCH.complexity * candidate.extra
-    linear = LinearLaw.of(search, fitted, fit)
-    asked, change = set(range(len(fit.u))), linear.slopes @ fit.u
-    idle = 0
+    slopes = own_slopes(search, fitted, fit)
+    asked, change, idle = set(range(len(fit.u))), slopes @ fit.u, 0
     while idle < len(sizes) - 1:
         rest = [sorted(asked - set(places)) for places in sizes if asked >= set(places)]
-        left = [change - linear.slopes[:, r] @ factors_of(linear.slopes[:, r], change) for r in rest]
+        left = [change - slopes[:, r] @ factors_of(slopes[:, r], change) for r in rest]
         lost = [float(z @ z) for z in left]
         if min(lost) > chi2.ppf(0.95, len(fit.u) - len(rest[0])) * noisier:
             break
@@ -66,8 +61,7 @@ def shape_evidence(search: Search, fitted: Sequence[FittedEffect]) -> float:
     Parameters
     ----------
     search : Search
-    fitted : sequence of FittedEffect
-        A set.
+    fitted : sequence of FittedEffect, a set
     """
     fit, candidate = fitted[-1], fitted[-1].candidate
     near = search.parted(fitted, candidate)[1]
@@ -90,57 +84,43 @@ def shape_evidence(search: Search, fitted: Sequence[FittedEffect]) -> float:
     return nats
 
 
-@dataclass(frozen=True, eq=False)
-class LinearLaw:
-    """An effect as a linear model of p numbers.
+def own_slopes(search: Search, fitted: Sequence[FittedEffect], fit: FittedEffect) -> FloatArray:
+    """Return the whitened tangents `(M, p)` of one effect of a set, less what the others of the set can take up.
 
     Parameters
     ----------
-    slopes : (M, p) array
-        Its whitened tangents, less what the others of the set can take up.
-    numbers : (p,) array
-        Where it is.
-    misfit : float
-        Half the sum of squares that the set leaves.
+    search : Search
+    fitted : sequence of FittedEffect, the set
+    fit : FittedEffect, one of it
     """
+    rest = [m for m in fitted if m is not fit]
+    slopes = linearise(search.whitener, [fit], rest).slopes
+    others = search.linearise_near(rest, fit.candidate).slopes
+    basis = np.linalg.qr(others)[0] if others.shape[1] else others
+    return np.asarray(slopes - basis @ (basis.T @ slopes))
 
-    slopes: FloatArray
-    numbers: FloatArray
-    misfit: float
 
-    @classmethod
-    def of(cls, search: Search, fitted: Sequence[FittedEffect], fit: FittedEffect) -> LinearLaw:
-        """Return one effect of a set.
+def linear_evidence(
+    slopes: FloatArray, numbers: FloatArray, change: FloatArray, misfit: float, noisier: float
+) -> float:
+    """Return an effect's log evidence as a linear model with a normal prior, as wide as its part in a change asks for.
 
-        Parameters
-        ----------
-        search : Search
-        fitted : sequence of FittedEffect
-            The set.
-        fit : FittedEffect
-            One of it.
-        """
-        rest = [m for m in fitted if m is not fit]
-        slopes = linearise(search.whitener, [fit], rest).slopes
-        others = search.linearise_near(rest, fit.candidate).slopes
-        basis = np.linalg.qr(others)[0] if others.shape[1] else others
-        return cls(slopes - basis @ (basis.T @ slopes), fit.u, search.misfit(fitted))
+    Bishop 2006, Eq. 3.86; the prior's mean square is that of the numbers' part in the change.
 
-    def evidence(self, change: FloatArray, noisier: float) -> float:
-        """Return its log evidence with a normal prior, of the mean square that its numbers' part in a change has.
-
-        Parameters
-        ----------
-        change : (M,) array
-        noisier : float
-            By how much evidence counts less.
-        """
-        size = float(np.mean(factors_of(self.slopes, change) ** 2))
-        if not size > 0.0:  # others take up all that it changes
-            return -np.inf
-        precision = self.slopes.T @ self.slopes / noisier + np.eye(self.slopes.shape[1]) / size
-        prior = 0.5 * float(self.numbers @ self.numbers) / size
-        return -self.misfit / noisier - prior - 0.5 * float(np.linalg.slogdet(size * precision)[1])
+    Parameters
+    ----------
+    slopes : (M, p) array, from :func:`own_slopes`
+    numbers : (p,) array, where the effect is
+    change : (M,) array
+    misfit : float, half the sum of squares that its set leaves
+    noisier : float, by how much evidence counts less
+    """
+    size = float(np.mean(factors_of(slopes, change) ** 2))
+    if not size > 0.0:  # others take up all that it changes
+        return -np.inf
+    precision = slopes.T @ slopes / noisier + np.eye(slopes.shape[1]) / size
+    prior = 0.5 * float(numbers @ numbers) / size
+    return -misfit / noisier - prior - 0.5 * float(np.linalg.slogdet(size * precision)[1])
 
 
 def factors_of(columns: FloatArray, change: FloatArray) -> FloatArray:

@@ -8,15 +8,12 @@ from enum import StrEnum
 
 import numpy as np
 
-from gpcorrect.discrepancy.naming.intervals import away_from_nothing, explained_by_others, undetermined
+from gpcorrect.discrepancy.naming.intervals import away_from_nothing, explained_by_others, size_spread, undetermined
 from gpcorrect.discrepancy.naming.smooth_model import smooth_nats
-from gpcorrect.discrepancy.naming.spread import size_spread
-from gpcorrect.discrepancy.naming.view import View
 from gpcorrect.discrepancy.naming.weigh import Own, Weighed, between_effects, weigh
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
-from gpcorrect.discrepancy.search.state import Search, penalty
+from gpcorrect.discrepancy.search.state import Search, View, penalty
 from gpcorrect.discrepancy.settings import NAMING
-from gpcorrect.types import BoolArray, FloatArray
 
 
 class Level(StrEnum):
@@ -40,31 +37,15 @@ class Explanation(StrEnum):
 
 @dataclass(frozen=True)
 class Alternative:
-    """One thing that could stand in an effect's place.
-
-    Parameters
-    ----------
-    explanation : Explanation
-        An effect, nothing, or something outside the catalogue.
-    probability : float
-        Posterior among the alternatives.
-    label : str
-        The candidate's; "nothing" or "unknown".
-    name, family : str
-        Canonical name and class of the effect; empty for nothing and unknown.
-    joint : int, str or None
-        Where.
-    source : int or None
-        The joint that drives it, of a coupling or a cable that another joint pays out.
-    """
+    """One thing that could stand in an effect's place."""
 
     explanation: Explanation
-    probability: float
-    label: str
-    name: str = ""
+    probability: float  # posterior among the alternatives
+    label: str  # the candidate's; "nothing" or "unknown"
+    name: str = ""  # canonical, of an effect
     joint: int | str | None = None
-    family: str = ""
-    source: int | None = None
+    family: str = ""  # class of an effect
+    source: int | None = None  # the joint that drives it, of a coupling or a cable that another joint pays out
 
     @classmethod
     def of(cls, candidate: Candidate, probability: float) -> Alternative:
@@ -73,8 +54,7 @@ class Alternative:
         Parameters
         ----------
         candidate : Candidate
-        probability : float
-            Posterior among the alternatives.
+        probability : float, posterior among the alternatives
         """
         c = candidate
         return cls(Explanation.EFFECT, probability, c.label, c.name, c.joint, c.family, dict(c.fixed).get("source"))
@@ -87,31 +67,15 @@ class Alternative:
 
 @dataclass(frozen=True, eq=False)
 class Named:
-    """An effect with the level at which it may be named.
-
-    Parameters
-    ----------
-    level : Level
-        EXACT, CLASS, SET, UNKNOWN or INCONCLUSIVE.
-    probability : float
-        Posterior of this very effect.
-    nats : float
-        Held-out log Bayes factor on discovery and confirmation, divided by the overdispersion.
-    alternatives : tuple of Alternative
-        With nothing and unknown, most probable first.
-    reasons : tuple of str
-        Why it is not EXACT.
-    spread : float
-        By how much its size differs between trajectories beyond noise, as a part of the size.
-    """
+    """An effect with the level at which it may be named."""
 
     fit: FittedEffect
     level: Level
-    probability: float
-    nats: float
-    alternatives: tuple[Alternative, ...]
-    reasons: tuple[str, ...]
-    spread: float = 0.0
+    probability: float  # posterior of this very effect
+    nats: float  # held-out log Bayes factor on discovery and confirmation, divided by the overdispersion
+    alternatives: tuple[Alternative, ...]  # with nothing and unknown, most probable first
+    reasons: tuple[str, ...]  # why it is not EXACT
+    spread: float = 0.0  # by how much its size differs between trajectories beyond noise, as a part of the size
 
     @property
     def may_be_named(self) -> bool:
@@ -122,7 +86,7 @@ class Named:
     def rivals(self) -> tuple[Alternative, ...]:
         """Other effects that cannot be ruled out."""
         own = self.fit.candidate.label
-        return tuple(not_ruled_out([a for a in self.alternatives if a.is_effect and a.label != own], self.probability))
+        return tuple(_not_ruled_out([a for a in self.alternatives if a.is_effect and a.label != own], self.probability))
 
     def in_doubt(self) -> Named:
         """Return it as an effect whose size may be nothing after all."""
@@ -130,16 +94,8 @@ class Named:
         return replace(self, level=Level.INCONCLUSIVE, reasons=reasons)
 
 
-def not_ruled_out(rivals: Sequence[Alternative], own: float) -> list[Alternative]:
-    """Return the rivals above the limit; where none is, the best, if it is some effect that has an exact name's odds.
-
-    Parameters
-    ----------
-    rivals : sequence of Alternative
-        Other effects.
-    own : float
-        Posterior of the effect.
-    """
+def _not_ruled_out(rivals: Sequence[Alternative], own: float) -> list[Alternative]:
+    """Return the rivals above the limit; else the best, if own and rivals together have an exact name's odds."""
     stable = [a for a in rivals if a.probability >= NAMING.stable]
     some_effect = own + sum(a.probability for a in rivals)
     if stable or own >= NAMING.exact or some_effect < NAMING.exact:
@@ -148,21 +104,15 @@ def not_ruled_out(rivals: Sequence[Alternative], own: float) -> list[Alternative
 
 
 def posterior(candidate: Candidate, weighed: Weighed, cost: float) -> list[Alternative]:
-    """Weigh an effect against nothing, unknown and its rivals.
+    """Weigh an effect against nothing, unknown and its rivals, in this order; their probabilities sum to 1.
+
+    Of the rivals those that would be called something else.
 
     Parameters
     ----------
-    candidate : Candidate
-        The effect.
-    weighed : Weighed
-        Its evidence, and that of what could stand in its place.
-    cost : float
-        Prior nats that any effect costs.
-
-    Returns
-    -------
-    list of Alternative
-        The effect itself, nothing, unknown, and the rivals that would be called something else; probabilities sum to 1.
+    candidate : Candidate, the effect
+    weighed : Weighed, its evidence, and that of what could stand in its place
+    cost : float, prior nats that any effect costs
     """
     own, rivals = weighed.own, [r for r in weighed.rivals if not r.candidate.called_like(candidate)]
     nats = np.array([own.nats, cost, _unknown_nats(weighed, cost), *(r.nats for r in rivals)]) - cost
@@ -208,13 +158,12 @@ def fraction_closed(search: Search, fit: FittedEffect) -> float:
     Parameters
     ----------
     search : Search
-    fit : FittedEffect
-        One of the set.
+    fit : FittedEffect, one of the set
     """
-    rows = search.dataset.training
-    before, after = (_mean_square(search.residual(fitted), rows) for fitted in ((), search.fitted))
-    noise = search.whitener.std**2
-    change = _mean_square(search.dataset.predict([fit.effect]) - search.dataset.predict(), rows)
+    rows, noise = search.dataset.training, search.whitener.std**2
+    changed = search.dataset.predict([fit.effect]) - search.dataset.predict()
+    errors = (search.residual(()), search.residual(search.fitted), changed)
+    before, after, change = (np.nanmean(e[rows] ** 2, axis=0) for e in errors)
     touched = search.touched(fit.candidate) & (change > 0.0)
     if not touched.any():
         return 1.0
@@ -226,18 +175,13 @@ def fraction_closed(search: Search, fit: FittedEffect) -> float:
     return float(weight @ closed / weight.sum())
 
 
-def _mean_square(values: FloatArray, rows: BoolArray) -> FloatArray:
-    return np.asarray(np.nanmean(values[rows] ** 2, axis=0))
-
-
 def overtone_nats(view: View, fit: FittedEffect) -> float:
     """Return the log Bayes factor of an effect's overtones beside the set; 0 for effects that have none.
 
     Parameters
     ----------
     view : View
-    fit : FittedEffect
-        One of the set.
+    fit : FittedEffect, one of the set
     """
     effects = fit.effect.overtones()
     if not effects:
@@ -253,10 +197,8 @@ def name_effect(view: View, fit: FittedEffect, own: Own) -> tuple[Named, Weighed
     Parameters
     ----------
     view : View
-    fit : FittedEffect
-        One of the set.
-    own : Own
-        What it gains.
+    fit : FittedEffect, one of the set
+    own : Own, what it gains
     """
     weighed, cost = weigh(view, fit, own), penalty(view.search.n_kinds)
     alternatives = posterior(fit.candidate, weighed, cost)
@@ -289,14 +231,12 @@ def _doubts_of_evidence(weighed: Weighed, cost: float) -> list[str]:
 
 def _doubts_of_numbers(view: View, fit: FittedEffect, own: Own) -> list[str]:
     """Conditions of an exact name that its numbers do not meet."""
-    search, whitener = view.search, view.search.whitener
-    fixed, near = search.parted(search.fitted, fit.candidate)
-    fitted = [*fixed, *near]
+    search = view.search
     doubts = [f"{name} is at the edge of its physical range" for name in fit.at_edge]
-    if not away_from_nothing(search, whitener, fitted, fit):
+    if not away_from_nothing(search, fit):
         doubts.append("its size cannot be distinguished from zero")
-    doubts += [f"these data do not determine its {name}" for name in undetermined(search, whitener, fitted, fit)]
-    explained = explained_by_others(whitener, fitted, fit)
+    doubts += [f"these data do not determine its {name}" for name in undetermined(search, fit)]
+    explained = explained_by_others(search, fit)
     weak = own.nats < NAMING.strong * own.overdispersion or 1.0 - explained < NAMING.shape_error**2
     if explained > NAMING.explained and weak:
         doubts.append(
@@ -321,7 +261,7 @@ def _level(alternatives: Sequence[Alternative], doubts: Sequence[str], partial: 
     if partial:
         return Level.UNKNOWN, partial
     own, nothing, unknown, *rivals = alternatives
-    stable = not_ruled_out(rivals, own.probability)
+    stable = _not_ruled_out(rivals, own.probability)
     if unknown.probability > 0.5:
         return Level.UNKNOWN, ["a smooth model outside the catalogue explains more"]
     if doubts or nothing.probability > NAMING.stable:

@@ -15,11 +15,10 @@ import numpy as np
 from gpcorrect.discrepancy.evidence.bursts import Burst, bursts_of
 from gpcorrect.discrepancy.naming.numbers import estimate_numbers
 from gpcorrect.discrepancy.naming.posterior import Named, name_effect
-from gpcorrect.discrepancy.naming.view import View, view_of
 from gpcorrect.discrepancy.naming.weigh import Own, Rival, Weighed, own_gain
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.prepared import PreparedData, in_pieces
-from gpcorrect.discrepancy.search.state import Search, Trace, penalty, start_search
+from gpcorrect.discrepancy.search.state import Search, Trace, View, penalty, start_search, view_of
 from gpcorrect.discrepancy.search.stepwise import search as search_on
 from gpcorrect.discrepancy.settings import BURSTS, NAMING
 from gpcorrect.types import BoolArray, Progress
@@ -32,67 +31,38 @@ def name_effects(
 ) -> tuple[Search, tuple[Named, ...], tuple[Named, ...]]:
     """Weigh every fit of a finished search; put better rivals in place, and take out what may not be named.
 
-    An effect is weighed anew whenever an effect that shows in its channels has gone or changed.
+    An effect is weighed anew whenever an effect that shows in its channels has gone or changed. Return the search with
+    the named effects only, those in the same order, and the others with the reasons.
 
     Parameters
     ----------
-    search : Search
-        Finished.
+    search : Search, finished
     prepared : PreparedData
-    progress : Progress, optional
-        Reported each pass.
-
-    Returns
-    -------
-    search : Search
-        With the named effects only.
-    named : tuple of Named
-        Those, in the same order.
-    dropped : tuple of Named
-        The others, with the reasons.
+    progress : Progress, optional, reported each pass
     """
     selection = _ModelSelection(search, prepared)
-    total = len(search.fitted)
+    total, progress = len(search.fitted), progress or Progress()
     while selection.step():
-        if progress is not None:
-            progress.step("naming", len(selection.dropped) / (total + len(selection.dropped) + 1))
-    if progress is not None:
-        progress.step("naming", 1.0)
+        progress.step("naming", len(selection.dropped) / (total + len(selection.dropped) + 1))
+    progress.step("naming", 1.0)
     named = tuple(selection.assessments[id(m)][0] for m in selection.search.fitted)
     return selection.search, named, tuple(selection.dropped)
 
 
 @dataclass
 class _ModelSelection:
-    """A set of effects on its way to names; every step changes it once.
+    """A set of effects on its way to names; every step changes it once."""
 
-    Parameters
-    ----------
-    search : Search
-        With the effects as they are now.
-    assessments : dict
-        On each fit, by its identity.
-    dropped : list of Named
-        Taken out so far.
-    own : dict
-        What each fit gains, by its identity.
-    replaced : Counter
-        How often a rival took the place of each since the last search. It may come back once, for the others' numbers
-        were those beside it; two that each explain the other's must end.
-    searches : Counter
-        Searches made for what was taken out at each joint: one joint may not use up another's.
-    filled : int
-        How many of the dropped the last search has looked for a replacement of.
-    """
-
-    search: Search
+    search: Search  # with the effects as they are now
     prepared: PreparedData
-    assessments: dict[int, tuple[Named, Weighed]] = field(default_factory=dict)
-    dropped: list[Named] = field(default_factory=list)
-    own: dict[int, Own] = field(default_factory=dict)
+    assessments: dict[int, tuple[Named, Weighed]] = field(default_factory=dict)  # of each fit, by its identity
+    dropped: list[Named] = field(default_factory=list)  # taken out so far
+    own: dict[int, Own] = field(default_factory=dict)  # what each fit gains, by its identity
+    # How often a rival took the place of each since the last search. It may come back once, for the others' numbers
+    # were those beside it; two that each explain the other's must end.
     replaced: Counter[Hashable] = field(default_factory=Counter)
-    searches: Counter[int | str] = field(default_factory=Counter)
-    filled: int = 0
+    searches: Counter[int | str] = field(default_factory=Counter)  # for what went at each joint: each has its own
+    filled: int = 0  # how many of the dropped the last search has looked for a replacement of
 
     def step(self) -> bool:
         """Change the set once; False when there is nothing to change."""
@@ -203,27 +173,17 @@ def name_rare(
 
     Such as a limit that is reached once. No motion can foretell another's there, so that evidence from motion to motion
     has nothing to say. But what happens lasts for many samples, and a law with few numbers that is fitted to some of
-    them has to foretell the others.
+    them has to foretell the others. Return the recording in pieces, the state with the new effects, and all that is
+    named; None when nothing rare gets a name.
 
     Parameters
     ----------
-    prepared : PreparedData
-        By whole trajectories.
-    state : Search
-        After the naming.
-    named : sequence of Named
-        What was named, in the order of the state's effects.
-    candidates : sequence of Candidate
-        All that these data could show.
-    rng : numpy.random.Generator
-        Deals the pieces.
+    prepared : PreparedData, by whole trajectories
+    state : Search, after the naming
+    named : sequence of Named, what was named, in the order of the state's effects
+    candidates : sequence of Candidate, all that these data could show
+    rng : numpy.random.Generator, deals the pieces
     progress : Progress
-
-    Returns
-    -------
-    tuple or None
-        The recording in pieces, the state with the new effects, and all that is named; None when nothing rare gets a
-        name.
     """
     found = bursts_of(prepared.dataset, state.whitener.noises, [f.effect for f in state.fitted])
     bursts = [b for b in found if b.rare]

@@ -33,17 +33,13 @@ Numbers = Mapping[str, tuple[float, tuple[float, float], str]]  # of an effect: 
 
 @dataclass(frozen=True)
 class Growth:
-    """Noise beyond what was there before, or beyond what is stated.
+    """Noise beyond what was there before, or beyond what is stated."""
 
-    Its standard deviation (unit of the channel) by the scatter of the trajectories, the session time from which on it
-    is there (s), and the gain of log-likelihood of the trajectories' levels.
-    """
-
-    std: float
-    std_ci95: tuple[float, float]
-    since: float
+    std: float  # in the channel's unit
+    std_ci95: tuple[float, float]  # by the scatter of the trajectories
+    since: float  # session time from which on it is there, s
     since_ci95: tuple[float, float]
-    nats: float
+    nats: float  # gain of log-likelihood of the trajectories' levels
 
 
 def levels_of(residual: FloatArray, trajectory: IntArray, rows: BoolArray) -> tuple[FloatArray, IntArray, FloatArray]:
@@ -51,12 +47,9 @@ def levels_of(residual: FloatArray, trajectory: IntArray, rows: BoolArray) -> tu
 
     Parameters
     ----------
-    residual : (n,) array
-        Single samples; NaN is missing.
-    trajectory : (n,) int array
-        Of each sample.
-    rows : (n,) bool array
-        Samples that may be looked at.
+    residual : (n,) array, single samples; NaN is missing
+    trajectory : (n,) int array, of each sample
+    rows : (n,) bool array, samples that may be looked at
     """
     levels, numbers, errors = [], [], []
     for number in np.unique(trajectory[rows]):
@@ -78,10 +71,8 @@ def stated_level(noise: ChannelNoise, step: float) -> float:
 
     Parameters
     ----------
-    noise : ChannelNoise
-        As it is stated.
-    step : float
-        s from sample to sample.
+    noise : ChannelNoise, as it is stated
+    step : float, s from sample to sample
     """
     phi = np.exp(-step / noise.time_constant)
     slow = noise.slow**2 * (6.0 - 8.0 * phi + 2.0 * phi**2) / 6.0
@@ -95,14 +86,10 @@ def growth_of(
 
     Parameters
     ----------
-    levels, errors : (k,) arrays
-        Level of each trajectory, and its relative error.
-    start, end : (k,) arrays
-        Session time at which each begins and ends, s.
-    stated : float or None
-        Level as the model states it.
-    channels : int
-        That are looked at: each has its part of the chance of a false alarm.
+    levels, errors : (k,) arrays, level of each trajectory, and its relative error
+    start, end : (k,) arrays, session time at which each begins and ends, s
+    stated : float or None, level as the model states it
+    channels : int, that are looked at: each has its part of the chance of a false alarm
     """
     grown = _change(np.log(levels), errors, start, end, channels) if len(levels) >= 2 * SENSORS.side else None
     if grown is None and stated is not None and len(levels):
@@ -167,10 +154,8 @@ def noise_effects(dataset: Dataset, effects: Sequence[Effect], level: FloatArray
     Parameters
     ----------
     dataset : Dataset
-    effects : sequence of Effect
-        Named so far.
-    level : (c,) array
-        Standard deviation of the noise of single samples of every channel.
+    effects : sequence of Effect, named so far
+    level : (c,) array, standard deviation of the noise of single samples of every channel
     """
     found = [_rounded(dataset.scene, i, level) for i in range(len(dataset.scene.joints))]
     coarse = {e.named.fit.candidate.joint for e in found if e is not None}

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gpcorrect.discrepancy.evidence.linear import fold_of, held_out_nats, solve
+from gpcorrect.discrepancy.evidence.linear import Grams, fold_of, grams, held_out_nats, solve
 from gpcorrect.discrepancy.evidence.variables import Cells
-from gpcorrect.discrepancy.naming.view import View
 from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.search.linearisation import linearise
+from gpcorrect.discrepancy.search.state import View
 from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.types import BoolArray, FloatArray
 
@@ -31,10 +31,8 @@ def smooth_columns(view: View, fitted: Sequence[FittedEffect], channels: BoolArr
     Parameters
     ----------
     view : View
-    fitted : sequence of FittedEffect
-        The set.
-    channels : (c,) bool array
-        Those that the model speaks of.
+    fitted : sequence of FittedEffect, the set
+    channels : (c,) bool array, those that the model speaks of
     """
     residual, rows = view.search.residual(fitted), view.search.dataset.discovery
     parts = [np.zeros((*residual.shape, 0))]
@@ -88,12 +86,9 @@ def smooth_nats(
     Parameters
     ----------
     view : View
-    fitted : sequence of FittedEffect
-        The set; the tangents of its effects take up what they can.
-    channels : (c,) bool array
-        Those that the columns speak of.
-    columns : pair of (M, k) arrays
-        Whitened on both parts.
+    fitted : sequence of FittedEffect, the set; the tangents of its effects take up what they can
+    channels : (c,) bool array, those that the columns speak of
+    columns : pair of (M, k) arrays, whitened on both parts
     """
     search, k = view.search, columns[0].shape[1]
     if k == 0:
@@ -104,9 +99,9 @@ def smooth_nats(
     confirmation = linearise(view.confirmation, touching, others)
     size = float(np.sqrt(np.nanmean(search.residual(fitted)[search.dataset.discovery][:, channels] ** 2)))
     p = discovery.slopes.shape[1]
-    sums = search.whitener.grams(np.concatenate([discovery.slopes, columns[0]], axis=1), discovery.z)
+    sums = grams(np.concatenate([discovery.slopes, columns[0]], axis=1), discovery.z, search.whitener.block)
     fold = fold_of(len(sums.gram))
-    own = held_out_nats(sums.take(list(range(p))), fold).sum()
+    own = held_out_nats(Grams(sums.gram[:, :p, :p], sums.moment[:, :p]), fold).sum()
     priors = [np.r_[np.zeros(p), np.full(k, strength / size**2)] for strength in PRECISIONS]
     nats = [float(held_out_nats(sums, fold, prior).sum()) for prior in priors]
     best = int(np.argmax(nats))

@@ -11,16 +11,12 @@ from gpcorrect.discrepancy.evidence.linear import solve
 from gpcorrect.discrepancy.settings import SENSORS, TESTS
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
+# Times the mean product of neighbouring second differences (1, -2, 1 over the root of 6) is the variance of white
+# noise: their weights share -4 of 6. Of what is smooth the product is positive, so that an unexplained motion, which
+# grows with speed as well, counts against noise and never for it.
 NEIGHBOURS = -1.5
-"""Times the mean product of neighbouring second differences (1, -2, 1 over the root of 6) is the variance of white
-noise: their weights share -4 of 6. Of what is smooth the product is positive, so that an unexplained motion, which
-grows with speed as well, counts against noise and never for it."""
-
-MOVING = 0.05
-"""Of a joint's root mean square speed, from which on it counts as moving: below it creeps."""
-
-REWEIGHTED = 4
-"""Rounds of the regression: its weights come from the line of the round before, and stand still after three."""
+MOVING = 0.05  # of a joint's root mean square speed, from which on it counts as moving: below it creeps
+REWEIGHTED = 4  # rounds of the regression: weights come from the line of the round before, and stand still after three
 
 
 def second_differences(values: FloatArray) -> FloatArray:
@@ -28,8 +24,7 @@ def second_differences(values: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    values : (n, ...) array
-        Single samples in their order.
+    values : (n, ...) array, single samples in their order
     """
     second: FloatArray = (values[2:] - 2.0 * values[1:-1] + values[:-2]) / np.sqrt(6.0)
     return second
@@ -37,16 +32,12 @@ def second_differences(values: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class SpeedGrowth:
-    """Variance of noise that goes with the square of the speed.
+    """Variance of noise that goes with the square of the speed."""
 
-    The root of its slope is the spread of the instants (s), with an interval by the scatter of stretches; `level` is
-    the noise at rest (rad or m), `nats` half the square of the slope's standard score.
-    """
-
-    seconds: float
-    seconds_ci95: tuple[float, float]
-    level: float
-    nats: float
+    seconds: float  # root of its slope: the spread of the instants, s
+    seconds_ci95: tuple[float, float]  # by the scatter of stretches
+    level: float  # noise at rest, rad or m
+    nats: float  # half the square of the slope's standard score
 
 
 def speed_growth(
@@ -69,22 +60,15 @@ def speed_growth(
 
     Parameters
     ----------
-    residual : (n,) array
-        Single samples, rad or m; NaN is missing.
-    speeds : (n, k) array
-        Of all joints, rad/s or m/s.
-    column : int
-        Of the joint.
-    trajectory : (n,) int array
-        Of each sample.
-    rows : (n,) bool array
-        Samples that may be looked at.
-    stated : float
-        Standard deviation of the instants that the model knows of, s: growth is what goes beyond it.
+    residual : (n,) array, single samples, rad or m; NaN is missing
+    speeds : (n, k) array, of all joints, rad/s or m/s
+    column : int, of the joint
+    trajectory : (n,) int array, of each sample
+    rows : (n,) bool array, samples that may be looked at
+    stated : float, standard deviation of the instants that the model knows of, s: growth is what goes beyond it
     rounding : float
         Standard deviation of the error of the motor's encoder: by rounding a prediction is noisier where it moves.
-    channels : int
-        That are looked at: each has its part of the chance of a false alarm.
+    channels : int, that are looked at: each has its part of the chance of a false alarm
     """
     own = speeds[:, [column]] ** 2
     line = _line(*_samples(residual, own, trajectory, rows, stated))

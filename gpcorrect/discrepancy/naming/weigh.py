@@ -10,13 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.discrepancy.naming.occam import LinearLaw, factors_of, price_of, shape_evidence
+from gpcorrect.discrepancy.naming.intervals import size_overdispersion
+from gpcorrect.discrepancy.naming.occam import factors_of, linear_evidence, own_slopes, price_of, shape_evidence
 from gpcorrect.discrepancy.naming.smooth_model import smooth_columns, smooth_nats
-from gpcorrect.discrepancy.naming.spread import size_overdispersion
-from gpcorrect.discrepancy.naming.view import View
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.linearisation import Linearisation, held_out
-from gpcorrect.discrepancy.search.state import Search, penalty
+from gpcorrect.discrepancy.search.state import Search, View, penalty
 from gpcorrect.discrepancy.search.stepwise import Ranked, rank
 from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.errors import DataError
@@ -25,22 +24,12 @@ from gpcorrect.types import BoolArray, FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Rival:
-    """Another candidate in an effect's place, and its nats.
-
-    Parameters
-    ----------
-    nats : float
-        Beyond the set without either.
-    price : float
-        Nats that its further numbers cost, as :func:`~gpcorrect.discrepancy.naming.occam.price_of` has it.
-    shape_nats : float
-        What the data say of its shape, where it is a fuller law of the effect's family that says something else here;
-        infinite elsewhere.
-    """
+    """Another candidate in an effect's place, and its nats."""
 
     fit: FittedEffect
-    nats: float
-    price: float
+    nats: float  # beyond the set without either
+    price: float  # nats that its further numbers cost, as :func:`~gpcorrect.discrepancy.naming.occam.price_of` has it
+    # what the data say of its shape, where it is a fuller law of the effect's family that says something else here
     shape_nats: float = np.inf
 
     @property
@@ -59,25 +48,13 @@ class Unknown:
 
 @dataclass(frozen=True, eq=False)
 class Own:
-    """What an effect gains beyond the set without it.
+    """What an effect gains beyond the set without it."""
 
-    Parameters
-    ----------
-    rest : tuple of FittedEffect
-        The set without it, fitted anew.
-    reference : pair of arrays
-        Whitened residual of that set on discovery and confirmation.
-    discovery, confirmation : (b,) arrays
-        Nats of each trajectory of either part.
-    overdispersion : float
-        By how much evidence counts less, because the residual is still larger than noise.
-    """
-
-    rest: tuple[FittedEffect, ...]
-    reference: tuple[FloatArray, FloatArray]
-    discovery: FloatArray
-    confirmation: FloatArray
-    overdispersion: float
+    rest: tuple[FittedEffect, ...]  # the set without it, fitted anew
+    reference: tuple[FloatArray, FloatArray]  # whitened residual of that set on discovery and confirmation
+    discovery: FloatArray  # (b,) nats of each trajectory of this part
+    confirmation: FloatArray  # (b,)
+    overdispersion: float  # by how much evidence counts less, because the residual is still larger than noise
 
     @property
     def nats(self) -> float:
@@ -92,22 +69,12 @@ class Own:
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """Evidence for one effect, and for what could stand in its place.
-
-    Parameters
-    ----------
-    price : float
-        Nats that its further numbers cost.
-    active : (b,) bool array
-        Trajectories of discovery, then confirmation, in which it acts: a slip does not before it happens.
-    rivals : tuple of Rival
-        Those like it and those that it is a special case of, best first.
-    """
+    """Evidence for one effect, and for what could stand in its place."""
 
     own: Own
-    price: float
-    active: BoolArray
-    rivals: tuple[Rival, ...]
+    price: float  # nats that its further numbers cost
+    active: BoolArray  # (b,) in which trajectories of discovery, then confirmation, it acts: a slip does not at first
+    rivals: tuple[Rival, ...]  # those like it and those that it is a special case of, best first
     unknown: Unknown
 
 
@@ -117,8 +84,7 @@ def own_gain(view: View, fit: FittedEffect) -> Own:
     Parameters
     ----------
     view : View
-    fit : FittedEffect
-        One of the set.
+    fit : FittedEffect, one of the set
     """
     search, candidate = view.search, fit.candidate
     rest = search.refit([m for m in search.fitted if m is not fit], candidate)
@@ -134,10 +100,8 @@ def weigh(view: View, fit: FittedEffect, own: Own) -> Weighed:
     Parameters
     ----------
     view : View
-    fit : FittedEffect
-        One of the set.
-    own : Own
-        What it gains.
+    fit : FittedEffect, one of the set
+    own : Own, what it gains
     """
     search, channels = view.search, _strongest_channels(view, fit)
     columns = smooth_columns(view, own.rest, channels)
@@ -160,12 +124,9 @@ def between_effects(own: Own, unknown: Unknown, cost: float) -> float:
 
     Parameters
     ----------
-    own : Own
-        What the effect gains.
-    unknown : Unknown
-        The smooth model's nats.
-    cost : float
-        Prior nats that any effect costs.
+    own : Own, what the effect gains
+    unknown : Unknown, the smooth model's nats
+    cost : float, prior nats that any effect costs
     """
     tolerated = max(unknown.beside - cost, NAMING.shape_error**2 * own.nats)
     return max(own.overdispersion, tolerated / float(-np.log(NAMING.stable)))
@@ -285,16 +246,16 @@ def _more_general(search: Search, own: Own, fit: FittedEffect, price: float) -> 
     if not _is_linear(fit.candidate):
         return []
     alike, rest, noisier = fit.candidate.kind.about.neighbours, own.rest, own.overdispersion
-    narrow = LinearLaw.of(search, search.fitted, fit)
-    change = narrow.slopes @ fit.u
-    alone = narrow.evidence(change, noisier)
+    slopes = own_slopes(search, search.fitted, fit)
+    change = slopes @ fit.u
+    alone = linear_evidence(slopes, fit.u, change, search.misfit(search.fitted), noisier)
     if not np.isfinite(alone):
         return []
     found: dict[Hashable, Rival] = {}
     for trace in search.traces:
         other = trace.candidate
-        wider = other.extra > fit.candidate.extra and other.name in alike and _is_linear(other)
-        if not wider or other.key in found or any(other.key == m.candidate.key for m in rest):
+        is_wider = other.extra > fit.candidate.extra and other.name in alike and _is_linear(other)
+        if not is_wider or other.key in found or any(other.key == m.candidate.key for m in rest):
             continue
         columns = search.whitener.whiten_columns(trace.change)
         factors = factors_of(columns, change)
@@ -303,9 +264,10 @@ def _more_general(search: Search, own: Own, fit: FittedEffect, price: float) -> 
             continue
         fitted = search.refit((*rest, FittedEffect(other, other.scaled(factors))), other)
         if not fitted[-1].at_edge:
-            wide = LinearLaw.of(search, fitted, fitted[-1])
-            nats = noisier * (wide.evidence(change, noisier) - alone)
-            found[other.key] = Rival(fitted[-1], own.nats + nats, price)  # in the evidence, all numbers are paid for
+            wider = own_slopes(search, fitted, fitted[-1])
+            nats = linear_evidence(wider, fitted[-1].u, change, search.misfit(fitted), noisier) - alone
+            # in the evidence, all numbers are paid for
+            found[other.key] = Rival(fitted[-1], own.nats + noisier * nats, price)
     return list(found.values())
 
 

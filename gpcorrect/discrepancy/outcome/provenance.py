@@ -90,7 +90,7 @@ def provenance_of(
             "numpy": np.__version__,
             "scipy": scipy.__version__,
         },
-        thresholds=DecisionThresholds(before.threshold, penalty(max(state.n_kinds, 1)), NAMING.exact, NAMING.stable),
+        thresholds=DecisionThresholds(before.threshold, penalty(state.n_kinds), NAMING.exact, NAMING.stable),
         seconds=seconds,
         noise={channel.name: noise for channel, noise in zip(scene.channels, noises, strict=True)},
         tolerated=dataset.tolerated(noises),

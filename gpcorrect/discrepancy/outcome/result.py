@@ -1,4 +1,4 @@
-"""What a run of the workflow found: frozen values from the verdict down to where every number comes from."""
+"""What a run of the workflow found: frozen values from the verdict down to its numbers, and report.json of them."""
 
 from __future__ import annotations
 
@@ -6,18 +6,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gpcorrect.discrepancy.evidence.localise import Localisation
+from gpcorrect.discrepancy.evidence.localise import Finding, Localisation
 from gpcorrect.discrepancy.naming.posterior import Alternative, Level, Named
 from gpcorrect.discrepancy.outcome.provenance import Provenance
-from gpcorrect.discrepancy.outcome.report import report_of
+from gpcorrect.discrepancy.outcome.words import noise_source_words, region_words
 from gpcorrect.discrepancy.recording.scene import Channel
 from gpcorrect.discrepancy.search.candidates import Estimate
 from gpcorrect.discrepancy.search.state import Step
 from gpcorrect.discrepancy.settings import NAMING, TESTS, VERDICT
+from gpcorrect.plain import json_ready
 from gpcorrect.sim.effects import EFFECTS, Family
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.plan import Plan
 from gpcorrect.types import BoolArray, FloatArray
+
+VERSION = 2  # of report.json
+KINDS = ("effects", "minor", "alike", "of_steps")  # of effects in a verdict
 
 
 @dataclass(frozen=True)
@@ -247,4 +251,105 @@ class DiscrepancyResult:
 
     def to_report(self) -> dict[str, Any]:
         """Return the content of report.json; numbers that do not exist are None."""
-        return report_of(self)
+        experiment, remainder = self.next_experiment, self.remainder
+        report = {
+            "version": VERSION,
+            "verdict": {
+                "level": self.level,
+                **{kind: list(map(_effect, getattr(self.verdict, kind))) for kind in KINDS},
+                "places": list(map(_place, self.verdict.places)),
+            },
+            "localisation": [_finding(f) for f in self.localisation.findings],
+            "gap": {g.channel.name: _gap(g) for g in self.gap},
+            "next_experiment": experiment and _fields(experiment, "run", "separates", "expected_nats", "minutes"),
+            "provenance": {
+                **_provenance(self.provenance),
+                "remainder": [] if remainder is None else [_finding(f) for f in remainder.findings],
+                "equivalence": [
+                    {"channel": e.channel.name, "systematic_upper": e.upper, "limit": e.limit}
+                    for e in (remainder or self.localisation).equivalence
+                ],
+                "not_named": [
+                    {**_fields(n, "label", "level", "probability", "nats"), "why": n.reasons} for n in self.not_named
+                ],
+            },
+        }
+        plain: dict[str, Any] = json_ready(report)
+        return plain
+
+
+def _fields(value: object, *names: str) -> dict[str, Any]:
+    """Return what has the same name in the report."""
+    return {name: getattr(value, name) for name in names}
+
+
+def _effect(effect: NamedEffect) -> dict[str, Any]:
+    return {
+        **_fields(effect, "name", "joint"),
+        "class": effect.family,
+        **_fields(effect, "level", "probability"),
+        "parameters": {k: _fields(e, "value", "ci95", "unit") for k, e in effect.parameters.items()},
+        "rivals": [_alternative(a) for a in effect.rivals],
+        "alternatives": [_alternative(a) for a in effect.alternatives],
+        "nats": effect.nats,
+        "size_over_noise": effect.size,
+        "minor": effect.is_minor,
+        **_fields(effect, "spread", "closes"),
+    }
+
+
+def _place(verdict: PlaceVerdict) -> dict[str, Any]:
+    return {
+        **_fields(verdict, "place", "level"),
+        "channel": verdict.channel.name,
+        **_fields(verdict, "before", "after", "noise"),
+        "unit": verdict.channel.unit,
+        "remaining_over_noise": verdict.remaining,
+        "effects": [e.name for e in verdict.effects],
+        "alike": [e.name for e in verdict.alike],
+    }
+
+
+def _alternative(entry: Alternative) -> dict[str, Any]:
+    return {**_fields(entry, "label", "name", "joint", "source", "probability"), "class": entry.family}
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    return {
+        "channel": finding.channel.name,
+        "variables": [str(v) for v in finding.variables],
+        "region": region_words(finding.region),
+        "bounds": [{"variable": str(s.variable), **_fields(s, "low", "high", "unit")} for s in finding.region],
+        **_fields(finding, "nats", "size", "counts"),
+    }
+
+
+def _gap(gap: ChannelGap) -> dict[str, Any]:
+    return {
+        **_fields(gap, "before", "after", "noise"),
+        "unit": gap.channel.unit,
+        **_fields(gap, "closed", "closed_ci95", "black_box_ceiling"),
+        "placebo": gap.permutation_control,
+        "p95": gap.p95,
+        "max": gap.largest,
+    }
+
+
+def _provenance(source: Provenance) -> dict[str, Any]:
+    return {
+        "data": list(map(vars, source.data)),
+        **_fields(source, "seed", "versions"),
+        "thresholds": vars(source.thresholds),
+        "seconds": source.seconds,
+        "noise": {
+            name: {**_fields(n, "white", "slow", "time_constant", "tail"), "basis": noise_source_words(n)}
+            for name, n in source.noise.items()
+        },
+        "tolerated": source.tolerated,
+        "bursts": [
+            {"channel": b.channel.name, **_fields(b, "trajectories", "largest", "noise"), "unit": b.channel.unit}
+            for b in source.bursts
+        ],
+        **_fields(source, "remarks", "no_trace"),
+        "not_nameable": list(map(vars, source.not_nameable)),
+    }

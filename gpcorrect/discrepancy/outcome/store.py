@@ -41,16 +41,10 @@ def inputs_key(*parts: object) -> str:
 
 @dataclass(frozen=True)
 class StageStore:
-    """A folder of stages that belong to one set of inputs; those of other inputs count as absent.
+    """A folder of stages that belong to one set of inputs; those of other inputs count as absent."""
 
-    Parameters
-    ----------
-    folder : Path, where they are; made when the first one is saved
-    key : str, of the inputs, from :func:`inputs_key`
-    """
-
-    folder: Path
-    key: str
+    folder: Path  # where they are; made when the first one is saved
+    key: str  # of the inputs, from :func:`inputs_key`
 
     def load(self, stage: str) -> dict[str, Any] | None:
         """Return what was saved of a stage; None when there is nothing, or it is of other inputs or damaged.

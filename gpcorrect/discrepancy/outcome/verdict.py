@@ -10,12 +10,11 @@ from gpcorrect.discrepancy.evidence.bursts import Burst, bursts_of
 from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.naming.posterior import Level, Named
 from gpcorrect.discrepancy.naming.smooth_model import smooth_columns, smooth_nats
-from gpcorrect.discrepancy.naming.view import view_of
 from gpcorrect.discrepancy.outcome.result import ChannelGap, NamedEffect, PlaceVerdict
 from gpcorrect.discrepancy.recording.scene import Channel
 from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.search.prepared import PreparedData
-from gpcorrect.discrepancy.search.state import Search, penalty
+from gpcorrect.discrepancy.search.state import Search, penalty, view_of
 from gpcorrect.discrepancy.settings import TESTS, VERDICT
 
 SURENESS = (Level.EXACT, Level.CLASS, Level.SET)
@@ -42,12 +41,13 @@ def verdict_level(
     fitted : sequence of FittedEffect, those of them that change a mean, with their final numbers
     dropped : sequence of Named, what was looked at and may not be named
     """
+    dataset, noises = state.dataset, state.whitener.noises
+    bursts = bursts_of(dataset, noises, [f.effect for f in fitted])
+    lasting = any(b.lasts for b in bursts)
     if not before.something and not effects:
-        dataset, noises = state.dataset, state.whitener.noises
-        tolerable = all(t <= VERDICT.most_tolerated for t in dataset.tolerated(noises).values())
-        bursts = bursts_of(dataset, noises, [f.effect for f in fitted])
-        if any(b.lasts for b in bursts):
+        if lasting:
             return Level.UNKNOWN
+        tolerable = all(t <= VERDICT.most_tolerated for t in dataset.tolerated(noises).values())
         compared = not dataset.scene.unclocked  # else the motors were compared with nothing
         return Level.NONE if before.nothing and tolerable and compared and not bursts else Level.INCONCLUSIVE
     if alike and not effects:
@@ -55,13 +55,12 @@ def verdict_level(
     if effects and (fitted or not before.something):
         return _least_sure(effects)
     joints = {e.joint for e in effects}  # of effects on noise, which say what is odd there
-    channels = {c for c in prepared.dataset.scene.channels if c.joint not in joints}
-    elsewhere = np.array([c in channels for c in prepared.dataset.scene.channels])
+    elsewhere = np.array([c.joint not in joints for c in dataset.scene.channels])
+    channels = {c for c in dataset.scene.channels if c.joint not in joints}
     view = view_of(state, prepared)
     each = np.eye(len(elsewhere), dtype=np.bool_)[elsewhere]  # all at once, six joints ask for gigabytes
     left = sum(smooth_nats(view, fitted, only, smooth_columns(view, fitted, only)) for only in each)
-    rare = any(b.lasts for b in bursts_of(state.dataset, state.whitener.noises, [f.effect for f in fitted]))
-    if left > penalty(max(state.n_kinds, 1)) or is_plain(before, channels, dropped) or rare:
+    if left > penalty(state.n_kinds) or is_plain(before, channels, dropped) or lasting:
         return Level.UNKNOWN
     return _least_sure(effects) if effects else Level.INCONCLUSIVE
 
@@ -123,8 +122,7 @@ def place_verdicts(
     gaps : sequence of ChannelGap, of every channel
     left : Localisation, of the residual that the named effects leave
     bursts : sequence of Burst, of the same
-    alike : sequence of NamedEffect
-        Those that the machine only acts like: where one matters, something is unknown.
+    alike : sequence of NamedEffect, those that the machine only acts like: where one matters, something is unknown
     """
     acting = [e for e in (*effects, *alike) if isinstance(e.joint, int)]
     every = {g.channel.joint or "tool" for g in gaps} | {e.joint for e in acting}

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.stats import binomtest
 
-from gpcorrect.discrepancy.outcome.report import VERSION
+from gpcorrect.discrepancy.outcome.result import VERSION
 from gpcorrect.discrepancy.protocol.outcomes import NO_NAME, CaseOutcome, case_outcome
 from gpcorrect.errors import DataError
 

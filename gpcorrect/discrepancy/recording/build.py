@@ -12,7 +12,7 @@ from gpcorrect.discrepancy.recording.layout import Layout, layout_of
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, estimate_noise, outliers
 from gpcorrect.discrepancy.recording.scene import Channel, Scene
 from gpcorrect.discrepancy.recording.servo_clock import RUN_OUT, commanded_plan, holes, settled_stamps
-from gpcorrect.discrepancy.recording.tracker import Slack, Tracker, mixed_up, slack_of, table_slopes
+from gpcorrect.discrepancy.recording.tracker import Slack, Tracker, refuse_mixed_joints, slack_of, table_slopes
 from gpcorrect.discrepancy.settings import CLOCK, NOISE
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body
@@ -59,8 +59,9 @@ def build_scene(
     driven = has_controller(model) and log.setpoint_jp is not None
     command = _joint_columns(log, "setpoint_jp", joints) if driven else None
     time = None if command is None else settled_stamps(log.time, label, command)
-    settling = _settling(log.time, label)
-    on_the_move = settling
+    first_rows = np.flatnonzero(np.diff(label, prepend=-1))
+    # Where a servo may not have forgotten how the motion began.
+    on_the_move = settling = np.asarray(log.time - log.time[first_rows][label] < CLOCK.settles)
     if time is not None and command is not None:
         on_the_move = settling & _begun_on_the_move(time, label, command)
     loop = time is not None and not on_the_move.all()
@@ -109,7 +110,7 @@ def build_scene(
     known = model.T_tracker_base is not None, model.T_tip_marker is not None
     simulated, motions = scene.marker_poses(), np.unique(log.trajectory, return_inverse=True)[1]
     first = Tracker(seen.position, registered_on, *known)  # with faults of the tracker, which move it
-    _refuse_mixed_joints(scene, first, source)
+    refuse_mixed_joints(first, _up_to_marker(machine), scene.motor_path(), machine.T_tracker_base, source)
     faults = [outliers(error, motions) for error in (seen.position - first.predicted(simulated)).T]
     sound = registered_on & ~np.any(faults, axis=0)
     tracker, why = replace(first, rows=sound).with_orientations(seen.quaternion, simulated)
@@ -130,16 +131,6 @@ def _up_to_marker(machine: Machine) -> Body:
     chain = machine.body.chain
     assert chain is not None
     return replace(machine.body, chain=replace(chain, tool=se3.compose(chain.tool, machine.T_tip_marker)))
-
-
-def _refuse_mixed_joints(scene: Scene, tracker: Tracker, source: str) -> None:
-    """Refuse joints of another sign or order than the model's: no effect of the catalogue is that."""
-    machine = scene.machine
-    if what := mixed_up(tracker, _up_to_marker(machine), scene.motor_path(), machine.T_tracker_base):
-        raise DataError(
-            f"{source}: {what}. Put right, less than {100 * NOISE.mixed_up:.0f} % of the tracker's residual is left.",
-            hint="A mapping file gives a column scale = -1, or another joint's number. Or turn the axis in the model.",
-        )
 
 
 def _slack(scene: Scene, tracker: Tracker, noises: tuple[ChannelNoise, ...] | None) -> Slack:
@@ -246,12 +237,6 @@ def _continuous_runs(log: CalibrationLog, motor: FloatArray) -> IntArray:
     near = (moved <= np.nanmax(moved[inside], axis=0)).all(axis=1)
     joined = (step > 0) & (step <= step[~change].max()) & near & (np.diff(log.session) == 0)
     return np.concatenate([[0], np.cumsum(np.where(change, ~joined, hole & ~near))]).astype(np.int64)
-
-
-def _settling(time: FloatArray, label: IntArray) -> BoolArray:
-    """Say in which rows `(n,)` a servo may not have forgotten how the motion began."""
-    first = np.flatnonzero(np.diff(label, prepend=-1))
-    return np.asarray(time - time[first][label] < CLOCK.settles)
 
 
 def _begun_on_the_move(time: FloatArray, label: IntArray, command: FloatArray) -> BoolArray:

@@ -9,8 +9,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, outliers
-from gpcorrect.discrepancy.recording.remembered import Remembered, in_bytes
-from gpcorrect.discrepancy.recording.scene import Scene
+from gpcorrect.discrepancy.recording.scene import Remembered, Scene
 from gpcorrect.discrepancy.recording.split import Split
 from gpcorrect.discrepancy.recording.stated_noise import quantisation_of
 from gpcorrect.sim.effects import Effect
@@ -27,7 +26,7 @@ class SignalMemory:
     """Condensed signals by what they depend on, and which of them the sets of effects asked for last consist of."""
 
     keys: Remembered[list[Hashable]] = field(default_factory=partial(Remembered, REMEMBERED_SETS))
-    means: Remembered[FloatArray] = field(default_factory=partial(Remembered, REMEMBERED_BYTES, in_bytes))
+    means: Remembered[FloatArray] = field(default_factory=partial(Remembered, REMEMBERED_BYTES))
 
 
 @dataclass(frozen=True, eq=False)

@@ -56,8 +56,7 @@ def layout_of(label: IntArray, *, piece: int | None = None, warm_up: int = 0, ru
         Labels of more than `piece + warm_up` rows may be cut into columns of `piece` rows. They are where that makes
         the grid smaller: one long label would pad the columns of many short ones.
     warm_up : int, rows before a cut that its column repeats, so that what has a memory fills it
-    run_out : int
-        Rows behind a cut that its column repeats, so that a motion cut there does not seem to stop at once.
+    run_out : int, rows behind a cut that its column repeats, so that a motion cut there does not seem to stop at once
     """
     every = [np.flatnonzero(label == k) for k in np.unique(label)]
     columns = [(rows, 0, len(rows)) for rows in every]

@@ -252,8 +252,7 @@ def outliers(residual: FloatArray, block: IntArray) -> BoolArray:
 
     Parameters
     ----------
-    residual : (n,) array
-        rad or m; NaN is missing.
+    residual : (n,) array, rad or m; NaN is missing
     block : (n,) int array, trajectory of each row, from 0 without gaps; -1 for rows to leave out
     """
     spikes = np.zeros(len(residual), dtype=np.bool_)

@@ -7,17 +7,17 @@ commands, the closed loop is run as well and predicts the motors themselves.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import count
-from typing import NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.discrepancy.recording.layout import Layout
-from gpcorrect.discrepancy.recording.remembered import Remembered, in_bytes
 from gpcorrect.discrepancy.recording.servo_clock import Stamps
 from gpcorrect.discrepancy.recording.tracker import Slack, Tracker
 from gpcorrect.sim.dynamics import JointPath, link_load
@@ -33,6 +33,7 @@ from gpcorrect.types import FloatArray, IntArray
 LOOP_STAGES = (Stage.LOAD, Stage.CHAIN, Stage.TORQUE, Stage.FRICTION)
 REMEMBERED = 48  # closed-loop runs in memory
 REMEMBERED_BYTES = 120_000_000  # of joint paths: memory only, no result depends on it
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,46 @@ class Channel:
     unit: str  # "rad" or "m"
 
 
+class Remembered(Generic[Value]):
+    """What was computed last, by key, for several threads: the oldest are forgotten, and no result depends on it.
+
+    All values together cost no more than `most`: an array its bytes, anything else one.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most, self._spent, self._lock = most, 0, threading.Lock()
+        self._known: dict[Hashable, Value] = {}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what makes an empty one: copies and other processes begin with nothing."""
+        return type(self), (self._most,)
+
+    def get(self, key: Hashable) -> Value | None:
+        """Return what is remembered.
+
+        Parameters
+        ----------
+        key : hashable
+        """
+        return self._known.get(key)
+
+    def keep(self, key: Hashable, value: Value) -> Value:
+        """Remember a value, and return it; the newest stays whatever it costs.
+
+        Parameters
+        ----------
+        key : hashable
+        value
+        """
+        with self._lock:
+            if key not in self._known:
+                self._known[key] = value
+                self._spent += getattr(value, "nbytes", 1)
+            while self._spent > self._most and len(self._known) > 1:
+                self._spent -= getattr(self._known.pop(next(iter(self._known))), "nbytes", 1)
+        return value
+
+
 @dataclass(eq=False)
 class ReplayMemory:
     """What was simulated so far: closed-loop runs by their effects, and joint paths by a number for what made them.
@@ -57,7 +98,7 @@ class ReplayMemory:
     command: Command | None = None
     loops: Remembered[Driven] = field(default_factory=partial(Remembered, REMEMBERED))
     numbers: dict[Hashable, int] = field(default_factory=dict)
-    paths: Remembered[FloatArray] = field(default_factory=partial(Remembered, REMEMBERED_BYTES, in_bytes))
+    paths: Remembered[FloatArray] = field(default_factory=partial(Remembered, REMEMBERED_BYTES))
     _free: Iterator[int] = field(default_factory=count)
 
     def number(self, *made: Hashable) -> int:

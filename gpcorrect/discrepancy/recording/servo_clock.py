@@ -72,21 +72,17 @@ def holes(time: FloatArray) -> BoolArray:
 
 
 def settled_stamps(time: FloatArray, label: IntArray, command: FloatArray) -> FloatArray | None:
-    """Return when rows were taken: as stamped, or on the even clock that the stamps jitter about.
+    """Return when rows were taken `(n,)`: as stamped, or on the even clock that the stamps jitter about.
 
     Stamps that jitter say either that samples were taken unevenly, or only that they were stamped so; a servo loop run
     on the wrong of the two finds errors of its own. A command is smooth, so that it is the rougher on the wrong clock.
+    None where commands are about as rough on either clock, or there is nothing to tell by.
 
     Parameters
     ----------
     time : (n,) array, s
     label : (n,) int array, of the continuous motion of each row
     command : (n, k) array
-
-    Returns
-    -------
-    array `(n,)` or None
-        None where commands are about as rough on either clock, or there is nothing to tell by.
     """
     steps = np.diff(time)[np.diff(label) == 0]
     if len(steps) == 0 or not (steps > 0).all() or np.median(steps) < CLOCK.full * np.mean(steps):
@@ -164,18 +160,14 @@ def commanded_plan(
 ) -> tuple[Plan, Stamps | None]:
     """Return the plan of logged commands, a run for each column of their layout, and the log's stamps on its clock.
 
+    There are no stamps where the log's own clock is even.
+
     Parameters
     ----------
     command : (m, k) array, of the log's rows
     layout : Layout, of these rows
     motion : Motion, with their times
     payload : (N,) array, kg
-
-    Returns
-    -------
-    Plan
-    Stamps or None
-        None where the log's own clock is even.
     """
     time = motion.time - motion.time[0]
     length = np.argmax(layout.rows, axis=0) + 1  # behind its end a column repeats its last row

@@ -19,6 +19,7 @@ from gpcorrect import se3
 from gpcorrect.arms import Chain
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.settings import NOISE
+from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body
 from gpcorrect.types import BoolArray, FloatArray
 
@@ -167,8 +168,10 @@ def table_slopes(chain: Chain, q: FloatArray, T_tracker_base: FloatArray, tracke
     return np.stack(columns, axis=2)
 
 
-def mixed_up(tracker: Tracker, body: Body, q: FloatArray, T_tracker_base: FloatArray) -> str:
-    """Return which joints' columns are mixed up: turned, or exchanged, they leave a small part of the residual.
+def refuse_mixed_joints(tracker: Tracker, body: Body, q: FloatArray, T_tracker_base: FloatArray, signal: str) -> None:
+    """Refuse joints of another sign or order than the model's, which no effect of the catalogue is.
+
+    Turned, or exchanged, they leave a small part of the residual.
 
     Parameters
     ----------
@@ -176,11 +179,12 @@ def mixed_up(tracker: Tracker, body: Body, q: FloatArray, T_tracker_base: FloatA
     body : Body, whose chain goes up to the marker
     q : (n, k) array, its moving joints
     T_tracker_base : (4, 4) array, as the model states it, or the identity
+    signal : str, that the joints are taken from
 
-    Returns
-    -------
-    str
-        Empty where none are.
+    Raises
+    ------
+    DataError
+        There are such joints.
     """
     seen = np.flatnonzero(tracker.rows & np.isfinite(tracker.position).all(axis=1))
     some, k = seen[:: max(1, len(seen) // ENOUGH)], q.shape[1]
@@ -198,4 +202,8 @@ def mixed_up(tracker: Tracker, body: Body, q: FloatArray, T_tracker_base: FloatA
             order = [{a: b, b: a}.get(c, c) for c in range(k)]
             ways[f"joints {body.joints[a]} and {body.joints[b]} are exchanged"] = q[:, order]
     best, what = min((left(columns), what) for what, columns in ways.items())
-    return what if best < NOISE.mixed_up * left(q) else ""
+    if best < NOISE.mixed_up * left(q):
+        raise DataError(
+            f"{signal}: {what}. Put right, less than {100 * NOISE.mixed_up:.0f} % of the tracker's residual is left.",
+            hint="A mapping file gives a column scale = -1, or another joint's number. Or turn the axis in the model.",
+        )

@@ -28,8 +28,7 @@ def watched(scene: Scene, session: int) -> tuple[float, float]:
     Parameters
     ----------
     scene : Scene
-    session : int
-        Index of the session, from 0.
+    session : int, index of the session, from 0
     """
     here, time = scene.session == session, scene.layout.gather(scene.motion.time)
     motions = [time[here & (scene.trajectory == t)] for t in np.unique(scene.trajectory[here])]
@@ -41,27 +40,13 @@ def watched(scene: Scene, session: int) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect on a joint, with its numbers still open.
+    """An effect on a joint, with its numbers still open."""
 
-    Parameters
-    ----------
-    kind : type of Effect
-        From the registry.
-    joint : int or str
-        Where it would act.
-    fixed : tuple of (field, value)
-        Fields that are no numbers to estimate, such as a coupling's source.
-    coordinates : tuple of Coordinate
-        Numbers to estimate, one for each session where the effect has one a session.
-    start : tuple of float
-        Coordinates at which its signature is taken.
-    """
-
-    kind: type[Effect]
-    joint: int | str
-    fixed: tuple[tuple[str, Any], ...]
-    coordinates: tuple[Coordinate, ...]
-    start: tuple[float, ...]
+    kind: type[Effect]  # from the registry
+    joint: int | str  # where it would act
+    fixed: tuple[tuple[str, Any], ...]  # fields that are no numbers to estimate, such as a coupling's source
+    coordinates: tuple[Coordinate, ...]  # numbers to estimate, one for each session where it has one a session
+    start: tuple[float, ...]  # coordinates at which its signature is taken
 
     @property
     def name(self) -> str:
@@ -148,8 +133,7 @@ class Candidate:
 
         Parameters
         ----------
-        factors : array
-            One for each amplitude, or one for the whole.
+        factors : array, one for each amplitude, or one for the whole
         """
         u = np.array(self.start)
         if not self.amplitudes and self.coordinates[0].kind == "log":
@@ -323,10 +307,8 @@ def describe(fit: FittedEffect, ends: Mapping[int, tuple[float, float]]) -> dict
 
     Parameters
     ----------
-    fit : FittedEffect
-        The effect with its numbers.
-    ends : mapping of int to pair of float
-        Of the 95 % intervals of its coordinates.
+    fit : FittedEffect, the effect with its numbers
+    ends : mapping of int to pair of float, of the 95 % intervals of its coordinates
     """
     result: dict[str, Estimate] = {}
     candidate = fit.candidate

@@ -15,21 +15,16 @@ PRIOR_WIDTH = 2 * 1.96 * PRIOR_LOG  # of its 95 % interval
 
 @dataclass(frozen=True)
 class Coordinate:
-    """How one parameter is stretched, by its typical value and range on this type of joint.
-
-    Kinds are "scaled" (in units of the typical value), "inverse" (typical over value, for stiffness-like amplitudes)
-    and "log". The effect grows with an amplitude; what is narrowed has less than the parameter's physical range in this
-    recording.
-    """
+    """How one parameter is stretched, by its typical value and range on this type of joint."""
 
     parameter: Parameter
-    kind: str
+    kind: str  # "scaled" (in units of typical), "inverse" (typical over value, as of a stiffness) or "log"
     typical: float
     low: float
     high: float
     unit: str
-    amplitude: bool
-    narrowed: bool = False
+    amplitude: bool  # whether the effect grows with it
+    narrowed: bool = False  # to less than the parameter's physical range in this recording
 
     @property
     def width(self) -> float:
@@ -103,10 +98,8 @@ def coordinate_of(parameter: Parameter, joint_type: str, *, amplitude: bool) -> 
     Parameters
     ----------
     parameter : Parameter
-    joint_type : str
-        "R" or "P".
-    amplitude : bool
-        Whether the effect grows with it.
+    joint_type : str, "R" or "P"
+    amplitude : bool, whether the effect grows with it
     """
     span = parameter.range(joint_type)
     if np.isinf(parameter.identity):

@@ -29,8 +29,7 @@ def with_best_instant(whitener: DatasetWhitener, others: Sequence[FittedEffect],
     Parameters
     ----------
     whitener : DatasetWhitener
-    others : sequence of FittedEffect
-        Present beside it.
+    others : sequence of FittedEffect, present beside it
     fit : FittedEffect
     """
     fit = _scanned(whitener, others, fit)
@@ -57,22 +56,14 @@ def with_open_instant_placed(
     """Move a change-point between two known rows to where it explains other rows there best; its size stays.
 
     An instant in a pause of the discovery part is open to its ends, and the confirmation part may lie between them.
+    Also return among how many it was chosen: the mean of their likelihoods is the best one's divided by that, at least.
 
     Parameters
     ----------
-    open_to : DatasetWhitener
-        Of the rows that may decide.
-    others : sequence of FittedEffect
-        Present beside it.
+    open_to : DatasetWhitener, of the rows that may decide
+    others : sequence of FittedEffect, present beside it
     fit : FittedEffect
-    known : (m,) bool array
-        Rows that it was fitted on.
-
-    Returns
-    -------
-    fit : FittedEffect
-    instants : int
-        Among how many it was chosen: the mean of their likelihoods is the best one's divided by that, at least.
+    known : (m,) bool array, rows that it was fitted on
     """
     index, cuts = _place(fit), _cuts(open_to, others, fit)
     coordinate = fit.candidate.coordinates[index]
@@ -125,25 +116,13 @@ class _Cuts:
     instants: FloatArray
 
     def at(self, instants: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the best factor of the trace when it begins at each of k instants, and its gain in nats.
-
-        Parameters
-        ----------
-        instants : (k,) array
-            Session time, s.
-        """
+        """Return the best factor of the trace when it begins at each instant `(k,)`, s, and its gain in nats."""
         energy, along = self._products(instants)
         factor = np.divide(along, energy, out=np.zeros(len(instants)), where=energy > 0.0)
         return factor, 0.5 * factor * along
 
     def gain(self, instants: FloatArray) -> FloatArray:
-        """Return the gain in nats of the trace as it is when it begins at each of k instants.
-
-        Parameters
-        ----------
-        instants : (k,) array
-            Session time, s.
-        """
+        """Return the gain in nats of the trace as it is when it begins at each instant `(k,)`, s."""
         energy, along = self._products(instants)
         return along - 0.5 * energy
 
@@ -184,8 +163,7 @@ def instant_half_width(whitener: DatasetWhitener, others: Sequence[FittedEffect]
     Parameters
     ----------
     whitener : DatasetWhitener
-    others : sequence of FittedEffect
-        Present beside it.
+    others : sequence of FittedEffect, present beside it
     fit : FittedEffect
     """
     index = _place(fit)

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
-from gpcorrect.discrepancy.evidence.linear import fold_of, held_out_nats
+from gpcorrect.discrepancy.evidence.linear import fold_of, grams, held_out_nats
 from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
@@ -32,12 +32,9 @@ def signature(
 
     Parameters
     ----------
-    dataset : Dataset
-        Of m rows and c channels.
-    base : (m, c) array
-        Channels without it.
-    others : sequence of FittedEffect
-        Present beside it.
+    dataset : Dataset, of m rows and c channels
+    base : (m, c) array, channels without it
+    others : sequence of FittedEffect, present beside it
     candidate : Candidate
 
     Returns
@@ -85,12 +82,9 @@ def refine(
 
     Parameters
     ----------
-    whitener : DatasetWhitener
-        Data, and the rows and noise to fit with.
-    fixed, free : sequences of FittedEffect
-        The set.
-    evaluations : int
-        Of the set, at most.
+    whitener : DatasetWhitener, data, and the rows and noise to fit with
+    fixed, free : sequences of FittedEffect, the set
+    evaluations : int, of the set, at most
     worth : float
         Nats of misfit, half the sum of squares, that somebody asks for: a fit that will not come there ends early.
     """
@@ -149,11 +143,11 @@ def _at(fitted: Sequence[FittedEffect], u: FloatArray) -> list[FittedEffect]:
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """A set, the whitened residual `(M,)` that it leaves, and whitened tangents `(M, p)` of its free coordinates."""
+    """A set with tangents."""
 
     fitted: tuple[FittedEffect, ...]
-    z: FloatArray
-    slopes: FloatArray
+    z: FloatArray  # (M,) whitened residual that it leaves
+    slopes: FloatArray  # (M, p) whitened tangents of its free coordinates
 
 
 def linearise(
@@ -163,10 +157,8 @@ def linearise(
 
     Parameters
     ----------
-    whitener : DatasetWhitener
-        Data, and the rows and noise to take them with.
-    free, fixed : sequences of FittedEffect
-        The set; the fixed ones' numbers stay.
+    whitener : DatasetWhitener, data, and the rows and noise to take them with
+    free, fixed : sequences of FittedEffect, the set; the fixed ones' numbers stay
     """
     at, slopes = _tangents(whitener.dataset, fixed, free)
     residual = whitener.whiten(whitener.dataset.observed - at)
@@ -180,17 +172,14 @@ def held_out(whitener: DatasetWhitener, reference: FloatArray, z: FloatArray, sl
 
     Parameters
     ----------
-    whitener : DatasetWhitener
-        That made the columns.
-    reference, z : (M,) arrays
-        Whitened residual without the set, and with it at its best numbers.
-    slopes : (M, p) array
-        Its whitened tangents.
+    whitener : DatasetWhitener, that made the columns
+    reference, z : (M,) arrays, whitened residual without the set, and with it at its best numbers
+    slopes : (M, p) array, its whitened tangents
     """
     block = whitener.block
     n_blocks = int(block.max()) + 1
     before, after = np.bincount(block, reference**2, n_blocks), np.bincount(block, z**2, n_blocks)
     gains: FloatArray = 0.5 * (before - after).astype(np.float64)
     if slopes.shape[1]:
-        gains += held_out_nats(whitener.grams(slopes, z), fold_of(n_blocks), ridge=1e-4)
+        gains += held_out_nats(grams(slopes, z, block), fold_of(n_blocks), ridge=1e-4)
     return gains

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Set
 from dataclasses import dataclass
 
 from gpcorrect.arms import RemoteCentreArm
@@ -33,11 +33,15 @@ def split_by_needs(
     scene : Scene
     log : CalibrationLog
     """
-    every = list(candidates)
+    every, signals = list(candidates), {*log.signals} - {"payload"}
+    signals |= {"payload"} if scene.payload.any() else set()
     placed = {c.name for c in every}
-    whys = {name: _lacking(kind, scene, log, placed=name in placed) for name, kind in EFFECTS.items()}
-    kept = [c for c in every if not whys[c.name] and not _is_of_all(c, scene)]
-    return kept, tuple(Lack(name, why) for name, why in whys.items() if why)
+    whys = {name: _lacking(kind, scene, signals, placed=name in placed) for name, kind in EFFECTS.items()}
+    able = [c for c in every if not whys[c.name]]
+    # The tracker's own delay is told from one of all sensors by an encoder beside it.
+    if scene.tracker is None or all(c.signal != "external_jp" for c in scene.channels):
+        able = [c for c in able if c.kind.stage != Stage.CLOCK or c.joint != Site.TOOL]
+    return able, tuple(Lack(name, why) for name, why in whys.items() if why)
 
 
 def lacks_of_traces(search: Search) -> tuple[Lack, ...]:
@@ -72,9 +76,9 @@ def limits_of(scene: Scene) -> tuple[str, ...]:
     return tuple(limits)
 
 
-def _lacking(kind: type[Effect], scene: Scene, log: CalibrationLog, *, placed: bool) -> str:
+def _lacking(kind: type[Effect], scene: Scene, signals: Set[str], *, placed: bool) -> str:
     """Return what is lacking for an effect, in words; empty for nothing."""
-    missing = [need.replace("|", " or ") for need in kind.about.needs if not _is_met(need, scene, log)]
+    missing = [need.replace("|", " or ") for need in kind.about.needs if signals.isdisjoint(need.split("|"))]
     if missing:
         return f"the log lacks {' and '.join(missing)}"
     if scene.machine.body.chain is None and issubclass(kind, ChainEffect | LoadEffect | TipEffect):
@@ -88,12 +92,6 @@ def _lacking(kind: type[Effect], scene: Scene, log: CalibrationLog, *, placed: b
     return "" if placed else _no_place(kind)
 
 
-def _is_of_all(candidate: Candidate, scene: Scene) -> bool:
-    """Whether it is the tracker's own delay, and no encoder beside it tells that from one of all sensors."""
-    of_tracker = candidate.kind.stage == Stage.CLOCK and candidate.joint == Site.TOOL
-    return of_tracker and (scene.tracker is None or all(c.signal != "external_jp" for c in scene.channels))
-
-
 def _no_place(kind: type[Effect]) -> str:
     if any(p.change_point for p in kind.about.parameters):
         n = SEARCH.watched
@@ -102,9 +100,3 @@ def _no_place(kind: type[Effect]) -> str:
     if sites == {Site.INSERTION}:
         return "none of the model's joints slides"
     return "the model has one joint only" if sites == {Site.PAIR} else "no joint of the model can have it"
-
-
-def _is_met(need: str, scene: Scene, log: CalibrationLog) -> bool:
-    if need == "payload":
-        return bool(scene.payload.any())
-    return any(name in log.signals for name in need.split("|"))

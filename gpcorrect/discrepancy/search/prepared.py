@@ -28,26 +28,21 @@ MOST = 0.5  # of a joint's usual way: what remembers more depends on the beginni
 
 @dataclass(frozen=True, eq=False)
 class PreparedData:
-    """What the workflow needs of a recording.
+    """What the workflow needs of a recording."""
 
-    `log` has the joint paths that its poses stand for. `tests` and `inputs` (variables at the condensed rows) are of
-    each channel; `remarks` say how it was split, and what had to be assumed.
-    """
-
-    log: CalibrationLog
+    log: CalibrationLog  # with the joint paths that its poses stand for
     split: Split
     dataset: Dataset
-    tests: tuple[tuple[Cells, ...], ...]
-    inputs: tuple[Covariates, ...]
-    remarks: tuple[str, ...]
+    tests: tuple[tuple[Cells, ...], ...]  # of each channel
+    inputs: tuple[Covariates, ...]  # of each channel, at the condensed rows
+    remarks: tuple[str, ...]  # how it was split, and what had to be assumed
 
     def without(self, samples: BoolArray) -> PreparedData:
         """Return the recording without samples that may be off by how a motion began, and a remark on them.
 
         Parameters
         ----------
-        samples : (n, c) bool array
-            Of the log's rows and the channels.
+        samples : (n, c) bool array, of the log's rows and the channels
         """
         if not samples.any():
             return self
@@ -64,8 +59,7 @@ def prepare_data(log: CalibrationLog, model: Model, rng: np.random.Generator) ->
     ----------
     log : CalibrationLog
     model : Model
-    rng : numpy.random.Generator
-        Deals the parts.
+    rng : numpy.random.Generator, deals the parts
 
     Raises
     ------
@@ -84,12 +78,9 @@ def in_pieces(prepared: PreparedData, bursts: Sequence[Burst], rng: np.random.Ge
 
     Parameters
     ----------
-    prepared : PreparedData
-        By whole trajectories.
-    bursts : sequence of Burst
-        What happens in it; not empty.
-    rng : numpy.random.Generator
-        Deals the pieces.
+    prepared : PreparedData, by whole trajectories
+    bursts : sequence of Burst, what happens in it; not empty
+    rng : numpy.random.Generator, deals the pieces
     """
     dataset = prepared.dataset
     rows = np.isin(dataset.scene.trajectory, [t for b in bursts for t in b.trajectories])
@@ -133,10 +124,8 @@ def localise_residual(
     prepared : PreparedData
     fitted : sequence of FittedEffect
     noises : tuple of ChannelNoise
-    tolerance : float
-        Of the task, rad or m.
-    rng : numpy.random.Generator
-        Draws the null law.
+    tolerance : float, of the task, rad or m
+    rng : numpy.random.Generator, draws the null law
     """
     dataset = prepared.dataset
     residual = dataset.residual([m.effect for m in fitted])
@@ -147,7 +136,7 @@ def localise_residual(
         ChannelData(c, dataset.time, residual[:, i], blocks[i], noises[i], prepared.tests[i], least.get(c.signal, 0.0))
         for i, c in enumerate(dataset.scene.channels)
     ]
-    return localise(channels, rng, draws=TESTS.draws, tolerance=tolerance)
+    return localise(channels, rng, tolerance=tolerance)
 
 
 def open_beginnings(dataset: Dataset, effects: Sequence[Effect], noises: Sequence[ChannelNoise]) -> BoolArray:
@@ -159,10 +148,8 @@ def open_beginnings(dataset: Dataset, effects: Sequence[Effect], noises: Sequenc
     Parameters
     ----------
     dataset : Dataset
-    effects : sequence of Effect
-        Those that are named.
-    noises : sequence of ChannelNoise
-        Of every channel.
+    effects : sequence of Effect, those that are named
+    noises : sequence of ChannelNoise, of every channel
     """
     scene = dataset.scene
     left_open = np.zeros(dataset.good.shape, dtype=np.bool_)

@@ -1,4 +1,4 @@
-"""Where a search stands: the whitened data, the candidates' signatures, and the effects fitted so far."""
+"""Where a search stands, and how it looks on both its parts: whitened data, candidates' signatures, effects so far."""
 
 from __future__ import annotations
 
@@ -11,7 +11,9 @@ import numpy as np
 from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener, whitener_on
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
+from gpcorrect.discrepancy.search.instants import with_open_instant_placed
 from gpcorrect.discrepancy.search.linearisation import Linearisation, linearise, refine, signature
+from gpcorrect.discrepancy.search.prepared import PreparedData
 from gpcorrect.discrepancy.settings import SEARCH
 from gpcorrect.parallel import each
 from gpcorrect.types import BoolArray, FloatArray, Progress
@@ -19,14 +21,11 @@ from gpcorrect.types import BoolArray, FloatArray, Progress
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """A candidate's signature at its start `(m, c, a)`, a column for each amplitude.
-
-    It touches the channels `(c,)` in which it is more than a fiftieth of the noise.
-    """
+    """A candidate's signature at its start."""
 
     candidate: Candidate
-    change: FloatArray
-    touched: BoolArray
+    change: FloatArray  # (m, c, a) a column for each amplitude
+    touched: BoolArray  # (c,) channels in which it is more than a fiftieth of the noise
 
 
 @dataclass(frozen=True)
@@ -39,28 +38,14 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """State of the search.
+    """State of the search."""
 
-    Parameters
-    ----------
-    whitener : DatasetWhitener
-        Data, and how the discovery part is whitened now.
-    traces : tuple of Trace
-        Of the candidates that leave one in the nominal machine.
-    fitted, waterfall : tuples of FittedEffect and Step
-        What was found so far, and the steps taken.
-    without_trace : tuple of Candidate
-        One of each label whose candidates leave no trace in these channels.
-    whitened_by : tuple of FittedEffect
-        The set whose rest the noise was estimated from last: sets change more often.
-    """
-
-    whitener: DatasetWhitener
-    traces: tuple[Trace, ...]
-    fitted: tuple[FittedEffect, ...] = ()
-    without_trace: tuple[Candidate, ...] = ()
-    waterfall: tuple[Step, ...] = ()
-    whitened_by: tuple[FittedEffect, ...] = ()
+    whitener: DatasetWhitener  # data, and how the discovery part is whitened now
+    traces: tuple[Trace, ...]  # of the candidates that leave one in the nominal machine
+    fitted: tuple[FittedEffect, ...] = ()  # what was found so far
+    without_trace: tuple[Candidate, ...] = ()  # one of each label whose candidates leave no trace in these channels
+    waterfall: tuple[Step, ...] = ()  # the steps taken
+    whitened_by: tuple[FittedEffect, ...] = ()  # whose rest the noise was estimated from last: sets change more often
 
     @property
     def dataset(self) -> Dataset:
@@ -142,8 +127,7 @@ class Search:
         ----------
         fitted : sequence of FittedEffect
         candidate : Candidate
-        worth : float
-            Misfit that somebody asks for: a fit that will not come there ends early.
+        worth : float, misfit that somebody asks for: a fit that will not come there ends early
         """
         fixed, near = self.parted(fitted, candidate)
         return (*fixed, *refine(self.whitener, fixed, near, worth=worth))
@@ -169,10 +153,8 @@ class Search:
 
         Parameters
         ----------
-        z : (M,) array
-            Whitened residual.
-        channels : (c,) bool array
-            Those to take it over.
+        z : (M,) array, whitened residual
+        channels : (c,) bool array, those to take it over
         """
         rows = channels[self.whitener.channel]
         return max(1.0, float(np.mean(z[rows] ** 2))) if rows.any() else 1.0
@@ -183,10 +165,8 @@ def penalty(n_kinds: int, round_number: int = 0) -> float:
 
     Parameters
     ----------
-    n_kinds : int
-        K, the number of things that could be named.
-    round_number : int
-        Of the search, from 0.
+    n_kinds : int, K, the number of things that could be named
+    round_number : int, of the search, from 0
     """
     return float(np.log(max(n_kinds, 1) / (SEARCH.prior / 2**round_number)))
 
@@ -215,3 +195,61 @@ def start_search(dataset: Dataset, candidates: Iterable[Candidate], progress: Pr
             silent.setdefault(candidate.label, candidate)
     active = {t.candidate.label for t in traces}
     return Search(whitener, tuple(traces), (), tuple(c for label, c in silent.items() if label not in active))
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A search with the recording that it was made on, and the whitener of its confirmation part."""
+
+    search: Search
+    prepared: PreparedData
+    confirmation: DatasetWhitener
+
+    def whitened_residuals(self, fitted: Sequence[FittedEffect]) -> tuple[FloatArray, FloatArray]:
+        """Return the whitened residual of a set on discovery and confirmation.
+
+        Parameters
+        ----------
+        fitted : sequence of FittedEffect, the set
+        """
+        placed = [self.placed(fitted, fit)[0] for fit in fitted]
+        discovery, confirmation = self.whitened(self.search.residual(placed)[:, :, None])
+        return discovery[:, 0], confirmation[:, 0]
+
+    def placed(self, fitted: Sequence[FittedEffect], fit: FittedEffect) -> tuple[FittedEffect, float]:
+        """Return an effect with the instant that confirmation shows where discovery leaves it open, and its price.
+
+        That are the nats which the choice among so many instants costs the confirmation part.
+
+        Parameters
+        ----------
+        fitted : sequence of FittedEffect, the set
+        fit : FittedEffect, one of them
+        """
+        if fit.candidate.instant is None:
+            return fit, 0.0
+        others = [m for m in fitted if m is not fit]
+        found, instants = with_open_instant_placed(self.confirmation, others, fit, self.search.dataset.discovery)
+        return found, float(np.log(instants))
+
+    def whitened(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return columns whitened on discovery and confirmation.
+
+        Parameters
+        ----------
+        columns : (m, c, k) array, of every channel
+        """
+        return self.search.whitener.whiten_columns(columns), self.confirmation.whiten_columns(columns)
+
+
+def view_of(search: Search, prepared: PreparedData) -> View:
+    """Whiten the confirmation part with the noise of discovery.
+
+    Parameters
+    ----------
+    search : Search
+    prepared : PreparedData
+    """
+    residual = search.residual(search.fitted)
+    confirmation = whitener_on(search.dataset, residual, search.dataset.confirmation, search.whitener.noises)
+    return View(search, prepared, confirmation)

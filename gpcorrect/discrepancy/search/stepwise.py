@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from gpcorrect.discrepancy.evidence.linear import bordered, fold_of, held_out_nats, solve
+from gpcorrect.discrepancy.evidence.linear import bordered, fold_of, grams, held_out_nats, solve
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.linearisation import Linearisation, held_out, linearise
 from gpcorrect.discrepancy.search.state import Search, Step, penalty
@@ -43,19 +43,15 @@ def rank(
     Parameters
     ----------
     search : Search
-    linearised : Linearisation
-        The set, whose free numbers move along with the candidate's.
-    without : sequence of Candidate
-        Not to be looked at, whatever their numbers.
-    channels : (c,) bool array, optional
-        Only candidates that show in one of these.
-    beyond : sequence of Candidate, optional
-        Only shapes of these that have more numbers than they have.
+    linearised : Linearisation, the set, whose free numbers move along with the candidate's
+    without : sequence of Candidate, not to be looked at, whatever their numbers
+    channels : (c,) bool array, optional, only candidates that show in one of these
+    beyond : sequence of Candidate, optional, only shapes of these that have more numbers than they have
     """
     fewest = {} if beyond is None else {c.key: c.extra for c in beyond}
     taken = {m.candidate.key for m in linearised.fitted} | {c.key for c in without}
     whitener, slopes, z = search.whitener, linearised.slopes, linearised.z
-    base, p = whitener.grams(slopes, z), slopes.shape[1]
+    base, p = grams(slopes, z, whitener.block), slopes.shape[1]
     fold = fold_of(int(whitener.block.max()) + 1)
     base_nats = float(held_out_nats(base, fold).sum()) if p else 0.0
     best: dict[Hashable, Ranked] = {}
@@ -97,8 +93,7 @@ def search(
     ----------
     state : Search
     rounds : int
-    refused : sequence of Candidate
-        Not to be added.
+    refused : sequence of Candidate, not to be added
     progress : Progress, optional
     """
     refused, progress = list(refused), progress or Progress()

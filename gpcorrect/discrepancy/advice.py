@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate, pairwise
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from gpcorrect.discrepancy.advice.planned_runs import PlannedRun, Site, planned_runs
 from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener, whitener_on
 from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level, Named
 from gpcorrect.discrepancy.outcome.result import Experiment
@@ -22,8 +22,8 @@ from gpcorrect.discrepancy.settings import ADVICE, SPLIT
 from gpcorrect.errors import DataError
 from gpcorrect.sim import Model, Noise, TrackerFaults, effect_from_dict, machine_of, simulate
 from gpcorrect.sim.effects import Effect, Run
-from gpcorrect.sim.plan import Plan
-from gpcorrect.types import CalibrationLog, FloatArray
+from gpcorrect.sim.plan import Plan, Segment, minimum_jerk, plan_of
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray
 
 STEP = 0.02  # of a coordinate, for slopes
 EVALUATIONS = 6  # of a refit: the rival starts near, and only the order of magnitude counts
@@ -31,12 +31,24 @@ BULK = (2.0, 98.0)  # percentiles of the motor path: the range that runs stay in
 Plans = tuple[tuple[Plan, float], ...]
 View = tuple[DatasetWhitener, FloatArray]  # a recording of a run, and its channels `(m, c)` if the leader is true
 REHOMED = {"R": 5e-3, "P": 5e-4}  # by which a homing moves a joint's zero
+# Of the runs, inside the range in which the arm has moved.
+LADDER = (0.8, 2.0, 5.0, 12.0)  # s a stroke
+AMPLITUDES = (1.0, 0.5, 0.2, 0.08)  # of the half range
+STROKE, REST = 2.5, 0.3  # s of a stroke, and at its ends
+HOLD = 20.0  # s
+EXTRA_LOAD = 0.3  # kg
+GAIN = 0.5  # times the present gains
+RETURNS, EVERY = 7, 120.0  # visits of the reference pose, and seconds from one to the next
+SETUP = 2.0  # minutes to change payload or gains, or to home again
+WIGGLE = 0.05  # of the range, at the reference pose
 
 
 def advise(
     scene: Scene, fitted: Sequence[FittedEffect], named: Sequence[Named], noises: Sequence[ChannelNoise]
 ) -> tuple[Experiment | None, Plans]:
-    """Find the run that tells the two leaders apart whose question is the most open.
+    """Find the run that tells the two leaders apart whose question is the most open; None when nothing is open.
+
+    Also return its desired paths, each with the factor on the controller's gains; none when a sensor is advised.
 
     Parameters
     ----------
@@ -44,13 +56,6 @@ def advise(
     fitted : sequence of FittedEffect, effects that were named
     named : sequence of Named, all that were weighed, with their alternatives
     noises : sequence of ChannelNoise
-
-    Returns
-    -------
-    experiment : Experiment or None
-        None when nothing is open.
-    plans : tuple of (Plan, float)
-        Desired paths of it, each with the factor on the controller's gains; none when a sensor is advised.
     """
     question = _question(named)
     if question is None:
@@ -216,3 +221,145 @@ def _sensor(scene: Scene, own: Candidate) -> str:
     else:
         sensor = f"the cable force of {where}"
     return f"equivalent with these sensors, whatever is recorded: measure {sensor}"
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """Where a run is made."""
+
+    ranges: FloatArray  # (dof, 2) in which the joints have moved
+    types: str
+    column: int | None  # of the joint in question; None for all
+    rate_hz: float
+    loads: bool  # whether they can be simulated
+    servo: bool  # the same of the closed loop
+
+    @property
+    def middle(self) -> FloatArray:
+        """(dof,) centre of the ranges."""
+        return np.asarray(self.ranges.mean(axis=1))
+
+    @property
+    def half(self) -> FloatArray:
+        """(dof,) half width of the ranges."""
+        return np.asarray(0.5 * np.ptp(self.ranges, axis=1))
+
+    @property
+    def moving(self) -> BoolArray:
+        """(dof,) whether it is the joint in question, or all are."""
+        return np.full(len(self.ranges), True) if self.column is None else np.arange(len(self.ranges)) == self.column
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedRun:
+    """A run in words and as desired paths."""
+
+    run: Run
+    words: str
+    plans: tuple[tuple[Plan, float], ...]  # each with the factor by which the controller's gains are changed
+    minutes: float  # with changes of payload and gains
+    sessions: int  # homings in it
+
+
+def planned_runs(site: Site, wanted: Sequence[Run]) -> list[PlannedRun]:
+    """Return the short runs of these kinds that can be made, and simulated, at this site, inside its ranges.
+
+    Parameters
+    ----------
+    site : Site
+    wanted : sequence of Run
+    """
+    made = {planned.run: planned for planned in (*_motion_runs(site), *_special_runs(site))}
+    return [made[run] for run in wanted if run in made]
+
+
+def _motion_runs(site: Site) -> list[PlannedRun]:
+    """Return the runs that need no other gains, homings or pauses."""
+    middle, step, dof = site.middle, site.half * site.moving, len(site.ranges)
+    who = "all joints together" if site.column is None else "the joint alone"
+    fractions, seconds = ", ".join(f"{100 * a:g}" for a in AMPLITUDES), ", ".join(f"{s:g}" for s in LADDER)
+    runs = [
+        _run(site, Run.SPEED_LADDER, f": {who} over the range, strokes of {seconds} s", _ladder(site)),
+        _run(site, Run.AMPLITUDES, f": {who}, {fractions} % of the range", _strokes(site)),
+    ]
+    if dof > 1:
+        tours = [_tour(site, [middle, middle + own, middle - own, middle]) for own in np.diag(site.half)]
+        runs.append(_run(site, Run.ONE_JOINT, ": each joint in turn", tours))
+    if dof > 1 and site.column is not None:
+        others = site.half * ~site.moving
+        sweeps = [_sweep(site, centre, step) for centre in (middle - others, middle, middle + others)]
+        runs.append(_run(site, Run.POSE_SPREAD, f": {who} sweeps at three", sweeps))
+    hold, words = _sweep(site, middle, step, rest=HOLD), f": {who} to one end, hold {HOLD:g} s, back, hold again"
+    loads = (EXTRA_LOAD, 0.0) if site.loads else (None,)
+    return [*runs, _run(site, Run.HOLD_UNLOAD, words, [hold], loads=loads)]
+
+
+def _special_runs(site: Site) -> list[PlannedRun]:
+    """Return the runs with other payloads, gains, homings or pauses."""
+    strokes = _strokes(site)[:2]
+    runs = []
+    if site.loads:
+        words = f": the same strokes without and with {EXTRA_LOAD:g} kg at the tip"
+        runs.append(_run(site, Run.LOAD_SWAP, words, strokes, loads=(0.0, EXTRA_LOAD)))
+    if site.loads and "P" in site.types:
+        insertion = np.arange(len(site.ranges)) == site.types.index("P")
+        step, depth = site.half * (site.moving & ~insertion), 0.9 * site.half * insertion
+        sweeps = [_sweep(site, centre, step) for centre in (site.middle - depth, site.middle + depth)]
+        runs.append(_run(site, Run.TWO_INSERTIONS, "", sweeps))
+    if site.servo:
+        words = f": the speed ladder with the present gains and with {100 * GAIN:g} % of them"
+        runs.append(_run(site, Run.GAIN_CHANGE, words, _ladder(site), gains=(1.0, GAIN)))
+    words = ": the same strokes before and after a homing"
+    runs.append(_run(site, Run.REHOMING, words, strokes * 2, sessions=2))
+    visit = _tour(site, [site.middle, site.middle + WIGGLE * site.half, site.middle], 1.0)
+    words = f": {RETURNS} times, every {EVERY / 60:g} minutes, working in between"
+    return [*runs, _run(site, Run.REFERENCE_RETURNS, words, [visit] * RETURNS, every=EVERY)]
+
+
+def _tour(site: Site, stops: Sequence[FloatArray], seconds: float = STROKE, rest: float = REST) -> FloatArray:
+    """Path `(n, dof)` through stops by minimum-jerk moves of these seconds, with a rest at each."""
+    parts = [stops[0][None]]
+    pause = max(1, round(rest * site.rate_hz))
+    for a, b in pairwise(stops):
+        law = minimum_jerk(max(seconds, 2.0 / site.rate_hz), site.rate_hz)[1:, None]
+        parts += [a + law * (b - a), np.repeat(b[None], pause, axis=0)]
+    return np.concatenate(parts)
+
+
+def _sweep(site: Site, centre: FloatArray, step: FloatArray, seconds: float = STROKE, rest: float = REST) -> FloatArray:
+    return _tour(site, [centre - step, centre + step, centre - step], seconds, rest)
+
+
+def _ladder(site: Site) -> list[FloatArray]:
+    """Return the same stroke at ever lower speeds."""
+    return [_sweep(site, site.middle, site.half * site.moving, seconds) for seconds in LADDER]
+
+
+def _strokes(site: Site) -> list[FloatArray]:
+    """Return strokes to both sides, at ever smaller amplitudes."""
+    middle, steps = site.middle, [fraction * (site.half * site.moving) for fraction in AMPLITUDES]
+    return [_tour(site, [middle, *[middle + step, middle - step] * 2, middle]) for step in steps]
+
+
+def _run(
+    site: Site,
+    run: Run,
+    words: str,
+    paths: Sequence[FloatArray],
+    *,
+    loads: Sequence[float | None] = (None,),
+    gains: Sequence[float] = (1.0,),
+    sessions: int = 1,
+    every: float | None = None,
+) -> PlannedRun:
+    """Paths one after the other, or one every so many seconds, a trajectory each: with each load, then each gain."""
+    pieces = [(path, load) for load in loads for path in paths]
+    lengths = [len(path) / site.rate_hz if every is None else every for path, _ in pieces]
+    begin = [0.0, *accumulate(lengths[:-1])]
+    segments = [
+        Segment(path, np.full(len(path), i), i * sessions // len(pieces), begin[i], payload)
+        for i, (path, payload) in enumerate(pieces)
+    ]
+    plan, changes = plan_of(segments, site.rate_hz), len(loads) + len(gains) + sessions - 3
+    minutes = len(gains) * sum(lengths) / 60 + SETUP * changes
+    return PlannedRun(run, f"{run}{words}", tuple((plan, gain) for gain in gains), minutes, sessions)

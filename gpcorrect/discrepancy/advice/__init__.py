@@ -1,1 +1,0 @@
-"""The next run to make, chosen by the evidence that it would bring."""
