@@ -225,8 +225,7 @@ def joint_limits(text: str) -> FloatArray:
 
     Parameters
     ----------
-    text : str
-        Such as 20:60,55:110,330:420.
+    text : str, such as 20:60,55:110,330:420
     """
     import numpy as np
 
@@ -242,8 +241,7 @@ def speed_limits(text: str) -> FloatArray:
 
     Parameters
     ----------
-    text : str
-        Such as 5,5,20.
+    text : str, such as 5,5,20
     """
     import numpy as np
 

@@ -213,8 +213,7 @@ def show_joint_errors(title: str, errors: dict[str, JointErrors]) -> None:
     Parameters
     ----------
     title : str
-    errors : dict
-        Of each method, a row a joint; empty where nothing was held out.
+    errors : dict, of each method, a row a joint; empty where nothing was held out
     """
     if not errors:
         console.note("nothing was held out, so nothing was measured")

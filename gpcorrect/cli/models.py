@@ -46,8 +46,7 @@ def show_model(corrector: Corrector, digest: str) -> None:
     Parameters
     ----------
     corrector : Corrector
-    digest : str
-        SHA-256 of its file.
+    digest : str, SHA-256 of its file
     """
     table = plain_table("", "", left=2)
     table.show_header = False

@@ -34,8 +34,7 @@ def running(*words: str) -> Iterator[None]:
 
     Parameters
     ----------
-    *words : str
-        Command and options; GpCorrectError where it ends at once, as where its address is taken.
+    *words : str, command and options; GpCorrectError where it ends at once, as where its address is taken
     """
     command = [sys.executable, "-m", "gpcorrect", *words]
     nowhere = subprocess.DEVNULL

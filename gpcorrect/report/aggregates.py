@@ -30,8 +30,7 @@ def errors_section(shown: Shown, dirty: Measured) -> Section:
     Parameters
     ----------
     shown : Shown
-    dirty : Measured
-        All samples of the recording.
+    dirty : Measured, all samples of the recording
     """
     corrector, measured = shown.corrector, shown.measured
     tables = [
@@ -85,8 +84,7 @@ def distribution_chart(errors: Sequence[tuple[str, Mapping[str, FloatArray]]], r
 
     Parameters
     ----------
-    errors : sequence of (str, mapping)
-        Label of a part, and the sizes (n,) of its errors by the name of a line.
+    errors : sequence of (str, mapping), label of a part, and the sizes (n,) of its errors by the name of a line
     roles : sequence of Role
     """
     panels = []
@@ -125,8 +123,7 @@ def map_chart(shown: Shown, position: FloatArray) -> Chart:
     Parameters
     ----------
     shown : Shown
-    position : (n, 3) array
-        Where they are, m.
+    position : (n, 3) array, where they are, m
     """
     part, (_, before, after) = shown.corrector.parts(3)[0], shown.corrector.METHODS
     sizes = [(m, part.sizes(shown.measured.of(m))) for m in (before, after)]
@@ -155,10 +152,8 @@ def coverage_chart(train: FloatArray, test: FloatArray, in_domain: BoolArray) ->
 
     Parameters
     ----------
-    train, test : (n, 3) and (m, 3) arrays
-        Observed positions, m.
-    in_domain : (m,) mask
-        Of the measured ones.
+    train, test : (n, 3) and (m, 3) arrays, observed positions, m
+    in_domain : (m,) mask, of the measured ones
     """
     groups = (
         ("training", Mark.DOTS, Role.QUIET, 2.0, train),

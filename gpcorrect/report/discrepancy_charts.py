@@ -75,8 +75,7 @@ def posterior_chart(effects: Sequence[tuple[str, Sequence[Alternative]]]) -> Cha
 
     Parameters
     ----------
-    effects : sequence of (str, sequence of Alternative)
-        Title, and what could stand in its place, most probable first.
+    effects : sequence of (str, sequence of Alternative), title, and what could stand in its place, most probable first
     """
     panels = []
     for title, alternatives in effects:

@@ -30,8 +30,7 @@ def write_mcap(evaluation: Evaluation, log: CalibrationLog, folder: Path) -> Non
     ----------
     evaluation : Evaluation
     log : CalibrationLog
-    folder : Path
-        Made; it holds the MCAP file and its description, as `ros2 bag` has them.
+    folder : Path, made; it holds the MCAP file and its description, as `ros2 bag` has them
 
     Raises
     ------

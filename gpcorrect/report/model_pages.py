@@ -29,8 +29,7 @@ def write_fit_report(experiment: Experiment, path: Path) -> None:
     Parameters
     ----------
     experiment : Experiment
-    path : Path
-        HTML file.
+    path : Path, HTML file
 
     Raises
     ------
@@ -72,14 +71,10 @@ def write_evaluation_report(
     Parameters
     ----------
     evaluation : Evaluation
-    log : CalibrationLog
-        That was measured.
-    path : Path
-        HTML file.
-    notes : sequence of str
-        What the command noticed.
-    name : str
-        Of the model.
+    log : CalibrationLog, that was measured
+    path : Path, HTML file
+    notes : sequence of str, what the command noticed
+    name : str, of the model
 
     Raises
     ------
@@ -161,12 +156,9 @@ def write_compare_report(both: SideBySide, names: tuple[str, str], notes: Sequen
     Parameters
     ----------
     both : SideBySide
-    names : (str, str)
-        Of the models.
-    notes : sequence of str
-        What the command noticed.
-    path : Path
-        HTML file.
+    names : (str, str), of the models
+    notes : sequence of str, what the command noticed
+    path : Path, HTML file
 
     Raises
     ------
@@ -243,18 +235,12 @@ def write_drift_report(
 
     Parameters
     ----------
-    baseline : (m,) array
-        Scores of left-out training trajectories.
-    found : Detection
-        Scores and evidence of n trajectories, oldest first.
-    ageing : Ageing
-        With the score at which a model is worn out.
-    names : sequence of str
-        Of each trajectory's recording.
-    words : sequence of str
-        What was found, the verdict first.
-    path : Path
-        HTML file.
+    baseline : (m,) array, scores of left-out training trajectories
+    found : Detection, scores and evidence of n trajectories, oldest first
+    ageing : Ageing, with the score at which a model is worn out
+    names : sequence of str, of each trajectory's recording
+    words : sequence of str, what was found, the verdict first
+    path : Path, HTML file
 
     Raises
     ------

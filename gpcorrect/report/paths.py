@@ -128,10 +128,8 @@ def path_charts(shown: Shown, paths: Sequence[Line], errors: Sequence[Line]) -> 
     Parameters
     ----------
     shown : Shown
-    paths : sequence of Line
-        Whose errors, taken off the reference, are drawn as paths beside it.
-    errors : sequence of Line
-        That are drawn as errors.
+    paths : sequence of Line, whose errors, taken off the reference, are drawn as paths beside it
+    errors : sequence of Line, that are drawn as errors
     """
     groups, target = shown.groups(), _reference(shown.corrector, shown.log, shown.measured)
     if shown.log.static:  # nothing joins one pose to the next

@@ -46,8 +46,7 @@ def typical_trajectory(measured: Measured) -> int:
 
     Parameters
     ----------
-    measured : Measured
-        Of a whole recording; joints that were not measured count nothing.
+    measured : Measured, of a whole recording; joints that were not measured count nothing
     """
     ids = np.unique(measured.trajectory)
     size = np.linalg.norm(np.nan_to_num(measured.corrected[:, :3]), axis=1)
@@ -83,8 +82,7 @@ def inside95(measured: Measured, index: IntArray) -> str:
     Parameters
     ----------
     measured : Measured
-    index : (k,) int array
-        Of its samples.
+    index : (k,) int array, of its samples
     """
     known = np.isfinite(measured.corrected[index])
     inside = np.abs(measured.corrected[index]) <= measured.interval95[index]

@@ -26,12 +26,9 @@ def write_calibration_page(report: CalibrationReport, path: Path, sources: Seque
 
     Parameters
     ----------
-    report : CalibrationReport
-        The calibration.
-    path : Path
-        HTML file to write.
-    sources : sequence of (str, str)
-        Files that it was made from, and their digests.
+    report : CalibrationReport, the calibration
+    path : Path, HTML file to write
+    sources : sequence of (str, str), files that it was made from, and their digests
 
     Raises
     ------
@@ -79,16 +76,11 @@ def write_tracking_page(
 
     Parameters
     ----------
-    result : TrackResult
-        The track and its log.
-    cameras : sequence of Camera
-        In the order of the recordings.
-    target : Target
-        What was tracked.
-    path : Path
-        HTML file to write.
-    sources : sequence of (str, str)
-        Files that it was made from, and their digests.
+    result : TrackResult, the track and its log
+    cameras : sequence of Camera, in the order of the recordings
+    target : Target, what was tracked
+    path : Path, HTML file to write
+    sources : sequence of (str, str), files that it was made from, and their digests
 
     Raises
     ------

@@ -159,8 +159,7 @@ def acquire(
     ----------
     cameras : sequence of Camera
     target : Target
-    candidates : sequence (cameras) of sequence (balls) of sequence of Outline
-        What may be each ball in each camera.
+    candidates : sequence (cameras) of sequence (balls) of sequence of Outline, what may be each ball in each camera
     settings : AgreementSettings
     """
     options: list[list[Hypothesis | None]] = []

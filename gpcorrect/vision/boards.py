@@ -23,8 +23,7 @@ class Chessboard:
 
     Parameters
     ----------
-    columns, rows : int
-        Inner corners: a usual board of 8 x 8 squares has 7 x 7.
+    columns, rows : int, inner corners: a usual board of 8 x 8 squares has 7 x 7
     square : float, side of a square, m
     """
 
@@ -184,8 +183,7 @@ def rig_text(folders: Sequence[Path], board: Chessboard, beside: Path) -> str:
     ----------
     folders : sequence of Path, one a camera, named as the camera
     board : Chessboard
-    beside : Path
-        Folder of the rig file: pictures are named from there.
+    beside : Path, folder of the rig file: pictures are named from there
 
     Raises
     ------

@@ -49,8 +49,7 @@ def check_fit(
     frames : sequence (frames) of sequence (cameras) of pictures, a few, spread over the recording
     cameras : sequence of Camera, in the order of the pictures
     target : Target
-    names : sequence of str
-        Of the videos or folders, for the message.
+    names : sequence of str, of the videos or folders, for the message
     settings : VisionSettings
 
     Raises

@@ -260,8 +260,7 @@ def read_rig(path: str | Path) -> Rig:
 
     Parameters
     ----------
-    path : str or Path
-        TOML or JSON; names of pictures in it are relative to its own folder.
+    path : str or Path, TOML or JSON; names of pictures in it are relative to its own folder
 
     Raises
     ------

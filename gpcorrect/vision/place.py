@@ -105,12 +105,10 @@ def refine_pose(
 
     Parameters
     ----------
-    points : (n, 3) array
-        Known places, tracker frame, m; at least six, not all on a line.
+    points : (n, 3) array, known places, tracker frame, m; at least six, not all on a line
     pixels : (n, 2) array, where each is seen
     lens : Intrinsics
-    starts : sequence of (4, 4) arrays
-        Rough poses; the one that ends best counts.
+    starts : sequence of (4, 4) arrays, rough poses; the one that ends best counts
     settings : CalibrationSettings
 
     Raises
@@ -186,13 +184,10 @@ def adjust(
 
     Parameters
     ----------
-    calibration : LensCalibration
-        The lens from the boards alone, and their corners.
+    calibration : LensCalibration, the lens from the boards alone, and their corners
     board : Chessboard
-    points, pixels : (n, 3) and (n, 2) arrays
-        Known points (m) and where they are seen.
-    placement : Placement
-        The pose with the lens held; its outliers stay out.
+    points, pixels : (n, 3) and (n, 2) arrays, known points (m) and where they are seen
+    placement : Placement, the pose with the lens held; its outliers stay out
     settings : CalibrationSettings
     """
     lens, T, used = calibration.intrinsics, placement.T_camera_tracker, placement.used

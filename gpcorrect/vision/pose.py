@@ -26,11 +26,9 @@ class Observations:
     Parameters
     ----------
     camera, ball : (k,) int arrays, which camera sees which ball
-    rays : (k, 2) array
-        Undistorted places on the plane one unit before the lens.
+    rays : (k, 2) array, undistorted places on the plane one unit before the lens
     covariances : (k, 2, 2) array, of `rays`
-    delays : (k,) array, optional
-        When each was seen, after the frame's own time, s; zeros when absent.
+    delays : (k,) array, optional, when each was seen, after the frame's own time, s; zeros when absent
     """
 
     camera: IntArray
@@ -112,8 +110,7 @@ def pose_closed_form(points: FloatArray, places: FloatArray) -> PoseFit:
 
     Parameters
     ----------
-    points : (b, 3) array
-        Centres of the balls, tracker frame, m; at least three.
+    points : (b, 3) array, centres of the balls, tracker frame, m; at least three
     places : (b, 3) array, the same in the tool frame
 
     Raises
@@ -159,10 +156,8 @@ def pose_from_observations(
     places : (b, 3) array
         Balls in the tool frame, m. One ball determines a position: the tool then does not turn.
     observations : Observations
-    start : (4, 4) array
-        A pose nearby: the closed form's, or a prediction.
-    motion : Motion, optional
-        What is known of the velocity; delays are left out of account without it.
+    start : (4, 4) array, a pose nearby: the closed form's, or a prediction
+    motion : Motion, optional, what is known of the velocity; delays are left out of account without it
 
     Raises
     ------

@@ -27,16 +27,13 @@ def record(
 
     Parameters
     ----------
-    cameras : sequence of str
-        Numbers of devices (0, 1, ...) or their paths, or video files that stand for cameras.
+    cameras : sequence of str, numbers of devices (0, 1, ...) or their paths, or video files that stand for cameras
     folder : str or Path
         Gets camera0.avi, camera1.avi, ... and times.csv; made when missing.
     seconds : float
-    fps : float
-        Asked of the devices, and written into the videos.
+    fps : float, asked of the devices, and written into the videos
     clock : callable, seconds
-    on_pictures : callable, optional
-        Called with the pictures of every moment: for showing them.
+    on_pictures : callable, optional, called with the pictures of every moment: for showing them
 
     Raises
     ------

@@ -30,8 +30,7 @@ class Source:
     path : Path, the video, or the folder
     count : int, pictures that it says it has
     fps : float or None, pictures a second, where it says so
-    times : (count,) array or None
-        Seconds, where the names of the images are times.
+    times : (count,) array or None, seconds, where the names of the images are times
     files : tuple of Path or None, the images; empty for a video, None for a frame without a picture
     read_so_far : int, pictures that were read, or tried
     unreadable : list of int, those that could not be read
@@ -99,8 +98,7 @@ def open_source(path: str | Path) -> Source:
 
     Parameters
     ----------
-    path : str or Path
-        Images are taken in the order of the times or numbers in their names.
+    path : str or Path, whose images are taken in the order of the times or numbers in their names
 
     Raises
     ------
@@ -139,8 +137,7 @@ def open_sources(paths: Sequence[str | Path], names: Sequence[str]) -> list[Sour
 
     Parameters
     ----------
-    paths : sequence of str or Path
-        As :func:`open_source`.
+    paths : sequence of str or Path, as :func:`open_source`
     names : sequence of str
         Of the cameras: recordings in a folder that are named as they are put in their order, others in order of name.
 
@@ -189,8 +186,7 @@ def pair_by_time(sources: Sequence[Source]) -> list[str]:
 
     Parameters
     ----------
-    sources : sequence of Source
-        Changed in place; those without times in their names stay as they are.
+    sources : sequence of Source, changed in place; those without times in their names stay as they are
 
     Returns
     -------

@@ -35,8 +35,7 @@ def common_perpendicular(
 
     Parameters
     ----------
-    origin_a, direction_a, origin_b, direction_b : (3,) arrays
-        Of the rays, m; directions of any length.
+    origin_a, direction_a, origin_b, direction_b : (3,) arrays, of the rays, m; directions of any length
 
     Returns
     -------
@@ -66,8 +65,7 @@ def mean_midpoint(origins: FloatArray, directions: FloatArray) -> FloatArray:
 
     Parameters
     ----------
-    origins, directions : (k, 3) arrays
-        Of the rays, tracker frame, m; pairs that are nearly parallel are left out.
+    origins, directions : (k, 3) arrays, of the rays, tracker frame, m; pairs that are nearly parallel are left out
 
     Returns
     -------
@@ -98,8 +96,7 @@ def triangulate(cameras: Sequence[Camera], rays: FloatArray, covariances: FloatA
     cameras : sequence of k Camera, that see the point; at least two
     rays : (k, 2) array
         Undistorted places, on the plane one unit before each lens (:meth:`Intrinsics.normalised` of pixels).
-    covariances : (k, 2, 2) array, optional
-        Of `rays`; a tenth of a pixel when absent.
+    covariances : (k, 2, 2) array, optional, of `rays`; a tenth of a pixel when absent
 
     Raises
     ------

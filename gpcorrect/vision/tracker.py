@@ -49,14 +49,11 @@ class Frame:
     Parameters
     ----------
     time : float, seconds
-    pose : Filtered
-        The estimated pose, and whether it was measured.
+    pose : Filtered, the estimated pose, and whether it was measured
     measured : PoseFit or None, what was measured in this very frame
-    balls : (b, 3) array
-        Centres of the balls, tracker frame, m; NaN for a ball that fewer than two cameras see.
+    balls : (b, 3) array, centres of the balls, tracker frame, m; NaN for a ball that fewer than two cameras see
     views : tuple (cameras) of tuple (balls) of View, what each camera saw
-    reprojection_px : float
-        RMS over the observations that were used; NaN without any.
+    reprojection_px : float, RMS over the observations that were used; NaN without any
     """
 
     time: float
@@ -72,16 +69,13 @@ class Tracker:
 
     Parameters
     ----------
-    cameras : sequence of Camera
-        Calibrated; at least two.
+    cameras : sequence of Camera, calibrated; at least two
     target : Target
-    settings : VisionSettings
-        When a ball is one, when a view is trusted, how the tool may move.
+    settings : VisionSettings, when a ball is one, when a view is trusted, how the tool may move
     workers : int
         Whole pictures that are searched at the same time. Where the balls are expected they are looked for one by one:
         threads would wait for each other there.
-    clocks : Clocks, optional
-        What is known already of when each camera looks; learned further.
+    clocks : Clocks, optional, what is known already of when each camera looks; learned further
 
     Raises
     ------

@@ -29,8 +29,7 @@ def write_study_page(
     ----------
     study : str, its name on the command line
     result : StudyResult
-    verdict : str
-        Its own first sentences; of a run of less than the whole study, the page says so before anything else.
+    verdict : str, its own first sentences; of a run of less than the whole study, the page says so before anything else
     facts, sections : sequences, what else the page shows
     path : Path
 
@@ -115,8 +114,7 @@ def paired(ours: Mapping[str, Sequence[str]], printed: Mapping[str, Sequence[str
 
     Parameters
     ----------
-    ours, printed : mapping
-        The cells of a row by its name; one of the two may lack it, and printed rows may be shorter.
+    ours, printed : mapping, the cells of a row by its name; one of the two may lack it, and printed rows may be shorter
     """
     width, rows = max(len(cells) for cells in ours.values()), []
     for name in {**printed, **ours}:

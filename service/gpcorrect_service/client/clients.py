@@ -44,27 +44,20 @@ class ClientBase(ABC, Generic[ReplyOf, TextOf, ModelOf, HealthOf]):
 
     Parameters
     ----------
-    endpoint : str or sequence of str
-        Addresses of the servers; with several, the retry reaches all of them.
-    arm, namespace : str
-        Second and first part of the keys that the server answers on.
-    encoding : str
-        "msgpack" (faster) or "json".
-    timeout : float
-        Seconds for one answer, the one retry included.
+    endpoint : str or sequence of str, addresses of the servers; with several, the retry reaches all of them
+    arm, namespace : str, second and first part of the keys that the server answers on
+    encoding : str, "msgpack" (faster) or "json"
+    timeout : float, seconds for one answer, the one retry included
     on_failure : str
         "raise", or "identity": answer with the registered pose, nothing learned in it, with `fallback="identity"` and
         the failure as status; so the command jumps by the learned part and no more. Raises where no server has answered
         before, and bad input raises either way.
-    path_timeout, connect_timeout : float
-        Seconds for a path, and for a server to appear before the first question.
-    config_file : path, optional
-        A zenoh JSON5 configuration instead of `endpoint`.
+    path_timeout, connect_timeout : float, seconds for a path, and for a server to appear before the first question
+    config_file : path, optional, a zenoh JSON5 configuration instead of `endpoint`
     model_hash : str
         SHA-256 of the model that must answer; empty takes the one that answers first. Answers of another are refused as
         OTHER_MODEL until :meth:`change_model` is called: commands of two models may lie millimetres apart.
-    pin : bool
-        Whether that is so; without it every answer is taken, and `Reply.meta` says whose it is.
+    pin : bool, whether that is so; without it every answer is taken, and `Reply.meta` says whose it is
 
     Raises
     ------
@@ -104,8 +97,7 @@ class ClientBase(ABC, Generic[ReplyOf, TextOf, ModelOf, HealthOf]):
         ----------
         pose : (7,) or (3,) array
             Desired position (m) and unit quaternion wxyz, in the frame that the model was trained in.
-        twist : (6,) array, optional
-            Desired velocity there, m/s and rad/s.
+        twist : (6,) array, optional, desired velocity there, m/s and rad/s
 
         Raises
         ------
@@ -120,10 +112,8 @@ class ClientBase(ABC, Generic[ReplyOf, TextOf, ModelOf, HealthOf]):
 
         Parameters
         ----------
-        poses : (n, 7) or (n, 3) array
-            As for :meth:`correct`.
-        times : (n,) array
-            Seconds, strictly increasing.
+        poses : (n, 7) or (n, 3) array, as for :meth:`correct`
+        times : (n,) array, seconds, strictly increasing
         """
         answer: ReplyOf = self._ask(lambda: self._build.correct_path(poses, times))
         return answer
@@ -135,12 +125,9 @@ class ClientBase(ABC, Generic[ReplyOf, TextOf, ModelOf, HealthOf]):
 
         Parameters
         ----------
-        q, efforts : (n, d) arrays
-            rad or m, NaN where missing; efforts, as logged, for models that look at them.
-        times : (n,) array
-            Seconds, strictly increasing.
-        sessions : n int, optional
-            Where the number changes, the arm was homed or moved by hand.
+        q, efforts : (n, d) arrays, rad or m, NaN where missing; efforts, as logged, for models that look at them
+        times : (n,) array, seconds, strictly increasing
+        sessions : n int, optional, where the number changes, the arm was homed or moved by hand
         """
         answer: ReplyOf = self._ask(lambda: self._build.correct_joints(q, times, efforts, sessions))
         return answer
@@ -221,8 +208,7 @@ class ClientBase(ABC, Generic[ReplyOf, TextOf, ModelOf, HealthOf]):
 
         Parameters
         ----------
-        model_hash : str
-            SHA-256 of the model that must answer; empty takes the one that answers first.
+        model_hash : str, SHA-256 of the model that must answer; empty takes the one that answers first
         """
         self._build.pinned.change(model_hash)
 

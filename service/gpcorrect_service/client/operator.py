@@ -26,8 +26,7 @@ class Operator:
     Parameters
     ----------
     settings : ClientSettings
-    patience : float
-        Seconds for a server to load and try a model.
+    patience : float, seconds for a server to load and try a model
     """
 
     def __init__(self, settings: ClientSettings | None = None, *, patience: float = 30.0) -> None:
@@ -56,10 +55,8 @@ class Operator:
 
         Parameters
         ----------
-        model : str
-            Its name, or the beginning of its hash.
-        back : bool
-            Whether it is the one before, for which the present one is given up.
+        model : str, its name, or the beginning of its hash
+        back : bool, whether it is the one before, for which the present one is given up
 
         Raises
         ------

@@ -23,10 +23,8 @@ class PinnedModels:
 
     Parameters
     ----------
-    model_hash : str
-        SHA-256 of the model that must answer; empty takes the one that answers first.
-    hold : bool
-        Whether other models are refused at all.
+    model_hash : str, SHA-256 of the model that must answer; empty takes the one that answers first
+    hold : bool, whether other models are refused at all
     """
 
     def __init__(self, model_hash: str = "", *, hold: bool = True) -> None:
@@ -40,8 +38,7 @@ class PinnedModels:
 
         Parameters
         ----------
-        model_hash : str
-            As for the class.
+        model_hash : str, as for the class
         """
         self._required = model_hash
         self._hashes: dict[str, str] = {}

@@ -20,10 +20,8 @@ class Reply(msgspec.Struct, frozen=True, eq=False):
     ----------
     answer : Correction
         In a fallback the registered pose or the reported joints themselves, with unknown (NaN) uncertainty.
-    meta : ReplyMeta
-        Which model and process answered; empty in a fallback.
-    failure : ServiceError or None
-        Why no server answered, in a fallback.
+    meta : ReplyMeta, which model and process answered; empty in a fallback
+    failure : ServiceError or None, why no server answered, in a fallback
     """
 
     answer: Correction
@@ -92,8 +90,7 @@ def uncorrected(rows: FloatArray, failure: ServiceError, *, joints: bool = False
 
     Parameters
     ----------
-    rows : (7,), (3,), (n, 7) or (n, 3) array, or (n, d) joints
-        What registration alone commands; joints as they are.
+    rows : (7,), (3,), (n, 7) or (n, 3) array, or (n, d) joints, what registration alone commands; joints as they are
     failure : ServiceError
     joints : bool
     """

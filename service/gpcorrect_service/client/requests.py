@@ -50,8 +50,7 @@ class Question(msgspec.Struct, Generic[R], frozen=True, eq=False):
         Parameters
         ----------
         reply : zenoh.Reply
-        waited : float
-            s since it was asked for.
+        waited : float, s since it was asked for
         """
         # A process that was stopped finds replies of long ago when it goes on.
         if reply.ok is not None and waited > self.patience:
@@ -68,8 +67,7 @@ class Question(msgspec.Struct, Generic[R], frozen=True, eq=False):
 
         Parameters
         ----------
-        waited : float
-            s since the caller asked, every attempt included.
+        waited : float, s since the caller asked, every attempt included
         """
         if waited > 2 * self.patience:
             raise _stale(waited, 2 * self.patience)
@@ -129,8 +127,7 @@ class RequestBuilder:
         Parameters
         ----------
         poses : (n, 7) or (n, 3) array
-        times : (n,) array
-            s.
+        times : (n,) array, s
         """
         asked = _array(poses, "poses", 2)
         body = messages.CorrectPathRequest(tuple(asked.tolist()), tuple(_array(times, "times", 1).tolist()))
@@ -143,10 +140,8 @@ class RequestBuilder:
 
         Parameters
         ----------
-        q, efforts : (n, d) arrays
-            NaN where missing; efforts may be None.
-        times : (n,) array
-            s.
+        q, efforts : (n, d) arrays, NaN where missing; efforts may be None
+        times : (n,) array, s
         sessions : n int or None
         """
         joints = _array(q, "joints", 2)
@@ -195,8 +190,7 @@ class RequestBuilder:
         kind : str
         form, body : type, Struct or None
             Of the answer, and the question.
-        deadline : float, optional
-            Seconds for which the answer is wanted; half of the timeout by default.
+        deadline : float, optional, seconds for which the answer is wanted; half of the timeout by default
         """
         return self._question(kind, body, lambda reply: self._decoded(form, _accepted(reply)), deadline=deadline)
 

@@ -36,14 +36,12 @@ class ArmServerSettings:
 
     Parameters
     ----------
-    rate_hz : float
-        State messages a second of the arm's clock.
+    rate_hz : float, state messages a second of the arm's clock
     time_scale : float
         Seconds of the arm's clock in one of the wall's: above 1 a simulated arm runs faster than a real one.
     corrected : bool
         Take Cartesian commands from the pre-filter (`corrected/servo_cp`) and not from planners (`servo_cp`).
-    command_age : float
-        s of wall time after which a corrected pose no longer moves the arm.
+    command_age : float, s of wall time after which a corrected pose no longer moves the arm
     """
 
     rate_hz: float = 100.0
@@ -61,8 +59,7 @@ class ArmServer:
         With the commands and the state of `gpcorrect.sim.live_robot.LiveRobot`, which a server must not import.
     bus : Bus
     settings : ArmServerSettings
-    epoch : float
-        Stamp at the arm's time 0, s since 1970.
+    epoch : float, stamp at the arm's time 0, s since 1970
     """
 
     def __init__(self, arm: Any, bus: Bus, settings: ArmServerSettings, epoch: float) -> None:

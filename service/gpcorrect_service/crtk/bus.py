@@ -34,20 +34,14 @@ class BusSettings:
 
     Parameters
     ----------
-    endpoint : str
-        Address to listen on, or to connect to.
-    arm, namespace : str
-        Second and first part of every native key.
+    endpoint : str, address to listen on, or to connect to
+    arm, namespace : str, second and first part of every native key
     role : "hub" or "client"
         A hub listens and passes messages between its clients, as a router does; a client connects to it.
-    ros_domain : int or None
-        ROS_DOMAIN_ID to speak in as well, on rmw_zenoh's keys; None for native keys alone.
-    ros_distro : str
-        ROS distribution of the nodes there.
-    allow_remote : bool
-        Whether a hub may listen on an address that other machines reach.
-    patience : float
-        Seconds in which a client waits for its hub to appear.
+    ros_domain : int or None, ROS_DOMAIN_ID to speak in as well, on rmw_zenoh's keys; None for native keys alone
+    ros_distro : str, ROS distribution of the nodes there
+    allow_remote : bool, whether a hub may listen on an address that other machines reach
+    patience : float, seconds in which a client waits for its hub to appear
     config_file : Path or None
         A zenoh JSON5 configuration that replaces `endpoint`, of a client; its `namespace`, where given, wins.
     """
@@ -80,8 +74,7 @@ class Bus:
     Parameters
     ----------
     settings : BusSettings
-    node : str
-        Name in the ROS graph.
+    node : str, name in the ROS graph
 
     Raises
     ------
@@ -128,8 +121,7 @@ class Bus:
 
         Parameters
         ----------
-        role : str
-            Behind the arm's name, such as "prefilter"; DataError where another process has it.
+        role : str, behind the arm's name, such as "prefilter"; DataError where another process has it
         """
         live, own = self._session.liveliness(), self.key(f"{role}/{self._session.info.zid()}")
         self._stack.enter_context(live.declare_token(own))
@@ -160,10 +152,8 @@ class Bus:
         Parameters
         ----------
         name : str
-        inbox : callable
-            Takes a message; must not wait.
-        refused : callable, optional
-            Takes the error of a message that cannot be read.
+        inbox : callable, takes a message; must not wait
+        refused : callable, optional, takes the error of a message that cannot be read
         """
         what = TOPICS[name]
         self._listen(self.key(name), what, inbox, refused)
@@ -260,8 +250,7 @@ def read_message(payload: bytes, encoding: str, what: Topic) -> msgspec.Struct:
     Parameters
     ----------
     payload : bytes
-    encoding : str
-        zenoh's; BAD_INPUT for another one, and where the bytes are no such message.
+    encoding : str, zenoh's; BAD_INPUT for another one, and where the bytes are no such message
     what : Topic
     """
     if encoding.startswith(MSGPACK.media_type):

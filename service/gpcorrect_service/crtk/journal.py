@@ -35,8 +35,7 @@ class Journal:
 
     Parameters
     ----------
-    recording : Path
-        The file to come; the journal has its name and `.unfinished` behind it.
+    recording : Path, the file to come; the journal has its name and `.unfinished` behind it
     arm : str
 
     Attributes
@@ -78,8 +77,7 @@ class Journal:
         Parameters
         ----------
         topic : str
-        epoch : int
-            How often the robot's clock had been set back when it came.
+        epoch : int, how often the robot's clock had been set back when it came
         message : Struct
         """
         entry = msgspec.msgpack.encode(_Entry(topic, epoch, msgspec.Raw(msgspec.msgpack.encode(message))))
@@ -102,8 +100,7 @@ def require_no_journal(recording: Path) -> None:
 
     Parameters
     ----------
-    recording : path
-        GpCorrectError where its folder may not be written, or a recording of this name was broken off.
+    recording : path, GpCorrectError where its folder may not be written, or a recording of this name was broken off
     """
     path = _journal_of(recording)
     if path.exists():
@@ -121,8 +118,7 @@ def read_journal(path: Path) -> tuple[str, Iterator[tuple[str, int, Any]]]:
 
     Parameters
     ----------
-    path : path
-        LogError where there is no such file, or no journal, or, while it is read, where it was altered.
+    path : path, LogError where there is no such file, or no journal, or, while it is read, where it was altered
     """
     try:
         content = path.read_bytes()

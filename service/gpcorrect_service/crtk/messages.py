@@ -100,8 +100,7 @@ def checked_numbers(numbers: Sequence[float | None], count: int, what: str) -> N
     ----------
     numbers : sequence of float or None
     count : int
-    what : str
-        Name for messages.
+    what : str, name for messages
     """
     finite = tuple(one for one in numbers if one is not None and math.isfinite(one))
     if not len(numbers) == len(finite) == count:
@@ -154,8 +153,7 @@ def to_ros(message: msgspec.Struct) -> tuple[Any, str]:
 
     Parameters
     ----------
-    message : Struct
-        JointState, Pose, OperatingState or Text.
+    message : JointState, Pose, OperatingState or Text
     """
     kinds = cdr.ros_types().types
     match message:
@@ -180,8 +178,7 @@ def to_cdr(message: msgspec.Struct) -> bytes:
 
     Parameters
     ----------
-    message : Struct
-        As for :func:`to_ros`.
+    message : Struct, as for :func:`to_ros`
     """
     ros, kind = to_ros(message)
     return bytes(cdr.ros_types().serialize_cdr(ros, kind))
@@ -193,8 +190,7 @@ def tf_cdr(message: Pose, base: str, child: str) -> bytes:
     Parameters
     ----------
     message : Pose
-    base, child : str
-        Names of the frame that it is in, where the pose names none, and of the frame whose pose it is.
+    base, child : str, names of the frame that it is in, where the pose names none, and of the frame whose pose it is
     """
     kinds = cdr.ros_types().types
     posed = cdr.ros_pose(message.pose, *_time(message.stamp), message.frame or base)
@@ -212,8 +208,7 @@ def from_cdr(data: bytes, ros_type: str) -> msgspec.Struct:
     Parameters
     ----------
     data : bytes
-    ros_type : str
-        As `geometry_msgs/msg/PoseStamped`.
+    ros_type : str, as `geometry_msgs/msg/PoseStamped`
     """
     ros = cdr.decode_cdr(data, ros_type)
     stamp = ros.header.stamp.sec + 1e-9 * ros.header.stamp.nanosec

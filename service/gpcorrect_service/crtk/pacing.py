@@ -27,12 +27,9 @@ class Pacing:
 
     Parameters
     ----------
-    times : (n,) array
-        s.
-    clock : float
-        The robot's, as it begins, s.
-    q : (n, k) array, optional
-        Joints of the path, rad or m; without them the robot's clock alone sets the pace.
+    times : (n,) array, s
+    clock : float, the robot's, as it begins, s
+    q : (n, k) array, optional, joints of the path, rad or m; without them the robot's clock alone sets the pace
     """
 
     def __init__(self, times: FloatArray, clock: float, q: FloatArray | None = None) -> None:
@@ -57,10 +54,8 @@ class Pacing:
 
         Parameters
         ----------
-        clock : float
-            Stamp of the robot's latest state, s.
-        setpoint : (k,) array
-            That state's joints.
+        clock : float, stamp of the robot's latest state, s
+        setpoint : (k,) array, that state's joints
         """
         passed, self._clock = clock - self._clock, clock
         there = self.moment if self._q is None else self._come_to(setpoint)

@@ -242,8 +242,7 @@ class FilterServer:
     prefilter : Prefilter
     bus : Bus
         DataError where another pre-filter corrects its arm: a robot that hears both would follow two models in turn.
-    logger : Logger
-        Where refusals are written, the first and every thousandth.
+    logger : Logger, where refusals are written, the first and every thousandth
     """
 
     def __init__(self, prefilter: Prefilter, bus: Bus, logger: Logger) -> None:

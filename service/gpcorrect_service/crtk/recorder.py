@@ -57,8 +57,7 @@ class Recording:
 
         Parameters
         ----------
-        meta : LogMeta, optional
-            Of the log; the arm's name by default.
+        meta : LogMeta, optional, of the log; the arm's name by default
 
         Raises
         ------
@@ -160,8 +159,7 @@ def recovered(path: Path) -> Recording:
 
     Parameters
     ----------
-    path : path
-        Its journal; LogError where it is none, or was altered.
+    path : path, its journal; LogError where it is none, or was altered
     """
     arm, entries = read_journal(path)
     came: dict[str, list[Came]] = {"event": []}
@@ -216,8 +214,7 @@ def write_mcap(recording: Recording, folder: Path) -> None:
     Parameters
     ----------
     recording : Recording
-    folder : path
-        Made; LogError where it exists already.
+    folder : path, made; LogError where it exists already
     """
     store = ros_types()
     from rosbags.rosbag2 import StoragePlugin, Writer

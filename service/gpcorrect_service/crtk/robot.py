@@ -44,8 +44,7 @@ class Robot:
     Parameters
     ----------
     settings : BusSettings
-    patience : float
-        Seconds, wall time, to wait for the arm's first state and for each change of its operating state.
+    patience : float, seconds, wall time, to wait for the arm's first state and for each change of its operating state
 
     Raises
     ------
@@ -115,8 +114,7 @@ class Robot:
 
         Parameters
         ----------
-        command : str
-            One of `OPERATIONS`.
+        command : str, one of `OPERATIONS`
 
         Raises
         ------
@@ -135,8 +133,7 @@ class Robot:
 
         Parameters
         ----------
-        q : (dof,) array
-            rad or m.
+        q : (dof,) array, rad or m
         """
         self.bus.publish("servo_jp", JointState(self.time, tuple(q.tolist())))
 
@@ -146,8 +143,7 @@ class Robot:
         Parameters
         ----------
         pose : (7,) array
-        frame : str
-            The base's, or the planner's where a pre-filter listens.
+        frame : str, the base's, or the planner's where a pre-filter listens
         """
         self.bus.publish("servo_cp", Pose(self.time, tuple(pose.tolist()), frame))
 
@@ -156,8 +152,7 @@ class Robot:
 
         Parameters
         ----------
-        q : (dof,) array
-            rad or m.
+        q : (dof,) array, rad or m
         """
         self._errors.clear()
         what = f"go to {np.round(q, 4).tolist()}"
@@ -184,12 +179,9 @@ class Robot:
 
         Parameters
         ----------
-        times : (n,) array
-            s.
-        q : (n, k) array
-            rad or m; DataError where the path has more joints than the robot.
-        trajectory : int
-            Number that recorders give the samples of this path.
+        times : (n,) array, s
+        q : (n, k) array, rad or m; DataError where the path has more joints than the robot
+        trajectory : int, number that recorders give the samples of this path
         """
         here = self.setpoint
         if q.shape[1] > len(here):
@@ -211,8 +203,7 @@ class Robot:
 
         Parameters
         ----------
-        times : (n,) array
-            s.
+        times : (n,) array, s
         poses : (n, 7) array
         frame : str
         """

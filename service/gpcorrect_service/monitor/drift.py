@@ -37,10 +37,8 @@ def outside(miss: Sequence[float], interval95: Sequence[float | None]) -> bool:
 
     Parameters
     ----------
-    miss : (6,) sequence
-        m and rad.
-    interval95 : (6,) sequence
-        Half widths; None is not known.
+    miss : (6,) sequence, m and rad
+    interval95 : (6,) sequence, half widths; None is not known
     """
     known = [(m, w) for m, w in zip(miss, interval95, strict=True) if w is not None and w > 0]
     if not known:
@@ -54,12 +52,9 @@ class DriftWatch:
 
     Attributes
     ----------
-    evidence : float
-        C above; 1 and less is none.
-    alarm : bool
-        Whether it ever reached the threshold since the model was loaded.
-    votes : int
-        How many there were, each of `vote_seconds` at least.
+    evidence : float, C above; 1 and less is none
+    alarm : bool, whether it ever reached the threshold since the model was loaded
+    votes : int, how many there were, each of `vote_seconds` at least
     """
 
     settings: DriftSettings = DriftSettings()
@@ -89,8 +84,7 @@ class DriftWatch:
 
         Parameters
         ----------
-        stamp : float
-            s.
+        stamp : float, s
         outside : bool
         """
         if self._begin is None or stamp < self._begin:

@@ -36,8 +36,7 @@ class Watcher:
     Parameters
     ----------
     board : Board
-    places : sequence of BusSettings
-        Addresses or configurations of robots and of servers, in the board's namespace.
+    places : sequence of BusSettings, addresses or configurations of robots and of servers, in the board's namespace
 
     Raises
     ------

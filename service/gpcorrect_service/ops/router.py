@@ -179,12 +179,10 @@ def route(
 
     Parameters
     ----------
-    config_file : path
-        zenoh's, JSON5, with mode "router".
+    config_file : path, zenoh's, JSON5, with mode "router"
     stop : threading.Event
     on_ready : callable, optional
-    logger : Logger, optional
-        Standard error by default.
+    logger : Logger, optional, standard error by default
 
     Raises
     ------

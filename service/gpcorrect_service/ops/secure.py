@@ -154,13 +154,10 @@ class Site:
 
     Parameters
     ----------
-    host : str
-        Name or number of the router's machine, as clients write it.
+    host : str, name or number of the router's machine, as clients write it
     port : int
-    namespace : str
-        First part of every key.
-    days : int
-        Validity of certificates.
+    namespace : str, first part of every key
+    days : int, validity of certificates
     """
 
     host: str = "localhost"
@@ -181,8 +178,7 @@ def secure_site(folder: Path, site: Site, now: datetime.datetime) -> None:
     ----------
     folder : path
     site : Site
-    now : datetime
-        From which certificates are valid.
+    now : datetime, from which certificates are valid
 
     Raises
     ------

@@ -75,8 +75,7 @@ class RateBound:
 
         Parameters
         ----------
-        time : float
-            s.
+        time : float, s
         correction : (k,) array
         """
         if not np.isfinite(correction).all():
@@ -106,8 +105,7 @@ class Throttle:
 
         Parameters
         ----------
-        now : float
-            When it comes, s, monotonic.
+        now : float, when it comes, s, monotonic
         """
         with self._lock:
             self._tokens = min(self._room, self._tokens + (now - self._last) * self._rate)

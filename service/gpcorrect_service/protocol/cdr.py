@@ -83,10 +83,8 @@ def decode_cdr(data: bytes, ros_type: str) -> Any:
 
     Parameters
     ----------
-    data : bytes
-        CDR with its 4-byte header.
-    ros_type : str
-        As `geometry_msgs/msg/PoseStamped`.
+    data : bytes, CDR with its 4-byte header
+    ros_type : str, as `geometry_msgs/msg/PoseStamped`
     """
     try:
         store = ros_types()
@@ -108,8 +106,7 @@ def ros_pose(pose: tuple[float, ...], sec: int, nanosec: int, frame_id: str) -> 
 
     Parameters
     ----------
-    pose : 7 float
-        x y z in m, then the quaternion w x y z.
+    pose : 7 float, x y z in m, then the quaternion w x y z
     sec, nanosec : int
     frame_id : str
     """
@@ -128,8 +125,7 @@ def read_pose(data: bytes) -> StampedPose:
 
     Parameters
     ----------
-    data : bytes
-        A PoseStamped in CDR.
+    data : bytes, a PoseStamped in CDR
     """
     return _stamped(decode_cdr(data, POSE_STAMPED))
 
@@ -158,8 +154,7 @@ def read_call(data: bytes) -> tuple[StampedPose, Numbers | None]:
 
     Parameters
     ----------
-    data : bytes
-        A Correct_Request in CDR.
+    data : bytes, a Correct_Request in CDR
     """
     message = decode_cdr(data, f"{CORRECT}_Request")
     v, w = message.twist.linear, message.twist.angular
@@ -173,8 +168,7 @@ def write_answer(command: StampedPose, answer: PoseAnswer, model_hash: str) -> b
     Parameters
     ----------
     command : StampedPose
-    answer : PoseAnswer
-        How sure the command is.
+    answer : PoseAnswer, how sure the command is
     model_hash : str
     """
     std, interval = (np.array(row, dtype=np.float64) for row in (answer.std, answer.interval95))
@@ -187,8 +181,7 @@ def write_refusal(status: str, message: str) -> bytes:
 
     Parameters
     ----------
-    status, message : str
-        Why there is no command, and what to do.
+    status, message : str, why there is no command, and what to do
     """
     unknown = np.full(6, np.nan)
     return _response(False, status, message, ros_pose((np.nan,) * 7, 0, 0, ""), unknown, unknown, False, "")

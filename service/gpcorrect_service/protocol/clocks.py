@@ -16,8 +16,7 @@ class StreamClock:
 
     Parameters
     ----------
-    rate : float
-        Seconds of that clock in one of ours: above 1 for a simulated arm that lives faster.
+    rate : float, seconds of that clock in one of ours: above 1 for a simulated arm that lives faster
     """
 
     def __init__(self, rate: float = 1.0) -> None:
@@ -35,8 +34,7 @@ class StreamClock:
 
         Parameters
         ----------
-        stamp, now : float
-            s of its clock; s of ours, when it came.
+        stamp, now : float, s of its clock; s of ours, when it came
         """
         apart = now - stamp / self._rate
         if self._apart is None or self._was_set(stamp, now):
@@ -52,8 +50,7 @@ class StreamClock:
 
         Parameters
         ----------
-        stamp, now : float
-            As for :meth:`delay`.
+        stamp, now : float, as for :meth:`delay`
         """
         return 0.0 if self._apart is None else now - stamp / self._rate - self._apart
 

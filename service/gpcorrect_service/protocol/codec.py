@@ -33,8 +33,7 @@ class Codec:
 
         Parameters
         ----------
-        form : str
-            A key, "error", "estimate" or "joint_state".
+        form : str, a key, "error", "estimate" or "joint_state"
         """
         return self._encodings[form]
 
@@ -72,8 +71,7 @@ def error_codec(encoding: str) -> Codec | None:
 
     Parameters
     ----------
-    encoding : str
-        As zenoh names it.
+    encoding : str, as zenoh names it
     """
     codec, form = KNOWN.get(encoding, (None, None))
     return codec if form == "error" else None
@@ -86,8 +84,7 @@ def codec_of(encoding: str, form: Form) -> Codec:
 
     Parameters
     ----------
-    encoding : str
-        As zenoh names it.
+    encoding : str, as zenoh names it
     form : str
     """
     codec, named = KNOWN.get(encoding, (None, None))

@@ -64,8 +64,7 @@ def checked_stamp(stamp: float) -> float:
 
     Parameters
     ----------
-    stamp : float
-        s.
+    stamp : float, s
     """
     if not 0 < stamp <= LIMITS.latest:
         raise bad_input(f"the stamp is {stamp}.", "Stamp messages with the robot's clock, in s and not in ns.")
@@ -77,10 +76,8 @@ def checked_pose(pose: Sequence[float], limit: float) -> FloatArray:
 
     Parameters
     ----------
-    pose : 7 or 3 float
-        x y z in m, then the quaternion w x y z.
-    limit : float
-        Largest believed distance from the origin, m.
+    pose : 7 or 3 float, x y z in m, then the quaternion w x y z
+    limit : float, largest believed distance from the origin, m
     """
     if len(pose) not in (POSE, POSITION):
         raise bad_input(
@@ -106,8 +103,7 @@ def checked_twist(twist: Sequence[float] | None) -> FloatArray | None:
 
     Parameters
     ----------
-    twist : 6 float or None
-        m/s, then rad/s.
+    twist : 6 float or None, m/s, then rad/s
     """
     if twist is None:
         return None
@@ -133,10 +129,8 @@ def checked_path(
     Parameters
     ----------
     poses : n sequences of 7 or 3 float
-    times : n float
-        s.
-    limit : float
-        As for :func:`checked_pose`.
+    times : n float, s
+    limit : float, as for :func:`checked_pose`
     """
     if not 0 < len(poses) <= LIMITS.rows:
         raise bad_input(
@@ -159,8 +153,7 @@ def check_times(times: Sequence[float]) -> FloatArray:
 
     Parameters
     ----------
-    times : n float
-        s.
+    times : n float, s
     """
     _check_finite("times", times)
     stamps = np.array(times, dtype=np.float64)
@@ -181,10 +174,8 @@ def checked_rows(rows: Sequence[Row], dof: int, what: str) -> FloatArray:
     Parameters
     ----------
     rows : n sequences of dof float or None
-    dof : int
-        Joints of the model.
-    what : str
-        Name for messages.
+    dof : int, joints of the model
+    what : str, name for messages
     """
     wrong = next((len(row) for row in rows if len(row) != dof), None)
     if wrong is not None:
@@ -198,10 +189,8 @@ def checked_joints(rows: Sequence[Row], types: str) -> FloatArray:
 
     Parameters
     ----------
-    rows : n sequences of d float or None
-        rad and m.
-    types : str
-        "R" or "P" for each joint.
+    rows : n sequences of d float or None, rad and m
+    types : str, "R" or "P" for each joint
     """
     q = checked_rows(rows, len(types), "joints")
     for joint, kind in enumerate(types):
@@ -224,12 +213,9 @@ def check_command(
 
     Parameters
     ----------
-    position, quaternion : 3 float, 4 float or None
-        m and wxyz.
-    limit : float
-        As for :func:`checked_pose`.
-    reference : callable
-        Gives the position that registration alone commands, m.
+    position, quaternion : 3 float, 4 float or None, m and wxyz
+    limit : float, as for :func:`checked_pose`
+    reference : callable, gives the position that registration alone commands, m
 
     Raises
     ------
@@ -273,8 +259,7 @@ def check_frame(frame: str, expected: str) -> None:
 
     Parameters
     ----------
-    frame, expected : str
-        As the pose and as the model say.
+    frame, expected : str, as the pose and as the model say
     """
     if frame and expected and frame.strip("/") != expected.strip("/"):
         raise bad_input(

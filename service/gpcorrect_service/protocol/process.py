@@ -96,8 +96,7 @@ def wait_for(stop: threading.Event, look: Callable[[], None] = lambda: None) -> 
     Parameters
     ----------
     stop : threading.Event
-    look : callable, optional
-        Called every second meanwhile.
+    look : callable, optional, called every second meanwhile
     """
     while not stop.wait(LOOK_UP):
         look()

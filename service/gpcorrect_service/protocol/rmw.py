@@ -24,12 +24,9 @@ def rmw_key(domain: int, topic: str, ros_type: str, distro: RosDistro) -> str:
 
     Parameters
     ----------
-    domain : int
-        ROS_DOMAIN_ID.
-    topic, ros_type : str
-        As `arm1/servo_cp` and `geometry_msgs/msg/PoseStamped`, or a service's name and type.
-    distro : str
-        ROS distribution of the nodes that use it.
+    domain : int, ROS_DOMAIN_ID
+    topic, ros_type : str, as `arm1/servo_cp` and `geometry_msgs/msg/PoseStamped`, or a service's name and type
+    distro : str, ROS distribution of the nodes that use it
     """
     return f"{domain}/{topic.strip('/')}/{_type_and_hash(ros_type, distro)}"
 
@@ -39,8 +36,7 @@ def dds_name(ros_type: str) -> str:
 
     Parameters
     ----------
-    ros_type : str
-        As `geometry_msgs/msg/PoseStamped`.
+    ros_type : str, as `geometry_msgs/msg/PoseStamped`
     """
     package, kind, name = ros_type.split("/")
     return f"{package}::{kind}::dds_::{name}_"
@@ -51,8 +47,7 @@ def attachment(sequence: int, stamp_ns: int, gid: bytes) -> bytes:
 
     Parameters
     ----------
-    sequence, stamp_ns : int
-        Its number, from 1, and its time, ns since 1970.
+    sequence, stamp_ns : int, its number, from 1, and its time, ns since 1970
     gid : 16 bytes
     """
     return ATTACHMENT.pack(sequence, stamp_ns, GID_BYTES, gid)
@@ -63,10 +58,8 @@ def reply_attachment(asked: bytes, stamp_ns: int) -> bytes:
 
     Parameters
     ----------
-    asked : bytes
-        What came beside the question.
-    stamp_ns : int
-        Time of the answer, ns since 1970.
+    asked : bytes, what came beside the question
+    stamp_ns : int, time of the answer, ns since 1970
     """
     if len(asked) != ATTACHMENT.size:
         return b""
@@ -93,14 +86,10 @@ class RmwNode:
 
         Parameters
         ----------
-        number : int
-            Which one of the node.
-        kind : str
-            "MP" for a publisher, "MS" for a subscription, "SS" for a service's server.
-        topic, ros_type : str
-            As for :func:`rmw_key`.
-        qos : str
-            Quality of service in rmw_zenoh's short form.
+        number : int, which one of the node
+        kind : str, "MP" for a publisher, "MS" for a subscription, "SS" for a service's server
+        topic, ros_type : str, as for :func:`rmw_key`
+        qos : str, quality of service in rmw_zenoh's short form
         """
         mangled = "%" + topic.strip("/").replace("/", "%")
         described = f"{mangled}/{_type_and_hash(ros_type, self.distro)}/{qos}"

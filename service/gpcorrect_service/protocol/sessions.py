@@ -124,8 +124,7 @@ def make_config(values: dict[str, Any]) -> zenoh.Config:
 
     Parameters
     ----------
-    values : dict
-        From zenoh's paths, as `listen/endpoints`, to what JSON can say.
+    values : dict, from zenoh's paths, as `listen/endpoints`, to what JSON can say
     """
     config = zenoh.Config()
     for key, value in values.items():
@@ -138,8 +137,7 @@ def read_config(path: Path) -> zenoh.Config:
 
     Parameters
     ----------
-    path : path
-        JSON5.
+    path : path, JSON5
     """
     try:
         return zenoh.Config.from_file(path)
@@ -207,8 +205,7 @@ def live_key(arm: str, replica: str, pose_hash: str, joint_hash: str) -> str:
     Parameters
     ----------
     arm, replica : str
-    pose_hash, joint_hash : str
-        SHA-256 of the models; empty for none.
+    pose_hash, joint_hash : str, SHA-256 of the models; empty for none
     """
     return f"{arm}/live/{replica}/{pose_hash or 'none'}/{joint_hash or 'none'}"
 
@@ -218,8 +215,7 @@ def differing(keys: Iterable[str]) -> dict[str, list[str]]:
 
     Parameters
     ----------
-    keys : iterable of str
-        Tokens of one arm.
+    keys : iterable of str, tokens of one arm
     """
     parts = [key.split("/")[-3:] for key in keys]
     found = {}

@@ -52,8 +52,7 @@ class Model:
 
     Attributes
     ----------
-    limit : float
-        Distance from the origin, m, beyond which a position is taken for a mistake of units.
+    limit : float, distance from the origin, m, beyond which a position is taken for a mistake of units
     quick : bool
         Whether it was fitted and answers a pose before a worker would have been woken for it. Anybody's own corrector
         may wait for something.
@@ -126,10 +125,8 @@ def load_model(path: str | Path, name: str = "", expected: str = "") -> Model:
     Parameters
     ----------
     path : path
-    name : str
-        What replies call it; the file's own name by default.
-    expected : str
-        SHA-256 that the file must have; any by default.
+    name : str, what replies call it; the file's own name by default
+    expected : str, SHA-256 that the file must have; any by default
 
     Raises
     ------

@@ -78,8 +78,7 @@ class RequestParser:
         Parameters
         ----------
         kind : str
-        work : callable
-            Answers a parsed request; may raise ServiceError and DataError.
+        work : callable, answers a parsed request; may raise ServiceError and DataError
         """
         return lambda request: self._answer(kind, work, request)
 

@@ -25,8 +25,7 @@ def open_ros(settings: ServerSettings) -> zenoh.Session:
 
     Parameters
     ----------
-    settings : ServerSettings
-        Of a server that listens by now; or that is a client itself, of a router.
+    settings : ServerSettings, of a server that listens by now; or that is a client itself, of a router
 
     Raises
     ------
@@ -65,10 +64,8 @@ class RosService:
 
         Parameters
         ----------
-        session : zenoh.Session
-            Without a namespace.
-        receive : callable
-            Takes a query; must not wait.
+        session : zenoh.Session, without a namespace
+        receive : callable, takes a query; must not wait
         stack, logger
         """
         s = self._settings

@@ -53,14 +53,11 @@ class Server:
 
     Parameters
     ----------
-    corrector : CommandCorrector, Model or None
-        What answers poses; None answers NO_MODEL.
+    corrector : CommandCorrector, Model or None, what answers poses; None answers NO_MODEL
     settings : ServerSettings, optional
     joints : JointModel, optional
-    store : ModelStore, optional
-        From where models can be activated.
-    logger : Logger, optional
-        Standard error by default.
+    store : ModelStore, optional, from where models can be activated
+    logger : Logger, optional, standard error by default
     clock : Clock, optional
 
     Raises
@@ -244,16 +241,14 @@ def serve(
 
     Parameters
     ----------
-    model_path : path or None
-        What `gpcorrect fit` wrote; None takes the active one of the store.
+    model_path : path or None, what `gpcorrect fit` wrote; None takes the active one of the store
     settings : ServerSettings, optional
     stop_event : threading.Event, optional
         Ends the service when set. Without it SIGTERM and SIGINT do, which needs the main thread.
     on_ready : callable, optional
     joint_path : path, optional
         What `gpcorrect joint fit` wrote; without it the active one of the store, where there is one.
-    store : path, optional
-        Folder of models that can be activated while serving.
+    store : path, optional, folder of models that can be activated while serving
 
     Raises
     ------

@@ -58,8 +58,7 @@ class Estimator:
 
         Parameters
         ----------
-        sample : Request
-            Bytes, zenoh encoding, and when it arrived.
+        sample : Request, bytes, zenoh encoding, and when it arrived
         """
         try:
             codec = codec_of(sample.encoding, "joint_state")

@@ -35,8 +35,7 @@ class PengScope:
     repeats, network_repeats : int
         Training recordings with other noise and other seeds, for every method and for the network.
     inducing : int, points of the Gaussian process
-    search_samples : int or None
-        That the Gaussian process learns its hyperparameters from; its own number when None.
+    search_samples : int or None, that the Gaussian process learns its hyperparameters from; its own number when None
     epochs : int, of the network; the paper's by default
     later : str, direction of the zig-zag of all parts after Table I; the paper's is J2-J3
     ablations : tuple of str or None, which are done; None does all
