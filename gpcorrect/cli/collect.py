@@ -130,7 +130,7 @@ def collect_zigzag(
     )
     from gpcorrect.cli.joint import show_joint_errors
     from gpcorrect_service.crtk import BusSettings  # zenoh is an extra; other commands work without it
-    from gpcorrect_service.crtk.journal import require_no_journal
+    from gpcorrect_service.crtk.recorder import require_no_journal
     from gpcorrect_service.crtk.robot import Robot
 
     make_folder(output)
@@ -182,8 +182,7 @@ def _recorded(robot: Robot, paths: list[TimedPath], progress: Progress, what: st
     """Drive paths, a trajectory each, and return what was recorded of them; it is written however that ended."""
     from gpcorrect.logs import write_log
     from gpcorrect.types import LogMeta
-    from gpcorrect_service.crtk.journal import Journal
-    from gpcorrect_service.crtk.recorder import Recorder
+    from gpcorrect_service.crtk.recorder import Journal, Recorder
 
     types = "RRP" if len(robot.setpoint) == len(UNITS) else ""
     meta = LogMeta(arm=robot.bus.settings.arm, joint_types=types)

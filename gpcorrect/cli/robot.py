@@ -177,8 +177,7 @@ def record(
     """
     stop = stop_signal()
     from gpcorrect.logs import require_writable
-    from gpcorrect_service.crtk.journal import Journal, require_no_journal
-    from gpcorrect_service.crtk.recorder import Recorder, require_mcap
+    from gpcorrect_service.crtk.recorder import Journal, Recorder, require_mcap, require_no_journal
 
     require_writable(output)
     require_no_journal(output)

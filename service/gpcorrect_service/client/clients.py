@@ -15,13 +15,11 @@ import zenoh
 from numpy.typing import ArrayLike
 
 from gpcorrect_service.client.connection import POLL_SECONDS, Querier
-from gpcorrect_service.client.pinned import PinnedModels
-from gpcorrect_service.client.replies import Reply
+from gpcorrect_service.client.replies import PinnedModels, Reply
 from gpcorrect_service.client.requests import Question, RequestBuilder
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import HealthAnswer, Kind, ModelAnswer
-from gpcorrect_service.protocol.process import immortal_in_children, is_forked, require_own_process
-from gpcorrect_service.protocol.sessions import open_client
+from gpcorrect_service.protocol.sessions import immortal_in_children, is_forked, open_client, require_own_process
 from gpcorrect_service.protocol.settings import DEFAULT_ENDPOINT, ClientSettings, OnFailure
 
 # Replies of one query that may wait to be read: more than there are replicas, so that zenoh's thread never

@@ -13,8 +13,7 @@ from gpcorrect_service.client.connection import POLL_SECONDS, matched
 from gpcorrect_service.client.requests import RequestBuilder, no_service
 from gpcorrect_service.protocol import messages
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.process import require_own_process
-from gpcorrect_service.protocol.sessions import LIVE_KEYS, open_client
+from gpcorrect_service.protocol.sessions import LIVE_KEYS, open_client, require_own_process
 from gpcorrect_service.protocol.settings import DEFAULT_ENDPOINT, ClientSettings
 
 S = TypeVar("S", messages.ModelListAnswer, messages.ActivateAnswer, messages.StateAnswer)

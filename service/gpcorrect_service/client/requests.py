@@ -15,13 +15,12 @@ from numpy.typing import ArrayLike
 
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
-from gpcorrect_service.client.pinned import PinnedModels
-from gpcorrect_service.client.replies import Reply, uncorrected
+from gpcorrect_service.client.replies import PinnedModels, Reply, uncorrected
 from gpcorrect_service.protocol import messages
 from gpcorrect_service.protocol.answer import JointsAnswer, PathAnswer, PoseAnswer, Rows, Single, nullable, unpack
-from gpcorrect_service.protocol.codec import CODECS, error_codec
 from gpcorrect_service.protocol.errors import FailureStatus, ServiceError, bad_input
 from gpcorrect_service.protocol.limits import LIMITS, checked_pose
+from gpcorrect_service.protocol.messages import CODECS, error_codec
 from gpcorrect_service.protocol.settings import MAX_MESSAGE_BYTES, ClientSettings, OnFailure
 
 S = TypeVar("S", bound=msgspec.Struct)

@@ -19,7 +19,7 @@ from gpcorrect.errors import GpCorrectError
 from gpcorrect.types import FloatArray
 from gpcorrect_service.crtk.bus import Bus
 from gpcorrect_service.crtk.messages import Heartbeat, JointState, OperatingState, Pose, Text, checked_numbers
-from gpcorrect_service.protocol.clocks import OLDEST
+from gpcorrect_service.protocol.bounds import OLDEST
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.limits import checked_stamp
 

@@ -16,11 +16,18 @@ from zenoh.ext import AdvancedPublisher, CacheConfig, declare_advanced_publisher
 
 from gpcorrect.errors import DataError
 from gpcorrect_service.crtk.messages import TF, TOPICS, Message, Topic, from_cdr, tf_cdr, to_cdr
-from gpcorrect_service.protocol.codec import JSON, MSGPACK
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError, bad_input
-from gpcorrect_service.protocol.process import open_zenoh, require_valid
-from gpcorrect_service.protocol.rmw import DEFAULT_QOS, LATCHED_QOS, RmwNode, attachment, gid_of, rmw_key
-from gpcorrect_service.protocol.sessions import COMMON, first_sentence, make_config, namespace_of, read_config
+from gpcorrect_service.protocol.messages import JSON, MSGPACK
+from gpcorrect_service.protocol.ros import DEFAULT_QOS, LATCHED_QOS, RmwNode, attachment, gid_of, rmw_key
+from gpcorrect_service.protocol.sessions import (
+    COMMON,
+    first_sentence,
+    make_config,
+    namespace_of,
+    open_zenoh,
+    read_config,
+    require_valid,
+)
 from gpcorrect_service.protocol.settings import DEFAULT_NAMESPACE, RosDistro, check_loopback, refuse_two_places
 
 CLAIM_SECONDS = 2.0  # chosen by hand: in which a router says who else there is; it answers at once

@@ -24,7 +24,7 @@ from gpcorrect_service.crtk.messages import OperatingState, Pose, Report, Text
 from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.protocol import limits
 from gpcorrect_service.protocol.answer import PoseAnswer, pack
-from gpcorrect_service.protocol.clocks import OLDEST, StreamClock
+from gpcorrect_service.protocol.bounds import OLDEST, StreamClock
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.protocol.sessions import PREFILTER
 from gpcorrect_service.server.models import Model

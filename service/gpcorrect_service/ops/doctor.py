@@ -18,8 +18,14 @@ from typing import Any, Literal
 import zenoh
 
 from gpcorrect.errors import DataError
-from gpcorrect_service.protocol.process import ExpiredError, check_certificates, open_zenoh
-from gpcorrect_service.protocol.sessions import LIVE_KEYS, client_config, differing
+from gpcorrect_service.protocol.sessions import (
+    LIVE_KEYS,
+    ExpiredError,
+    check_certificates,
+    client_config,
+    differing,
+    open_zenoh,
+)
 from gpcorrect_service.protocol.settings import ENDPOINT, ClientSettings
 
 PATIENCE = 3.0  # chosen by hand: s for each step

@@ -24,8 +24,7 @@ import zenoh
 from gpcorrect.errors import DataError
 from gpcorrect_service.ops.logger import Logger, open_logger
 from gpcorrect_service.protocol.errors import EndpointError
-from gpcorrect_service.protocol.process import open_zenoh, wait_for
-from gpcorrect_service.protocol.sessions import first_sentence, read_config
+from gpcorrect_service.protocol.sessions import first_sentence, open_zenoh, read_config, wait_for
 
 # What zenoh 1.10 says, and on which level: denials among what it allows, logins and handshakes that fail.
 DIRECTIVES = (

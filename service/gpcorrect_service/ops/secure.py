@@ -24,8 +24,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from gpcorrect.atomic import make_folder
 from gpcorrect.errors import DataError
-from gpcorrect_service.protocol.cdr import CORRECT
-from gpcorrect_service.protocol.rmw import dds_name
+from gpcorrect_service.protocol.ros import CORRECT, dds_name
 from gpcorrect_service.protocol.sessions import CLIENT, COMMON, LIVE_KEYS, PREFILTER
 
 ASKED = ("correct", "correct_path", "correct_joints", "model", "health")

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gpcorrect.calibration import CommandCorrector, JointCorrector, load_with_hash
+from gpcorrect.calibration import CommandCorrector, Entry, JointCorrector, ModelStore, load_with_hash
 from gpcorrect.errors import ArtifactError
 from gpcorrect.types import FloatArray, PoseSignal
 from gpcorrect_service.protocol.errors import ServiceError
@@ -119,43 +119,43 @@ class JointModel:
         object.__setattr__(self, "check", Check(self.corrector))
 
 
-def load_model(path: str | Path, name: str = "", expected: str = "") -> Model:
+def load_model(path: str | Path) -> Model:
     """Read and verify a model file of poses, once.
 
     Parameters
     ----------
-    path : path
-    name : str, what replies call it; the file's own name by default
-    expected : str, SHA-256 that the file must have; any by default
+    path : path, its name without the ending is what replies call it
 
     Raises
     ------
     ArtifactError
-        The file is missing, truncated, altered, of a newer schema, not the expected one, or no model file.
+        The file is missing, truncated, altered, of a newer schema, or no model file.
     """
     corrector, digest = load_with_hash(path, CommandCorrector)
-    return Model(corrector, name or Path(path).stem, _as_added(path, digest, expected))
+    return Model(corrector, Path(path).stem, digest)
 
 
-def load_joint_model(path: str | Path, name: str = "", expected: str = "") -> JointModel:
+def load_joint_model(path: str | Path) -> JointModel:
     """Read and verify a model file of joints, once; raises as :func:`load_model`.
 
     Parameters
     ----------
-    path, name, expected
-        As for :func:`load_model`.
+    path : path
     """
     corrector, digest = load_with_hash(path, JointCorrector)
-    return JointModel(corrector, name or Path(path).stem, _as_added(path, digest, expected))
+    return JointModel(corrector, Path(path).stem, digest)
 
 
-def _as_added(path: str | Path, digest: str, expected: str) -> str:
-    if expected and digest != expected:
-        raise ArtifactError(
-            f"model file {path} is refused: it is not the file that was added under this hash.",
-            hint="Add it again: gpcorrect models add",
-        )
-    return digest
+def load_entry(store: ModelStore, entry: Entry) -> Model | JointModel:
+    """Return a model of a store, verified and tried on its recorded check queries; ArtifactError if refused.
+
+    Parameters
+    ----------
+    store : ModelStore
+    entry : Entry
+    """
+    made = Model if entry.kind == "pose" else JointModel
+    return made(store.verified(entry), entry.id, entry.hash)
 
 
 def check_arm(arm: str, *models: Model | JointModel | None) -> None:

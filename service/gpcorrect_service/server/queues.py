@@ -15,9 +15,8 @@ from threadpoolctl import threadpool_limits
 
 from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.ops.metrics import Counters
-from gpcorrect_service.protocol.codec import JSON
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.messages import Kind
+from gpcorrect_service.protocol.messages import JSON, Kind
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.requests import Handler, Request, Response, refusal
 

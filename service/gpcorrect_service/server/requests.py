@@ -10,10 +10,19 @@ import msgspec
 
 from gpcorrect.errors import DataError
 from gpcorrect_service.ops.logger import Logger
-from gpcorrect_service.protocol.cdr import CALL_ENCODING, CDR_ENCODING
-from gpcorrect_service.protocol.codec import JSON, MSGPACK, Codec, codec_of
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
-from gpcorrect_service.protocol.messages import SCHEMA_VERSION, ErrorAnswer, Kind, ReplyMeta, RequestMeta
+from gpcorrect_service.protocol.messages import (
+    JSON,
+    MSGPACK,
+    SCHEMA_VERSION,
+    Codec,
+    ErrorAnswer,
+    Kind,
+    ReplyMeta,
+    RequestMeta,
+    codec_of,
+)
+from gpcorrect_service.protocol.ros import CALL_ENCODING, CDR_ENCODING
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.models import Active, JointModel, Model
 

@@ -14,12 +14,10 @@ from gpcorrect.errors import DataError
 from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.protocol.answer import EstimateAnswer, pack
-from gpcorrect_service.protocol.bounds import RateBound
-from gpcorrect_service.protocol.clocks import StreamClock
-from gpcorrect_service.protocol.codec import codec_of
+from gpcorrect_service.protocol.bounds import RateBound, StreamClock
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.protocol.limits import check_inside, checked_joints, checked_rows, checked_stamp
-from gpcorrect_service.protocol.messages import JointState
+from gpcorrect_service.protocol.messages import JointState, codec_of
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.models import Active, JointModel
 from gpcorrect_service.server.queues import WorkerQueue
