@@ -9,10 +9,8 @@ from scipy.stats import norm
 
 from gpcorrect.calibration import Corrector, Measured, PartErrors, part_errors
 from gpcorrect.calibration.dataset import evenly_spread
-from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
-from gpcorrect.report.page import Section, TableData
-from gpcorrect.report.paths import METHOD_ROLES, METHOD_WORDS, Shown
-from gpcorrect.report.trajectories import LEAVES, leaves
+from gpcorrect.report.page import Chart, Mark, Panel, Role, Section, Series, TableData
+from gpcorrect.report.paths import LEAVES, METHOD_ROLES, METHOD_WORDS, Shown, leaves
 from gpcorrect.rigid.registration import evenly_spaced
 from gpcorrect.types import BoolArray, FloatArray
 

@@ -12,7 +12,7 @@ from gpcorrect.discrepancy.outcome.result import ChannelGap, Evidence
 from gpcorrect.discrepancy.outcome.words import channel_words, in_reader_units
 from gpcorrect.discrepancy.recording.scene import Channel
 from gpcorrect.discrepancy.search.state import Step
-from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
+from gpcorrect.report.page import Chart, Mark, Panel, Role, Series
 from gpcorrect.rigid.registration import evenly_spaced
 from gpcorrect.sim.body import Body
 from gpcorrect.types import FloatArray

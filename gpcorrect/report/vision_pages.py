@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series, runs
-from gpcorrect.report.page import Page, Section, TableData, write_page
+from gpcorrect.report.page import Chart, Mark, Page, Panel, Role, Section, Series, TableData, runs, write_page
 from gpcorrect.types import FloatArray, IntArray
 
 if TYPE_CHECKING:  # OpenCV is an extra of its own: reports of other things must not ask for it

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpcorrect.errors import LogError
-from gpcorrect.vision.acquire import Hypothesis, acquire, hypotheses
+from gpcorrect.vision.agreement import Hypothesis, acquire, hypotheses
 from gpcorrect.vision.camera import Camera
 from gpcorrect.vision.opencv import Image, cv2
 from gpcorrect.vision.rim import Outline

@@ -17,18 +17,24 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.errors import DataError, DegenerateError
 from gpcorrect.types import FloatArray, IntArray
-from gpcorrect.vision.acquire import LoneBall, acquire, hypotheses
+from gpcorrect.vision.agreement import LoneBall, View, acquire, agree, hypotheses, limit_px
 from gpcorrect.vision.camera import Camera
 from gpcorrect.vision.clocks import Clocks
 from gpcorrect.vision.filtering import Filtered, PoseFilter, Status
 from gpcorrect.vision.opencv import Image
-from gpcorrect.vision.pose import FIXED_TURN, Motion, Observations, PoseFit, pose_closed_form, pose_from_observations
+from gpcorrect.vision.pose import (
+    FIXED_TURN,
+    Located,
+    Motion,
+    Observations,
+    PoseFit,
+    pose_closed_form,
+    pose_from_observations,
+)
 from gpcorrect.vision.rim import Outline
 from gpcorrect.vision.search import Found, Reason, detect_everywhere, detect_near
 from gpcorrect.vision.settings import DEFAULT, VisionSettings
-from gpcorrect.vision.space import Located
 from gpcorrect.vision.target import Target
-from gpcorrect.vision.trust import View, agree, limit_px
 
 HELD = 1e-12  # (m/s)^2 and (rad/s)^2: variance of a velocity that is not solved for
 

@@ -10,10 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
-from gpcorrect.report.page import Section, TableData
-from gpcorrect.report.paths import Shown
-from gpcorrect.report.trajectories import trajectories_section
+from gpcorrect.report.page import Chart, Mark, Panel, Role, Section, Series, TableData
+from gpcorrect.report.paths import Shown, trajectories_section
 from gpcorrect.types import FloatArray
 from gpcorrect_studies.claims_page import paired, write_study_page
 from gpcorrect_studies.mahler2014.regressions import TrainingSize

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
-from gpcorrect.report.page import Section, TableData
+from gpcorrect.report.page import Chart, Mark, Panel, Role, Section, Series, TableData
 from gpcorrect_studies.claims_page import paired, setup_section, write_study_page
 from gpcorrect_studies.peng2024.study import CLAIMS, PENG_COMPARABLE, PENG_NOT_COMPARABLE, Peng2024
 

@@ -9,8 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gpcorrect.types import FloatArray
-from gpcorrect_studies.rendering.lens import Lens, looking_at
-from gpcorrect_studies.rendering.picture import Ball, Card, Light, Studio, backdrop
+from gpcorrect_studies.rendering.picture import Ball, Card, Lens, Light, Studio, backdrop, looking_at
 
 WORKSPACE = np.array([0.0, 0.0, 0.2])  # m, world frame
 ARM = 0.038  # m from the holder's centre to each ball's (the fixture of Peng et al. 2020)
