@@ -299,8 +299,7 @@ def _chosen(log: CalibrationLog, signals: str | None) -> CalibrationLog:
     wanted = set(split_names(signals))
     unknown = wanted - set(log.signals)
     if unknown:
-        raise DataError(
-            f"the recording holds no {', '.join(sorted(unknown))}.", hint=f"It holds: {', '.join(log.signals)}."
-        )
+        hint = f"It holds: {', '.join(log.signals)}."
+        raise DataError(f"the recording holds no {', '.join(sorted(unknown))}.", hint=hint)
     without: dict[str, Any] = dict.fromkeys(set(log.signals) - wanted)
     return replace(log, extra={}, **without)

@@ -119,10 +119,8 @@ def _effect(text: str) -> Effect:
     try:
         values = tomllib.loads("\n".join(fields))
     except tomllib.TOMLDecodeError as error:
-        raise DataError(
-            f"an effect is a name and fields with numbers, got {text!r}.",
-            hint='For example: --effect "backlash joint=2 radius=0.004"',
-        ) from error
+        hint = 'For example: --effect "backlash joint=2 radius=0.004"'
+        raise DataError(f"an effect is a name and fields with numbers, got {text!r}.", hint=hint) from error
     return effect_from_dict({"name": name} | values)
 
 

@@ -128,10 +128,8 @@ def refine_pose(
     scale = min(settings.outlier * MAD_TO_STD * float(np.median(length)), settings.outlier_width * lens.width)
     used = length <= max(settings.outlier_px, scale)
     if used.sum() < max(fewest, len(points) / 2):
-        raise DegenerateError(
-            f"only {used.sum()} of {len(points)} known points agree with one place of the camera.",
-            hint="Check that each is named right, and that their places are in metres.",
-        )
+        cause = f"only {used.sum()} of {len(points)} known points agree with one place of the camera."
+        raise DegenerateError(cause, hint="Check that each is named right, and that their places are in metres.")
     last = _fit(points[used], pixels[used], lens, best.x, method="lm")
     spread = float(last.fun @ last.fun) / max(len(last.fun) - POSE, 1)
     covariance = _pose_covariance(spread * np.linalg.inv(last.jac.T @ last.jac), last.x)

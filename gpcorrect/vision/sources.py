@@ -111,9 +111,8 @@ def open_source(path: str | Path) -> Source:
     if path.is_dir():
         files = [file for file in path.iterdir() if file.suffix.lower() in IMAGES and not file.name.startswith(".")]
         if not files:
-            raise LogError(
-                "the folder holds no images.", path=str(path), hint=f"Known endings: {', '.join(sorted(IMAGES))}."
-            )
+            hint = f"Known endings: {', '.join(sorted(IMAGES))}."
+            raise LogError("the folder holds no images.", path=str(path), hint=hint)
         if all(STAMP.fullmatch(file.stem) for file in files):
             files.sort(key=lambda file: (float(file.stem), file.name))
             return Source(path, len(files), times=np.array([float(file.stem) for file in files]), files=tuple(files))
@@ -125,11 +124,8 @@ def open_source(path: str | Path) -> Source:
     video = cv2.VideoCapture(str(path))
     count = int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
     if count <= 0:
-        raise LogError(
-            "it cannot be opened as a video: truncated, or of another kind.",
-            path=str(path),
-            hint="Copy it again, or convert it: ffmpeg -i VIDEO frames/%06d.png",
-        )
+        hint = "Copy it again, or convert it: ffmpeg -i VIDEO frames/%06d.png"
+        raise LogError("it cannot be opened as a video: truncated, or of another kind.", path=str(path), hint=hint)
     fps = float(video.get(cv2.CAP_PROP_FPS))
     return Source(path, count, fps if np.isfinite(fps) and fps > 0 else None, _video=video)
 

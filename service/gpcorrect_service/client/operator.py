@@ -66,11 +66,9 @@ class Operator:
         answers = self._ask("admin/activate", messages.ActivateAnswer, messages.ActivateRequest(model, back))
         if len({answer.hash for answer in answers}) > 1:
             found = ", ".join(f"{answer.replica} has {answer.hash[:12]}" for answer in answers)
-            raise ServiceError(
-                "OTHER_MODEL",
-                f"{model} names different models in the servers' stores, and each activated its own: {found}.",
-                hint="Activate one that all stores hold, by its hash: gpcorrect models list",
-            )
+            cause = f"{model} names different models in the servers' stores, and each activated its own: {found}."
+            hint = "Activate one that all stores hold, by its hash: gpcorrect models list"
+            raise ServiceError("OTHER_MODEL", cause, hint=hint)
         return answers
 
     def set_state(self, state: Literal["ENABLED", "PAUSED"]) -> list[messages.StateAnswer]:

@@ -223,10 +223,8 @@ class RequestBuilder:
         begun = time.monotonic()
         payload = b"" if body is None else self._codec.encode(body)
         if len(payload) > MAX_MESSAGE_BYTES:
-            raise bad_input(
-                f"the request has {len(payload)} bytes; a server takes {MAX_MESSAGE_BYTES}.",
-                "Send the path in parts, cut where the robot rests.",
-            )
+            hint = "Send the path in parts, cut where the robot rests."
+            raise bad_input(f"the request has {len(payload)} bytes; a server takes {MAX_MESSAGE_BYTES}.", hint)
         patience = self._settings.timeout_of(kind) / 2
         request_id = f"{self._prefix}-{next(self._numbers)}"
         meta = messages.RequestMeta(request_id=request_id, client_time=time.time(), deadline=deadline or patience)
@@ -241,11 +239,8 @@ class RequestBuilder:
 
 
 def _stale(waited: float, allowed: float) -> ServiceError:
-    return ServiceError(
-        "STALE",
-        f"the reply came {waited:.3f} s after its question; {allowed:.3f} s were allowed.",
-        hint="The planner or the network was held up: ask again.",
-    )
+    cause = f"the reply came {waited:.3f} s after its question; {allowed:.3f} s were allowed."
+    return ServiceError("STALE", cause, hint="The planner or the network was held up: ask again.")
 
 
 def _accepted(reply: zenoh.Reply) -> zenoh.Sample:

@@ -134,10 +134,9 @@ class Bus:
         self._stack.enter_context(live.declare_token(own))
         tokens = [reply.ok for reply in live.get(self.key(f"{role}/*"), timeout=CLAIM_SECONDS)]
         if any(token is not None and str(token.key_expr) != own for token in tokens):
-            raise DataError(
-                f"another {role} is at work for {self.key('')[:-1]}: the robot would hear every command twice.",
-                hint="Stop it first; one that was cut off from the network is forgotten after ten seconds.",
-            )
+            cause = f"another {role} is at work for {self.key('')[:-1]}: the robot would hear every command twice."
+            hint = "Stop it first; one that was cut off from the network is forgotten after ten seconds."
+            raise DataError(cause, hint=hint)
 
     def publish(self, name: str, message: Message) -> None:
         """Send a message; it is dropped where a listener cannot keep up.

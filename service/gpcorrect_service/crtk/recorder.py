@@ -113,11 +113,8 @@ def require_no_journal(recording: Path) -> None:
     """
     path = _journal_of(recording)
     if path.exists():
-        raise LogError(
-            "a recording of this name was broken off, and this is what came until then.",
-            path=str(path),
-            hint=f"Read it: gpcorrect robot recover {path} --output LOG",
-        )
+        cause = "a recording of this name was broken off, and this is what came until then."
+        raise LogError(cause, path=str(path), hint=f"Read it: gpcorrect robot recover {path} --output LOG")
     require_new(recording)
     require_folder(path)
 

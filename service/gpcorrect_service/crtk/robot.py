@@ -309,10 +309,8 @@ class Robot:
                 if now > until or now > self._latest_at + STALLED:
                     where = f"{self.bus.settings.namespace}/{self.bus.settings.arm} on {self.bus.settings.endpoint}"
                     said = f" It said: {self._errors[-1]}" if self._errors else ""
-                    raise RobotError(
-                        f"the robot at {where} does not {what}.{said}",
-                        hint="Is it running, with this arm and namespace?",
-                    )
+                    hint = "Is it running, with this arm and namespace?"
+                    raise RobotError(f"the robot at {where} does not {what}.{said}", hint=hint)
                 self._fresh.wait(POLL if patience is not None else 0.1)
 
     def _note(self, name: str, message: Any) -> None:

@@ -183,11 +183,9 @@ def metrics_over_http(port: int, registry: CollectorRegistry) -> Iterator[None]:
     try:
         server = make_server(HOST, port, _guarded(make_wsgi_app(registry)), _Server, _Handler)
     except OSError as error:
-        raise EndpointError(
-            f"http://{HOST}:{port}{PATH}",
-            f"metrics cannot be served here ({error.strerror}).",
-            hint="Give another --metrics-port: every server process needs its own.",
-        ) from error
+        cause = f"metrics cannot be served here ({error.strerror})."
+        hint = "Give another --metrics-port: every server process needs its own."
+        raise EndpointError(f"http://{HOST}:{port}{PATH}", cause, hint=hint) from error
     thread = threading.Thread(target=server.serve_forever, name="metrics-http", daemon=True)
     thread.start()
     try:

@@ -195,11 +195,8 @@ def route(
         try:
             session = open_zenoh(config)
         except zenoh.ZError as error:
-            raise EndpointError(
-                str(config_file),
-                f"the router cannot listen ({first_sentence(error)}).",
-                hint="Another one may hold this address.",
-            ) from error
+            cause = f"the router cannot listen ({first_sentence(error)})."
+            raise EndpointError(str(config_file), cause, hint="Another one may hold this address.") from error
         with session:
             _leave_silent_connections_to_the_kernel()
             if on_ready is not None:

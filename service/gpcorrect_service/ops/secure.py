@@ -185,9 +185,8 @@ def secure_site(folder: Path, site: Site, now: datetime.datetime) -> None:
         The folder holds a secured site already; it cannot be written.
     """
     if (folder / "ca.pem").exists():
-        raise DataError(
-            f"{folder} holds a certificate authority already.", hint="Name a new folder; then hand out all its files."
-        )
+        hint = "Name a new folder; then hand out all its files."
+        raise DataError(f"{folder} holds a certificate authority already.", hint=hint)
     make_folder(folder)
     authority = _Authority(f"{site.namespace} authority", now, site.days)
     _write_pair(folder, "ca", authority.certificate, authority.key)

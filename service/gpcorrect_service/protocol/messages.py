@@ -243,10 +243,8 @@ class Codec:
         try:
             decoded: S = decode(data)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            raise bad_input(
-                f"{len(data)} bytes are not a {message.__name__} in {self.name}: {error}.",
-                "Compare with the forms in docs/service.md; null stands where JSON was given NaN.",
-            ) from error
+            hint = "Compare with the forms in docs/service.md; null stands where JSON was given NaN."
+            raise bad_input(f"{len(data)} bytes are not a {message.__name__} in {self.name}: {error}.", hint) from error
         return decoded
 
 
@@ -285,7 +283,5 @@ def codec_of(encoding: str, form: Form) -> Codec:
     if encoding in PLAIN:
         return PLAIN[encoding]
     expected = " or ".join(codec.encoding(form) for codec in CODECS.values())
-    raise bad_input(
-        f"encoding {encoding[:100]!r} is not understood here; this server speaks schema {SCHEMA_VERSION}.",
-        f"Send {expected}.",
-    )
+    cause = f"encoding {encoding[:100]!r} is not understood here; this server speaks schema {SCHEMA_VERSION}."
+    raise bad_input(cause, f"Send {expected}.")

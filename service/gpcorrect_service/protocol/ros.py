@@ -102,10 +102,8 @@ def decode_cdr(data: bytes, ros_type: str) -> Any:
     try:
         return store.deserialize_cdr(data, ros_type)
     except (SerdeError, ValueError, IndexError) as error:
-        raise bad_input(
-            f"{len(data)} bytes are not a {ros_type} in CDR ({error}).",
-            "Send the message as ROS 2 serialises it, with its 4-byte header.",
-        ) from error
+        hint = "Send the message as ROS 2 serialises it, with its 4-byte header."
+        raise bad_input(f"{len(data)} bytes are not a {ros_type} in CDR ({error}).", hint) from error
 
 
 def ros_pose(pose: tuple[float, ...], sec: int, nanosec: int, frame_id: str) -> Any:

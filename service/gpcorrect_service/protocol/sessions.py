@@ -64,11 +64,9 @@ def is_forked() -> bool:
 def require_own_process() -> None:
     """Refuse, as NO_SERVICE, to speak zenoh in a process that was forked from one that had opened a session."""
     if _PROCESS.forked:
-        raise ServiceError(
-            "NO_SERVICE",
-            "this process was forked from one that had a connection already; zenoh does not work in it.",
-            hint='Start processes with multiprocessing.get_context("spawn"), and open clients in them.',
-        )
+        cause = "this process was forked from one that had a connection already; zenoh does not work in it."
+        hint = 'Start processes with multiprocessing.get_context("spawn"), and open clients in them.'
+        raise ServiceError("NO_SERVICE", cause, hint=hint)
 
 
 def open_zenoh(config: zenoh.Config) -> zenoh.Session:
@@ -140,10 +138,9 @@ def check_certificates(config: zenoh.Config, now: datetime.datetime) -> datetime
             continue
         begin, end = certificate.not_valid_before_utc, certificate.not_valid_after_utc
         if now > end:
-            raise ExpiredError(
-                f"certificate {path} expired on {end:%Y-%m-%d %H:%M} UTC; it is {now:%Y-%m-%d %H:%M} UTC here.",
-                hint="Secure the site anew (gpcorrect secure init NEWFOLDER) and hand out its files.",
-            )
+            cause = f"certificate {path} expired on {end:%Y-%m-%d %H:%M} UTC; it is {now:%Y-%m-%d %H:%M} UTC here."
+            hint = "Secure the site anew (gpcorrect secure init NEWFOLDER) and hand out its files."
+            raise ExpiredError(cause, hint=hint)
         if now < begin:
             raise ExpiredError(
                 f"certificate {path} is valid from {begin:%Y-%m-%d %H:%M} UTC on; it is {now:%Y-%m-%d %H:%M} UTC here.",
@@ -190,11 +187,9 @@ def open_server(settings: ServerSettings) -> zenoh.Session:
     try:
         return open_zenoh(config)
     except zenoh.ZError as error:
-        raise EndpointError(
-            ", ".join(listen_endpoints(config)) or settings.endpoint,
-            f"cannot listen here ({first_sentence(error)}).",
-            hint="Another server may hold this address: stop it, or choose another endpoint.",
-        ) from error
+        cause = ", ".join(listen_endpoints(config)) or settings.endpoint
+        hint = "Another server may hold this address: stop it, or choose another endpoint."
+        raise EndpointError(cause, f"cannot listen here ({first_sentence(error)}).", hint=hint) from error
 
 
 def server_config(settings: ServerSettings) -> zenoh.Config:
@@ -228,11 +223,8 @@ def open_client(settings: ClientSettings) -> zenoh.Session:
     try:
         return open_zenoh(config)
     except zenoh.ZError as error:
-        raise ServiceError(
-            "NO_SERVICE",
-            f"zenoh cannot connect ({first_sentence(error)}).",
-            hint="Start the router or server that the configuration names.",
-        ) from error
+        hint = "Start the router or server that the configuration names."
+        raise ServiceError("NO_SERVICE", f"zenoh cannot connect ({first_sentence(error)}).", hint=hint) from error
 
 
 def client_config(settings: ClientSettings) -> zenoh.Config:
@@ -275,10 +267,8 @@ def read_config(path: Path) -> zenoh.Config:
     try:
         return zenoh.Config.from_file(path)
     except zenoh.ZError as error:
-        raise DataError(
-            f"zenoh configuration {path} cannot be read ({first_sentence(error)}).",
-            hint="Start from those in service/deploy.",
-        ) from error
+        hint = "Start from those in service/deploy."
+        raise DataError(f"zenoh configuration {path} cannot be read ({first_sentence(error)}).", hint=hint) from error
 
 
 def namespace_of(config: zenoh.Config, given: str) -> str:
@@ -298,9 +288,8 @@ def namespace_of(config: zenoh.Config, given: str) -> str:
     if named is None:
         return given
     if given not in (named, DEFAULT_NAMESPACE):
-        raise DataError(
-            f"the configuration is of namespace {named!r}, not of {given!r}.", hint="Give the one or the other."
-        )
+        hint = "Give the one or the other."
+        raise DataError(f"the configuration is of namespace {named!r}, not of {given!r}.", hint=hint)
     return str(named)
 
 

@@ -168,29 +168,24 @@ def check_loopback(endpoint: str, *, allow_remote: bool) -> None:
     except ValueError:
         loopback = False
     if not loopback:
-        raise EndpointError(
-            endpoint,
-            "this address can be reached from other machines, and nothing would ask them who they are.",
-            hint="Listen on 127.0.0.1, or allow remote access on purpose, behind access control.",
-        )
+        cause = "this address can be reached from other machines, and nothing would ask them who they are."
+        hint = "Listen on 127.0.0.1, or allow remote access on purpose, behind access control."
+        raise EndpointError(endpoint, cause, hint=hint)
 
 
 def _parse_endpoint(endpoint: str) -> dict[str, str]:
     match = ENDPOINT.fullmatch(endpoint)
     if match is None or not int(match["port"]) < 65536:
-        raise EndpointError(
-            endpoint, "this is not an address.", hint="Write protocol/host:port, as tcp/127.0.0.1:7449."
-        )
+        hint = "Write protocol/host:port, as tcp/127.0.0.1:7449."
+        raise EndpointError(endpoint, "this is not an address.", hint=hint)
     return match.groupdict()
 
 
 def _check_names(arm: str, namespace: str) -> None:
     for what, text in (("arm", arm), *(("namespace", chunk) for chunk in namespace.split("/"))):
         if not CHUNK.fullmatch(text):
-            raise DataError(
-                f"{what} name {text!r} cannot be part of a key.",
-                hint="Use letters, digits, underscore, dot and hyphen.",
-            )
+            hint = "Use letters, digits, underscore, dot and hyphen."
+            raise DataError(f"{what} name {text!r} cannot be part of a key.", hint=hint)
 
 
 def _at_least(name: str, value: float, least: float) -> None:

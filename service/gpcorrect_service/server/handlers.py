@@ -110,9 +110,8 @@ class Corrections:
         model = self._active.joint_model()
         n, types = len(asked.q), model.corrector.types
         if not 0 < n <= limits.LIMITS.rows:
-            raise bad_input(
-                f"a path has 1 to {limits.LIMITS.rows} rows, got {n}.", "Cut longer paths where the robot rests."
-            )
+            hint = "Cut longer paths where the robot rests."
+            raise bad_input(f"a path has 1 to {limits.LIMITS.rows} rows, got {n}.", hint)
         for what, given in (("times", asked.times), ("efforts", asked.efforts), ("sessions", asked.sessions)):
             if given is not None and len(given) != n:
                 raise bad_input(f"{n} rows of joints came with {len(given)} {what}.", f"Send one of {what} a row.")

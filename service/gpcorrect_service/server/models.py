@@ -171,16 +171,12 @@ def check_arm(arm: str, *models: Model | JointModel | None) -> None:
     for model, name in learned:
         first, first_name = learned[0]
         if name != first_name:
-            raise ArtifactError(
-                f"model {first} was learned on {first_name}, model {model} on {name}: one server serves one arm.",
-                hint="Serve each arm by itself: gpcorrect serve --arm NAME",
-            )
+            cause = f"model {first} was learned on {first_name}, model {model} on {name}: one server serves one arm."
+            raise ArtifactError(cause, hint="Serve each arm by itself: gpcorrect serve --arm NAME")
         one, other = ONE_OF_SEVERAL.fullmatch(name), ONE_OF_SEVERAL.fullmatch(arm)
         if one and other and one[1] == other[1] and name != arm:
-            raise ArtifactError(
-                f"model {model} was learned on {name}, and the arm here is {arm}.",
-                hint=f"Name a model of {arm}, or the arm: --arm {name}",
-            )
+            hint = f"Name a model of {arm}, or the arm: --arm {name}"
+            raise ArtifactError(f"model {model} was learned on {name}, and the arm here is {arm}.", hint=hint)
 
 
 @dataclass(frozen=True)
@@ -275,17 +271,12 @@ class Active:
             return
         state = self.state
         if state == "PAUSED":
-            raise ServiceError(
-                "BUSY",
-                "this server is PAUSED by its operator.",
-                hint="Ask a replica, or: gpcorrect models state ENABLED",
-            )
+            hint = "Ask a replica, or: gpcorrect models state ENABLED"
+            raise ServiceError("BUSY", "this server is PAUSED by its operator.", hint=hint)
         if state == "FAULT":
-            raise ServiceError(
-                "INTERNAL",
-                f"this server is in FAULT: its model failed {FAULTS_IN_A_ROW} times in a row.",
-                hint="Activate another model, or look into the server's log and then: gpcorrect models state ENABLED",
-            )
+            cause = f"this server is in FAULT: its model failed {FAULTS_IN_A_ROW} times in a row."
+            hint = "Activate another model, or look into the server's log and then: gpcorrect models state ENABLED"
+            raise ServiceError("INTERNAL", cause, hint=hint)
 
 
 def _no_model(what: str, start: str) -> ServiceError:

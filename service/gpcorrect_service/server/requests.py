@@ -114,11 +114,8 @@ class RequestParser:
             meta = _read_meta(codec, request.attachment)
             age = started - request.arrived
             if meta.deadline is not None and age > meta.deadline:
-                raise ServiceError(
-                    "STALE",
-                    f"the request waited {age:.3f} s; its answer was wanted within {meta.deadline:.3f} s.",
-                    hint="Ask less often, allow more time, or add a replica.",
-                )
+                what = f"the request waited {age:.3f} s; its answer was wanted within {meta.deadline:.3f} s."
+                raise ServiceError("STALE", what, hint="Ask less often, allow more time, or add a replica.")
             response = work(Parsed(request, codec, meta, started))
         except ServiceError as error:
             if error.status == "INTERNAL":

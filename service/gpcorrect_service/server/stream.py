@@ -102,10 +102,8 @@ class Estimator:
             if self._bound is not None:
                 self._bound.reset()
         elif last is not None and state.stamp <= last.stamp:
-            raise bad_input(
-                f"a sample stamped {state.stamp:.6f} came after one stamped {last.stamp:.6f}.",
-                "Send every sample once, in order.",
-            )
+            hint = "Send every sample once, in order."
+            raise bad_input(f"a sample stamped {state.stamp:.6f} came after one stamped {last.stamp:.6f}.", hint)
         return self._stream
 
     def _refuse(self, error: ServiceError | DataError, arrived: float) -> None:
@@ -122,11 +120,9 @@ def _check_estimates(model: JointModel) -> None:
     direction, signal = info.get("direction", "estimate"), info.get("input", "measured_jp")
     if direction != "estimate" or signal != "measured_jp":
         what = "says what to command" if direction != "estimate" else f"was learned from {signal}"
-        raise ServiceError(
-            "NO_MODEL",
-            f"joint model {model.id} {what}, and measured_js holds what the robot reports.",
-            hint="Estimates need a model of reported joints: gpcorrect joint fit --input measured_jp",
-        )
+        cause = f"joint model {model.id} {what}, and measured_js holds what the robot reports."
+        hint = "Estimates need a model of reported joints: gpcorrect joint fit --input measured_jp"
+        raise ServiceError("NO_MODEL", cause, hint=hint)
 
 
 def stream_queue(

@@ -114,9 +114,7 @@ class SimulatedRobot:
         begins = np.abs(found.q[0] - self._q).max(axis=-1)
         usable = np.flatnonzero(found.within_limits.all(axis=0) & (steps < CONTINUOUS) & (begins < CONTINUOUS))
         if not len(usable):
-            raise DataError(
-                f"{self.station.name} cannot follow this path within its joint limits.",
-                hint="Choose fragments nearer to the middle of the workspace.",
-            )
+            hint = "Choose fragments nearer to the middle of the workspace."
+            raise DataError(f"{self.station.name} cannot follow this path within its joint limits.", hint=hint)
         q: FloatArray = found.q[:, usable[np.argmin(begins[usable])]]
         return q

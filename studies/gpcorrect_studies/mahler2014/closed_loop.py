@@ -93,9 +93,8 @@ def places_to_visit(experiment: Experiment, count: int, rng: np.random.Generator
     assert log.tracker_cp.quaternion is not None
     ends = passed[np.flatnonzero(np.diff(log.trajectory[passed], append=-1) != 0)]
     if len(ends) <= count:
-        raise LogError(
-            f"{count} places need {count + 1} held-out reaches, there are {len(ends)}.", hint="Simulate more reaches."
-        )
+        hint = "Simulate more reaches."
+        raise LogError(f"{count} places need {count + 1} held-out reaches, there are {len(ends)}.", hint=hint)
     rows = rng.permutation(ends)[: count + 1]
     return se3.from_parts(log.tracker_cp.position[rows], log.tracker_cp.quaternion[rows])
 

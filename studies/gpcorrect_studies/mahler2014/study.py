@@ -84,10 +84,8 @@ class Scope:
 
     def __post_init__(self) -> None:
         if self.reaches < FEWEST_REACHES:
-            raise DataError(
-                f"at least {FEWEST_REACHES} reaches are needed, got {self.reaches}.",
-                hint="A fifth is held out, and the places to visit are taken from it.",
-            )
+            hint = "A fifth is held out, and the places to visit are taken from it."
+            raise DataError(f"at least {FEWEST_REACHES} reaches are needed, got {self.reaches}.", hint=hint)
 
     @classmethod
     def short(cls) -> Scope:
