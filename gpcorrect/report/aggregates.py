@@ -42,12 +42,8 @@ def errors_section(shown: Shown, dirty: Measured) -> Section:
 
 def _table(errors: Sequence[PartErrors], note: str) -> TableData:
     parts = list(dict.fromkeys(row.part for row in errors))
-    rows = [
-        [f"{row.part}, {METHOD_WORDS[row.method]}", *leaves(row), row.unit]
-        for part in parts
-        for row in errors
-        if row.part == part
-    ]
+    together = sorted(errors, key=lambda row: parts.index(row.part))
+    rows = [[f"{row.part}, {METHOD_WORDS[row.method]}", *leaves(row), row.unit] for row in together]
     return TableData(["", *LEAVES, "unit"], rows, note)
 
 

@@ -36,17 +36,12 @@ COMPARED = (Role.RAW, Role.CORRECTED)  # of two models
 
 
 def write_fit_report(experiment: Experiment, path: Path) -> None:
-    """Write the self-contained page of an experiment.
+    """Write the self-contained page of an experiment; raises as :func:`write_page`.
 
     Parameters
     ----------
     experiment : Experiment
     path : Path, HTML file
-
-    Raises
-    ------
-    GpCorrectError
-        The folder cannot be written.
     """
     fit, evaluation, test = experiment.fit, experiment.evaluation, experiment.test
     sections: list[Section] = []
@@ -78,7 +73,7 @@ def write_fit_report(experiment: Experiment, path: Path) -> None:
 def write_evaluation_report(
     evaluation: Evaluation, log: CalibrationLog, path: Path, notes: Sequence[str] = (), name: str = "model"
 ) -> None:
-    """Write the self-contained page of a model measured on recordings.
+    """Write the self-contained page of a model measured on recordings; raises as :func:`write_page`.
 
     Parameters
     ----------
@@ -87,11 +82,6 @@ def write_evaluation_report(
     path : Path, HTML file
     notes : sequence of str, what the command noticed
     name : str, of the model
-
-    Raises
-    ------
-    GpCorrectError
-        The folder cannot be written.
     """
     corrector, clean = evaluation.corrector, evaluation.clean
     facts = [
@@ -122,9 +112,8 @@ def _measured(evaluation: Evaluation, log: CalibrationLog, training: Any) -> lis
         charts = [aggregates.map_chart(shown, position)]
         if training is not None:
             train, cleaning = training
-            charts.append(
-                aggregates.coverage_chart(train.tracker_cp.position[cleaning.keep], position, measured.in_domain)
-            )
+            known = train.tracker_cp.position[cleaning.keep]
+            charts.append(aggregates.coverage_chart(known, position, measured.in_domain))
         sections.insert(2, Section("Where in the workspace", (), (), charts))
     return sections
 
@@ -148,13 +137,11 @@ def _verdict(evaluation: Evaluation) -> str:
 
 def _model_sources(name: str, corrector: Any) -> list[tuple[str, str]]:
     """Return what a model remembers of its making, for the foot of a page."""
-    return [
-        (
-            f"{name}, {step.what}",
-            f"{step.date}, {step.source}, SHA-256 {step.sha256 or 'none: not a file'}: {step.command}",
-        )
-        for step in corrector.history
-    ]
+    sources = []
+    for s in corrector.history:
+        made = f"{s.date}, {s.source}, SHA-256 {s.sha256 or 'none: not a file'}: {s.command}"
+        sources.append((f"{name}, {s.what}", made))
+    return sources
 
 
 def _recording_sources(log: CalibrationLog) -> list[tuple[str, str]]:
@@ -163,7 +150,7 @@ def _recording_sources(log: CalibrationLog) -> list[tuple[str, str]]:
 
 
 def write_compare_report(both: SideBySide, names: tuple[str, str], notes: Sequence[str], path: Path) -> None:
-    """Write the self-contained page of two models on one recording.
+    """Write the self-contained page of two models on one recording; raises as :func:`write_page`.
 
     Parameters
     ----------
@@ -171,13 +158,8 @@ def write_compare_report(both: SideBySide, names: tuple[str, str], notes: Sequen
     names : (str, str), of the models
     notes : sequence of str, what the command noticed
     path : Path, HTML file
-
-    Raises
-    ------
-    GpCorrectError
-        The folder cannot be written.
     """
-    one, other = both.evaluations
+    one = both.evaluations[0]
     reasons = [np.asarray(e.cleaning.reason) for e in both.evaluations]
     cleaning = replace(one.cleaning, reason=np.where(reasons[0] != "", reasons[0], reasons[1]))
     shown = Shown(one.corrector, both.measured[0], cleaning, both.log)
@@ -189,16 +171,10 @@ def write_compare_report(both: SideBySide, names: tuple[str, str], notes: Sequen
         *(("note", note) for note in notes),
         *((f"caution, {name}", c) for name, e in zip(names, both.evaluations, strict=True) for c in e.cautions),
     ]
-    sections = [
-        _overall(both, names),
-        _both_trajectories(both, names, shown),
-        dropped_section("Rejected", both.log, cleaning),
-    ]
-    sources = [
-        *_model_sources(names[0], one.corrector),
-        *_model_sources(names[1], other.corrector),
-        *_recording_sources(both.log),
-    ]
+    dropped = dropped_section("Rejected", both.log, cleaning)
+    sections = [_overall(both, names), _both_trajectories(both, names, shown), dropped]
+    made = [source for n, e in zip(names, both.evaluations, strict=True) for source in _model_sources(n, e.corrector)]
+    sources = [*made, *_recording_sources(both.log)]
     chosen = "" if both.log.static else str(typical_trajectory(both.measured[1]))
     write_page(Page("gpcorrect compare", f"Mean error, {words[0]}.", facts, sections, sources, chosen), path)
 
@@ -243,7 +219,7 @@ def _both_trajectories(both: SideBySide, names: tuple[str, str], shown: Shown) -
 def write_drift_report(
     baseline: FloatArray, found: Detection, ageing: Ageing, names: Sequence[str], words: Sequence[str], path: Path
 ) -> None:
-    """Write the self-contained page.
+    """Write the self-contained page of a model that ages; raises as :func:`write_page`.
 
     Parameters
     ----------
@@ -253,11 +229,6 @@ def write_drift_report(
     names : sequence of str, of each trajectory's recording
     words : sequence of str, what was found, the verdict first
     path : Path, HTML file
-
-    Raises
-    ------
-    GpCorrectError
-        The folder cannot be written.
     """
     number = np.arange(1, len(found.scores) + 1)
     ends = np.array([0.5, len(number) + 0.5])
@@ -336,11 +307,8 @@ def dropped_section(title: str, log: CalibrationLog, report: CleaningReport) -> 
     words = [f"{int(report.keep.sum())} of {len(log)} samples passed cleaning."]
     if not reasons:
         return Section(title, words)
-    table = TableData(
-        ["reason", "samples", "what it means"],
-        [[reason, str(report.counts[reason]), Reason(reason).sentence] for reason in reasons],
-        text=(2,),
-    )
+    rows = [[reason, str(report.counts[reason]), Reason(reason).sentence] for reason in reasons]
+    table = TableData(["reason", "samples", "what it means"], rows, text=(2,))
     marks = Panel("sample", "", [_rejected(report, reasons)], rows=reasons, x_range=(0, len(log)))
     caption = "Rejected samples by reason, in the order of the recording."
     return Section(title, words, (table,), (Chart(caption, [*_path(log), marks], shared=True),))

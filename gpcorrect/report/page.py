@@ -20,7 +20,7 @@ from gpcorrect.atomic import write_file
 from gpcorrect.calibration import command_line, now, versions
 from gpcorrect.errors import MissingExtraError
 from gpcorrect.plain import json_ready
-from gpcorrect.types import IntArray
+from gpcorrect.types import FloatArray, IntArray
 
 try:
     from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -136,6 +136,18 @@ def runs(labels: np.ndarray) -> list[IntArray]:
     return np.split(np.arange(len(labels)), np.flatnonzero(labels[1:] != labels[:-1]) + 1)
 
 
+def stretches(time: FloatArray, labels: np.ndarray) -> list[tuple[float, float, str]]:
+    """Return from when to when samples have one label, s, and the label; of those without one nothing.
+
+    Parameters
+    ----------
+    time, labels : (n,) arrays, s; text
+    """
+    half = float(np.median(np.diff(time))) / 2 if len(time) > 1 else 0.5
+    found = [(run[0], run[-1]) for run in runs(labels) if labels[run[0]]]
+    return [(float(time[a] - half), float(time[b] + half), str(labels[a])) for a, b in found]
+
+
 class _Columns:
     """Lists of numbers, one for each array that was given."""
 
@@ -218,7 +230,12 @@ def write_page(page: Page, path: Path) -> None:
     Parameters
     ----------
     page : Page
-    path : Path
+    path : Path, HTML file
+
+    Raises
+    ------
+    GpCorrectError
+        The folder cannot be written.
     """
     charts = [figure for section in page.sections for figure in section.figures]
     data = json.dumps({**json_ready(charts_data(charts)), "chosen": page.chosen, "chooses": page.chooses})

@@ -12,7 +12,7 @@ from gpcorrect.calibration import COMPONENTS, CommandCorrector, Corrector, Joint
 from gpcorrect.calibration.joint_view import directed
 from gpcorrect.calibration.task import Part
 from gpcorrect.cleaning import CleaningReport, Reason
-from gpcorrect.report.page import Chart, Mark, Panel, Role, Section, Series, TableData, runs
+from gpcorrect.report.page import Chart, Mark, Panel, Role, Section, Series, TableData, runs, stretches
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 
 METHOD_ROLES = (Role.RAW, Role.RIGID, Role.CORRECTED)  # of the methods: before, after the simplest remedy, corrected
@@ -173,7 +173,9 @@ def _chosen(shown: Shown, key: str, index: IntArray) -> _Chosen:
     here = np.arange(len(log)) if key == "" else np.flatnonzero(log.trajectory == int(key))
     time = log.time[here] - log.time[here[0]]
     measured = _taken(shown.measured.time - log.time[here[0]], index)
-    return _Chosen(index, measured, _rejected(shown.cleaning, here, time))
+    reason = np.asarray(shown.cleaning.reason)[here]
+    spans = [(a, b, f"rejected: {Reason(why).sentence}") for a, b, why in stretches(time, reason)]
+    return _Chosen(index, measured, spans)
 
 
 def _panels(
@@ -211,14 +213,6 @@ def _errors(axes: Sequence[Part], along: str, chosen: _Chosen, lines: Sequence[L
             series.append(Series(line.name, line.mark, line.role, chosen.time, error))
         panels.append(Panel(along, f"{name} error [{unit}]", series, spans=chosen.spans, height=160))
     return panels
-
-
-def _rejected(cleaning: CleaningReport, here: IntArray, time: FloatArray) -> list[tuple[float, float, str]]:
-    """Return from when to when samples `here` (n,) were rejected, s, and why."""
-    reason = np.asarray(cleaning.reason)[here]
-    half = float(np.median(np.diff(time))) / 2 if len(time) > 1 else 0.0
-    found = [(run[0], run[-1], str(reason[run[0]])) for run in runs(reason) if reason[run[0]]]
-    return [(float(time[a] - half), float(time[b] + half), f"rejected: {Reason(why).sentence}") for a, b, why in found]
 
 
 def _thinned(rows: IntArray, index: IntArray, step: int) -> IntArray:

@@ -23,7 +23,7 @@ def write_study_page(
     sections: Sequence[Section],
     path: Path,
 ) -> None:
-    """Write the self-contained page of a study: how its claims came out, each claim, then its own sections.
+    """Write the self-contained page of a study, its claims first, then its own sections; raises as :func:`write_page`.
 
     Parameters
     ----------
@@ -32,11 +32,6 @@ def write_study_page(
     verdict : str, its own first sentences; of a run of less than the whole study, the page says so before anything else
     facts, sections : sequences, what else the page shows
     path : Path
-
-    Raises
-    ------
-    GpCorrectError
-        The folder cannot be written.
     """
     comparison = result.compared()
     words = f"Of {len(comparison.rows)} claims of the paper: {counted(comparison.counts())}. {verdict}"
