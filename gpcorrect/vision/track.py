@@ -223,11 +223,7 @@ def track(
 
 
 def _clocks(
-    sources: Sequence[Source],
-    times: FloatArray,
-    cameras: Sequence[Camera],
-    target: Target,
-    settings: TrackSettings,
+    sources: Sequence[Source], times: FloatArray, cameras: Sequence[Camera], target: Target, settings: TrackSettings
 ) -> Clocks | None:
     """Learn delays from the beginning of the recordings, so that the first frames have them too."""
     look = settings.vision.clocks.look

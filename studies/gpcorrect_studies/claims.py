@@ -194,12 +194,7 @@ class Comparison:
             }
             for row in self.rows
         ]
-        return {
-            "tolerance": TOLERANCE,
-            "caveat": self.caveat,
-            "counts": dict(self.counts()),
-            "claims": claims,
-        }
+        return {"tolerance": TOLERANCE, "caveat": self.caveat, "counts": dict(self.counts()), "claims": claims}
 
 
 @dataclass(frozen=True)
@@ -246,13 +241,12 @@ class ClaimTable:
             printed = self.printed_number(claim)
             ours = None if claim.missing else claim.number(figures)
             row = Compared(claim, printed, ours, claim.verdict(printed, ours))
-            rows.append(replace(row, ablated=self._ablated(row, done)) if row.failed else row)
+            if row.failed:
+                numbers = {name: claim.number(done.get(name, {})) for name in claim.tried}
+                ablated = [self._outcome(name, row, found) for name, found in numbers.items() if found is not None]
+                row = replace(row, ablated=ablated)
+            rows.append(row)
         return Comparison(rows, self.caveat)
-
-    def _ablated(self, row: Compared, done: Mapping[str, Any]) -> list[Ablated]:
-        """Return what the ablations that were done make of a claim."""
-        numbers = {name: row.claim.number(done.get(name, {})) for name in row.claim.tried}
-        return [self._outcome(name, row, found) for name, found in numbers.items() if found is not None]
 
     def _outcome(self, name: str, row: Compared, ours: float) -> Ablated:
         """Say whether the claim came back, or at least its order: by a fifth of what the paper's is away from none."""

@@ -88,16 +88,13 @@ class ArmServer:
             self._publish(tick)
             tick += 1
             due += period / self._settings.time_scale
-            due = self._await(due, stop)
-
-    def _await(self, due: float, stop: threading.Event) -> float:
-        """Wait until a tick is due; a tick far too late gives up the time it lost."""
-        ahead = due - time.monotonic()
-        if ahead > 0:
-            stop.wait(ahead)
-            return due
-        self._late += 1
-        return due if ahead > -BEHIND else time.monotonic()
+            ahead = due - time.monotonic()
+            if ahead > 0:
+                stop.wait(ahead)
+                continue
+            self._late += 1
+            if ahead <= -BEHIND:  # far too late: the time that was lost is given up
+                due = time.monotonic()
 
     def _obey_topic(self, name: str, read: Callable[..., object], act: Callable[..., None]) -> None:
         def _refused(error: GpCorrectError) -> None:

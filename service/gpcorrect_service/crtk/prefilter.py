@@ -151,7 +151,13 @@ class Prefilter:
         return answer
 
     def _checked(self, message: Pose) -> tuple[FloatArray, FloatArray | None]:
-        self._check_ready()
+        state = self._state
+        if state is None or self._clock.age(state.stamp, self._monotonic()) > self._settings.state_age:
+            hint = "Is the robot running and connected?"
+            raise ServiceError("STALE", "the robot's operating state is not known.", hint=hint)
+        if not _ready(state):
+            homed = "homed" if state.is_homed else "not homed"
+            raise ServiceError("STALE", f"the robot is {state.state} and {homed}.", hint="Enable and home it first.")
         self._check_age(limits.checked_stamp(message.stamp))
         # What is older than a command may be was refused above: stamps that lie further back are of a set clock.
         if 0 <= self._newest - message.stamp <= 2 * self._settings.command_age * self._settings.time_scale:
@@ -177,15 +183,6 @@ class Prefilter:
                 f"{most:g} s are allowed.",
                 hint="Stamp poses with the robot's clock. Where that was set or held up: disable and enable the robot.",
             )
-
-    def _check_ready(self) -> None:
-        state = self._state
-        if state is None or self._clock.age(state.stamp, self._monotonic()) > self._settings.state_age:
-            hint = "Is the robot running and connected?"
-            raise ServiceError("STALE", "the robot's operating state is not known.", hint=hint)
-        if not _ready(state):
-            homed = "homed" if state.is_homed else "not homed"
-            raise ServiceError("STALE", f"the robot is {state.state} and {homed}.", hint="Enable and home it first.")
 
     def _bounded(self, last: _Step, stamp: float, pose: FloatArray, answer: Correction) -> Correction:
         """Let the command change no faster than the desired pose does, and the correction's own speed on top."""

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gpcorrect import se3
-from gpcorrect.calibration import Experiment, FitSettings, Measured, run_experiment, spread
+from gpcorrect.calibration import Experiment, FitSettings, run_experiment, spread
 from gpcorrect.errors import LogError
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, Progress
 from gpcorrect_studies.parts import Parts
@@ -142,15 +142,13 @@ def fitted_columns(log: CalibrationLog, settings: FitSettings) -> dict[str, Any]
 
 
 def _columns(experiment: Experiment) -> dict[str, Any]:
-    errors = {which: {kind: _errors(experiment, which, kind) for kind in KINDS} for which in SETS}
-    return {**errors, "seconds": experiment.seconds}
-
-
-def _errors(experiment: Experiment, which: str, kind: str) -> Errors:
-    if experiment.evaluation is None or experiment.test is None:
+    evaluation, test = experiment.evaluation, experiment.test
+    if evaluation is None or test is None:
         raise LogError("nothing was held out to measure on.")
-    measured: Measured = getattr(experiment.evaluation, which)
-    return component_errors(measured.of(kind), experiment.test, measured.rows)
+    columns: dict[str, Any] = {"seconds": experiment.seconds}
+    for which, measured in zip(SETS, (evaluation.clean, evaluation.dirty), strict=True):
+        columns[which] = {kind: component_errors(measured.of(kind), test, measured.rows) for kind in KINDS}
+    return columns
 
 
 def component_errors(residual: FloatArray, test: CalibrationLog, rows: IntArray) -> Errors:

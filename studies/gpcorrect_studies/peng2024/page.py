@@ -134,7 +134,7 @@ def _fig6(result: Peng2024) -> Section:
     )
     words = [
         "How fast joint 1 drifts was chosen, with and without the load. No model was trained under load: what it does "
-        "at once is seen at 0 h.",
+        "at once is seen at 0 h."
     ]
     return Section("Fig. 6: six hours idle, unloaded and loaded", words, (table,), (chart,))
 
@@ -148,7 +148,7 @@ def _fig8(result: Peng2024) -> Section:
     ]
     words = [
         f"The paper had 16 and 138; here {part['few']} (positions and efforts of the three moving joints) and "
-        f"{part['whole']} (all that the simulation fills of the state message).",
+        f"{part['whole']} (all that the simulation fills of the state message)."
     ]
     return Section("Fig. 8: few features against the whole state", words, (TableData(["", *JOINTS], rows, RMSE),))
 
@@ -217,7 +217,7 @@ def _table4(result: Peng2024) -> Section:
     )
     words = [
         "Estimated joints through the kinematics to the tip, the tool's own joints at rest, RMSE; the UKF, which needs "
-        "no training but its noises and gaps, beside the others.",
+        "no training but its noises and gaps, beside the others."
     ]
     table = TableData(["", *heads], paired(rows, printed), "Trained on the longest zig-zag, unloaded.")
     return Section("Table IV: from joints to the tip", words, (table,))

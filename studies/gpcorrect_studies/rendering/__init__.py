@@ -5,13 +5,7 @@ is installed, and no part of the tests, because `gpcorrect reproduce peng2020` d
 """
 
 from gpcorrect_studies.rendering.picture import Ball, Card, Lens, Light, Studio, backdrop, looking_at
-from gpcorrect_studies.rendering.stage import (
-    Stage,
-    four_cameras,
-    marker_points,
-    random_motion,
-    single_ball,
-)
+from gpcorrect_studies.rendering.stage import Stage, four_cameras, marker_points, random_motion, single_ball
 
 __all__ = [
     "Ball",
