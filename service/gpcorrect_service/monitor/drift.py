@@ -48,19 +48,12 @@ def outside(miss: Sequence[float], interval95: Sequence[float | None]) -> bool:
 
 @dataclass
 class DriftWatch:
-    """Evidence so far that the arm no longer is the one that was learned.
-
-    Attributes
-    ----------
-    evidence : float, C above; 1 and less is none
-    alarm : bool, whether it ever reached the threshold since the model was loaded
-    votes : int, how many there were, each of `vote_seconds` at least
-    """
+    """Evidence so far that the arm no longer is the one that was learned."""
 
     settings: DriftSettings = DriftSettings()
-    evidence: float = field(default=1.0, init=False)
-    alarm: bool = field(default=False, init=False)
-    votes: int = field(default=0, init=False)
+    evidence: float = field(default=1.0, init=False)  # C above; 1 and less is none
+    alarm: bool = field(default=False, init=False)  # whether it ever reached the threshold since the model was loaded
+    votes: int = field(default=0, init=False)  # how many there were, each of `vote_seconds` at least
     _begin: float | None = field(default=None, init=False)
     _samples: list[bool] = field(default_factory=list, init=False)
 

@@ -149,20 +149,12 @@ OWNER_ONLY = 0o600  # mode of files
 
 @dataclass(frozen=True)
 class Site:
-    """What to secure.
+    """What to secure."""
 
-    Parameters
-    ----------
-    host : str, name or number of the router's machine, as clients write it
-    port : int
-    namespace : str, first part of every key
-    days : int, validity of certificates
-    """
-
-    host: str = "localhost"
+    host: str = "localhost"  # name or number of the router's machine, as clients write it
     port: int = 7450
-    namespace: str = "gpcorrect"
-    days: int = 365
+    namespace: str = "gpcorrect"  # first part of every key
+    days: int = 365  # validity of certificates
 
     @property
     def endpoint(self) -> str:

@@ -48,20 +48,15 @@ class Check:
 
 @dataclass(frozen=True)
 class Model:
-    """A model of poses with the name and the hash that every reply carries.
-
-    Attributes
-    ----------
-    limit : float, distance from the origin, m, beyond which a position is taken for a mistake of units
-    quick : bool
-        Whether it was fitted and answers a pose before a worker would have been woken for it. Anybody's own corrector
-        may wait for something.
-    """
+    """A model of poses with the name and the hash that every reply carries."""
 
     corrector: CommandCorrector
     id: str = "unnamed"
     hash: str = ""
+    # distance from the origin, m, beyond which a position is taken for a mistake of units
     limit: float = field(init=False)
+    # whether it was fitted and answers a pose before a worker would have been woken for it. Anybody's own corrector
+    # may wait for something.
     quick: bool = field(init=False)
     check: Check = field(init=False, repr=False)
 

@@ -26,50 +26,28 @@ MIDDLE = 0.015  # m to either side of the dividing plane, where one arm may be a
 
 @dataclass(frozen=True, eq=False)
 class Fetched:
-    """What became of one fragment.
-
-    Parameters
-    ----------
-    arm : str
-    fragment : (3,) array, where it lay, tracker frame
-    removed : bool
-    attempts : int
-    seconds : float, from finding it to having dropped it, or given it up
-    clock : float, task time at that end, s
-    misses_mm : tuple of float, how far the tool was from the fragment at each closing of the jaws
-    looks : int, pictures of the tool
-    replanned : int, grasps that were left because their correction was not sure enough
-    careful : bool, whether the arm went by pictures for want of a sure correction
-    """
+    """What became of one fragment."""
 
     arm: str
-    fragment: FloatArray
+    fragment: FloatArray  # (3,) where it lay, tracker frame
     removed: bool
     attempts: int
-    seconds: float
-    clock: float
-    misses_mm: tuple[float, ...]
-    looks: int
-    replanned: int
-    careful: bool
+    seconds: float  # from finding it to having dropped it, or given it up
+    clock: float  # task time at that end, s
+    misses_mm: tuple[float, ...]  # how far the tool was from the fragment at each closing of the jaws
+    looks: int  # pictures of the tool
+    replanned: int  # grasps that were left because their correction was not sure enough
+    careful: bool  # whether the arm went by pictures for want of a sure correction
 
 
 @dataclass(frozen=True, eq=False)
 class ArmRecord:
-    """Where one arm's tool went.
-
-    Parameters
-    ----------
-    name : str
-    trace : (n, 4) array, task time (s) and true tool position (m, tracker frame)
-    seconds : float, when the arm was done
-    waited : float, seconds of it in which the other arm had the middle
-    """
+    """Where one arm's tool went."""
 
     name: str
-    trace: FloatArray
-    seconds: float
-    waited: float
+    trace: FloatArray  # (n, 4) task time (s) and true tool position (m, tracker frame)
+    seconds: float  # when the arm was done
+    waited: float  # seconds of it in which the other arm had the middle
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,20 +93,12 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class Mission:
-    """The task.
-
-    Parameters
-    ----------
-    scene : Scene
-    stations : tuple of Station, one or two arms
-    fragments : (n, 3) array, tracker frame
-    start : float, session time at which it begins, s
-    """
+    """The task."""
 
     scene: Scene
-    stations: tuple[Station, ...]
-    fragments: FloatArray
-    start: float = 0.0
+    stations: tuple[Station, ...]  # one or two arms
+    fragments: FloatArray  # (n, 3) tracker frame
+    start: float = 0.0  # session time at which it begins, s
 
     def _fragments_of(self, station: Station) -> list[int]:
         """Return the numbers of the fragments on this arm's side."""
@@ -237,18 +207,11 @@ PAPER = {"seconds_per_fragment": 15.8, "times_faster": 3.8}  # Mahler 2014, with
 
 @dataclass(frozen=True, eq=False)
 class Condition:
-    """One way to do the task, and what came of it in each set of fragments.
-
-    Parameters
-    ----------
-    name : str
-    speed : float, m/s
-    outcomes : tuple of Outcome, one a set; pictures show the first
-    """
+    """One way to do the task, and what came of it in each set of fragments."""
 
     name: str
-    speed: float
-    outcomes: tuple[Outcome, ...]
+    speed: float  # m/s
+    outcomes: tuple[Outcome, ...]  # one a set; pictures show the first
 
     @property
     def outcome(self) -> Outcome:

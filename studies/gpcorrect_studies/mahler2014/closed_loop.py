@@ -30,14 +30,9 @@ AFTER_TRAINING = 60.0  # s between the recording's end and the first repetition,
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """How far from a desired pose the tool came to rest.
+    """How far from a desired pose the tool came to rest."""
 
-    Parameters
-    ----------
-    error : (repetitions, places, 6) array, desired minus reached pose, m and rad, tracker frame
-    """
-
-    error: FloatArray
+    error: FloatArray  # (repetitions, places, 6) desired minus reached pose, m and rad, tracker frame
 
     def to_dict(self) -> dict[str, dict[str, float]]:
         """Mean and SD of the components of position and of both errors' lengths, mm and degrees.

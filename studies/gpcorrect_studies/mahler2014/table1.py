@@ -45,20 +45,14 @@ Errors = dict[str, dict[str, float]]
 
 @dataclass(frozen=True, eq=False)
 class TableOne:
-    """Errors of the paper's six methods in its order, of GPR without an offset, and of ours with memory.
+    """Errors of the paper's six methods in its order, of GPR without an offset, and of ours with memory."""
 
-    Parameters
-    ----------
-    errors : mapping
-        By set ("clean": samples that pass cleaning, "dirty": all), then by method: mean and SD of the absolute error of
-        each component, of the position error's length (`position_mm`) and the rotation error's angle (`rotation_deg`).
-    seconds : mapping from method to s, of the whole experiment: cleaning, fit, intervals, measurement
-    full : Experiment, the experiment of the paper's last column, for further figures
-    """
-
+    # by set ("clean": samples that pass cleaning, "dirty": all), then by method: mean and SD of the absolute error of
+    # each component, of the position error's length (`position_mm`) and the rotation error's angle (`rotation_deg`)
     errors: Mapping[str, Mapping[str, Errors]]
+    # by method, s of the whole experiment: cleaning, fit, intervals, measurement
     seconds: Mapping[str, float]
-    full: Experiment
+    full: Experiment  # the experiment of the paper's last column, for further figures
 
     def percent_of_raw(self, which: str, method: str = FULL) -> dict[str, float]:
         """Mean length of a method's error as a percentage of the uncorrected one.

@@ -55,31 +55,25 @@ def _percent_of_offset(row: Mapping[str, Any], method: str) -> list[float]:
 
 @dataclass(frozen=True, eq=False)
 class Peng2024(StudyResult):
-    """All parts of the study, measured; RMSE in deg, deg and mm.
-
-    Parameters
-    ----------
-    table1, table2, table4, table5 : mappings, by direction; by method; by test run; by method
-    fig5, fig9 : lists, A sparsity, and a number of homings, an entry
-    fig6, fig8 : mappings, by use; few features and the whole state
-    ablations : mapping, figures of the ablations, by name
-    as_published : bool, whether the zig-zag along J1-J2-J3 was that of the study's files
-    """
+    """All parts of the study, measured; RMSE in deg, deg and mm."""
 
     CLAIMS = CLAIMS
     NOTES: ClassVar = {"comparable": PENG_COMPARABLE, "not_comparable": PENG_NOT_COMPARABLE}
 
     scope: PengScope
+    # by direction, by method, by test run, by method
     table1: Mapping[str, Any]
     table2: Mapping[str, Any]
     table4: Mapping[str, Any]
     table5: Mapping[str, Any]
+    # an entry a sparsity, and a number of homings
     fig5: list[dict[str, Any]]
+    # by use; few features and the whole state
     fig6: Mapping[str, Any]
     fig8: Mapping[str, Any]
     fig9: list[dict[str, Any]]
-    ablations: Mapping[str, Any]
-    as_published: bool = False
+    ablations: Mapping[str, Any]  # figures of the ablations, by name
+    as_published: bool = False  # whether the zig-zag along J1-J2-J3 was that of the study's files
 
     @property
     def table3(self) -> dict[str, Any]:

@@ -17,24 +17,15 @@ INVERSIONS = 10  # fixed-point steps: 1e-7 px for a webcam's distortion
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """One camera of the rendered world.
+    """One camera of the rendered world."""
 
-    Parameters
-    ----------
-    position : (3,) array, optical centre, world frame, m
-    axes : (3, 3) array, columns: the camera's right, down and forward directions in the world frame
-    focal : (2,) tuple, pixels along u and v
-    middle : (2,) tuple, principal point; the centre of the first pixel is at (0, 0)
-    distortion : (5,) tuple, k1, k2, p1, p2, k3 of Brown's model
-    size : (2,) tuple, width and height in pixels
-    """
-
-    position: FloatArray
-    axes: FloatArray
-    focal: tuple[float, float] = (600.0, 600.0)
-    middle: tuple[float, float] = (319.5, 239.5)
+    position: FloatArray  # (3,) optical centre, world frame, m
+    axes: FloatArray  # (3, 3) columns: the camera's right, down and forward directions in the world frame
+    focal: tuple[float, float] = (600.0, 600.0)  # pixels along u and v
+    middle: tuple[float, float] = (319.5, 239.5)  # principal point; the centre of the first pixel is at (0, 0)
+    # k1, k2, p1, p2, k3 of Brown's model
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
-    size: tuple[int, int] = (640, 480)
+    size: tuple[int, int] = (640, 480)  # width and height in pixels
 
     def pixels(self, points: FloatArray) -> FloatArray:
         """Pixels `(..., 2)` at which points of the world appear.
@@ -127,26 +118,15 @@ class Light:
 
 @dataclass(eq=False)
 class Studio:
-    """One camera and what stands still before it.
-
-    Parameters
-    ----------
-    lens : Lens
-    background : (height, width, 3) array, what is behind the balls, red green blue, 0 to 255
-    light : Light, of the balls
-    blur : float, standard deviation of the lens' blur, px
-    noise : float, standard deviation of the sensor's noise, grey levels
-    rng : Generator, of the noise
-    samples : int, rays along each side of a pixel
-    """
+    """One camera and what stands still before it."""
 
     lens: Lens
-    background: Raster
-    light: Light = field(default_factory=Light)
-    blur: float = 0.7
-    noise: float = 2.0
-    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
-    samples: int = 3
+    background: Raster  # (height, width, 3) what is behind the balls, red green blue, 0 to 255
+    light: Light = field(default_factory=Light)  # of the balls
+    blur: float = 0.7  # standard deviation of the lens' blur, px
+    noise: float = 2.0  # standard deviation of the sensor's noise, grey levels
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))  # of the noise
+    samples: int = 3  # rays along each side of a pixel
 
     def __post_init__(self) -> None:
         self.background = np.asarray(self.background, dtype=np.float32)
