@@ -81,13 +81,8 @@ def simulate(
     if chosen == "debridement":
         log = debridement_log(seed, reaches=count, faults=not clean, position_only=position_only, model=model)
     elif chosen == "reaches":
-        how: dict[str, Any] = {
-            "sessions": sessions,
-            "payloads": payload or (),
-            "position_only": position_only,
-            "faults": not clean,
-        }
-        log = random_reaches_log("raven2_left", count, seed, model=model, **how)
+        how: dict[str, Any] = {"sessions": sessions, "payloads": payload or (), "position_only": position_only}
+        log = random_reaches_log("raven2_left", count, seed, faults=not clean, model=model, **how)
     elif model is None:
         raise DataError("joint motion needs to know the machine.", hint="Give it: --machine model.toml")
     else:

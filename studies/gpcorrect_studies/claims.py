@@ -231,13 +231,7 @@ class ClaimTable:
         return Ablated(name, self.ablations[name], ours, verdict, outcome)
 
     def printed_number(self, claim: Claim) -> float:
-        """Return the number that a claim prints, or the ratio of its two.
-
-        Raises
-        ------
-        KeyError
-            The table does not have it.
-        """
+        """Return the number that a claim prints, or the ratio of its two; KeyError where the table lacks it."""
         found = claim.number(self.printed) if claim.printed is None else claim.printed
         if found is None:
             raise KeyError(f"no printed number at {claim.of!r} or {claim.against!r}")

@@ -329,16 +329,11 @@ def _config(settings: BusSettings) -> zenoh.Config:
 
 
 def in_namespace(settings: BusSettings) -> BusSettings:
-    """Return the settings with the namespace that their configuration file names, where it does.
+    """Return the settings with the namespace that their configuration file names; DataError where it cannot be read.
 
     Parameters
     ----------
     settings : BusSettings
-
-    Raises
-    ------
-    DataError
-        The file cannot be read.
     """
     if settings.config_file is None:
         return settings

@@ -77,16 +77,11 @@ class Finding:
 
 
 def examine(settings: ClientSettings) -> Iterator[Finding]:
-    """Yield what is found, step by step; ends at the first trouble that hides all behind it.
+    """Yield what is found, to the first trouble that hides the rest; DataError for a configuration that cannot be read.
 
     Parameters
     ----------
     settings : ClientSettings
-
-    Raises
-    ------
-    DataError
-        The configuration cannot be read.
     """
     config = client_config(settings)
     try:

@@ -63,17 +63,12 @@ class SimulatedRobot:
         return np.array(self._seen).reshape(-1, 4)
 
     def follow(self, times: FloatArray, T: FloatArray) -> None:
-        """Follow tool poses; first go to where they begin.
+        """Go to where tool poses begin, and follow them; DataError for one that the joint limits do not let it reach.
 
         Parameters
         ----------
         times : (n,) array, seconds
         T : (n, 4, 4) array, base frame
-
-        Raises
-        ------
-        DataError
-            A pose cannot be reached within the joint limits.
         """
         joining = reach(np.stack([self.command_pose, T[0]]), JOINING)
         for at, poses in ((joining.times, joining.T), (times, T)):

@@ -63,7 +63,7 @@ class Landing:
 
 
 def places_to_visit(experiment: Experiment, count: int, rng: np.random.Generator) -> FloatArray:
-    """Draw end poses of held-out reaches as the tracker saw them.
+    """Draw end poses of held-out reaches as the tracker saw them; LogError where too few are held out.
 
     Parameters
     ----------
@@ -75,11 +75,6 @@ def places_to_visit(experiment: Experiment, count: int, rng: np.random.Generator
     -------
     (count + 1, 4, 4) array
         Tracker frame; the first is where each run starts.
-
-    Raises
-    ------
-    LogError
-        Too few reaches are held out.
     """
     assert experiment.test is not None
     assert experiment.evaluation is not None

@@ -189,7 +189,7 @@ class Mahler2014(StudyResult):
 def reproduce_mahler2014(
     scope: Scope, seed: int = 0, progress: Progress | None = None, parts: Parts | None = None
 ) -> Mahler2014:
-    """Do the whole study on a simulated recording.
+    """Do the whole study on a simulated recording; GpCorrectError for a scope too small to measure its parts.
 
     Parameters
     ----------
@@ -197,11 +197,6 @@ def reproduce_mahler2014(
     seed : int, of the recording and of everything random
     progress : Progress, optional
     parts : Parts, optional
-
-    Raises
-    ------
-    GpCorrectError
-        The scope is too small for the parts to be measured.
     """
     start, progress, parts = time.perf_counter(), progress or Progress(), parts or Parts()
     settings = replace(scope.settings, seed=seed, features=PAPERS_FEATURES)
