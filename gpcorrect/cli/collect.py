@@ -236,5 +236,4 @@ def speed_limits(text: str) -> FloatArray:
     """
     import numpy as np
 
-    limits: FloatArray = np.array(UNITS) * np.array(opt.numbers(text, ",", len(UNITS), "speed limits"))
-    return limits
+    return np.asarray(np.array(UNITS) * opt.numbers(text, ",", len(UNITS), "speed limits"))

@@ -154,8 +154,7 @@ def _cone(d: FloatArray, used: BoolArray, lens: Intrinsics) -> tuple[FloatArray,
 def _distances(d: FloatArray, m: FloatArray) -> FloatArray:
     """Angles (rad, small) of rays `(n, 3)` from cones `(..., 3)`, positive inside: `(..., n)`."""
     sine = np.sqrt(np.maximum((m * m).sum(axis=-1) - 1.0, 1e-12))  # |m| sin(half angle)
-    gaps: FloatArray = (m @ d.T - 1.0) / sine[..., None]
-    return gaps
+    return np.asarray((m @ d.T - 1.0) / sine[..., None])
 
 
 def _consensus(d: FloatArray, lens: Intrinsics, settings: BallSettings) -> BoolArray | None:

@@ -55,8 +55,7 @@ class Pacing:
     @property
     def joints(self) -> FloatArray:
         """(k,) joints at the moment."""
-        joints: FloatArray = self._joints_at(np.array([self.moment]))[0]
-        return joints
+        return np.asarray(self._joints_at(np.array([self.moment]))[0])
 
     def advance(self, clock: float, setpoint: FloatArray) -> None:
         """Go on to the moment for the next command; it stays while the robot has yet to come nearer.

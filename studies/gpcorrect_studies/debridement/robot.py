@@ -91,8 +91,7 @@ class SimulatedRobot:
         """Return the tool's pose as the tracker sees it, (4, 4), tracker frame."""
         here = self._live.moment
         assert here.tip is not None
-        seen: FloatArray = self._sensors.track(here.motion.time, here.tip)[0, 0]
-        return seen
+        return np.asarray(self._sensors.track(here.motion.time, here.tip)[0, 0])
 
     def _drive(self, desired: FloatArray) -> None:
         while len(desired):
@@ -111,5 +110,4 @@ class SimulatedRobot:
         if not len(usable):
             hint = "Choose fragments nearer to the middle of the workspace."
             raise DataError(f"{self.station.name} cannot follow this path within its joint limits.", hint=hint)
-        q: FloatArray = found.q[:, usable[np.argmin(begins[usable])]]
-        return q
+        return np.asarray(found.q[:, usable[np.argmin(begins[usable])]])

@@ -105,8 +105,7 @@ class Scene:
         ----------
         box : (..., 3) array, m
         """
-        position: FloatArray = box @ self.T_tracker_box[:3, :3].T + self.T_tracker_box[:3, 3]
-        return position
+        return np.asarray(box @ self.T_tracker_box[:3, :3].T + self.T_tracker_box[:3, 3])
 
     def along(self, position: FloatArray) -> FloatArray:
         """Return positions along the box's axes of tracker positions.
@@ -115,8 +114,7 @@ class Scene:
         ----------
         position : (..., 3) array, m
         """
-        box: FloatArray = (position - self.T_tracker_box[:3, 3]) @ self.T_tracker_box[:3, :3]
-        return box
+        return np.asarray((position - self.T_tracker_box[:3, 3]) @ self.T_tracker_box[:3, :3])
 
     def bowl(self, station: Station) -> FloatArray:
         """Return the centre `(3,)` of the station's bowl, at the height of its rim, tracker frame.
@@ -130,8 +128,7 @@ class Scene:
     @property
     def up(self) -> FloatArray:
         """(3,) direction away from the floor, tracker frame."""
-        upwards: FloatArray = self.T_tracker_box[:3, 2]
-        return upwards
+        return np.asarray(self.T_tracker_box[:3, 2])
 
 
 @dataclass(frozen=True, eq=False)

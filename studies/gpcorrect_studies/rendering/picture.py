@@ -270,5 +270,4 @@ def backdrop(
         inside = (np.abs(p) < a) & (np.abs(q) < b) if rng.random() < 0.6 else (p / a) ** 2 + (q / b) ** 2 < 1
         grey = rng.uniform(20, 230)
         part[inside] = (1 - colourful) * grey + colourful * rng.uniform(0, 255, 3)
-    clipped: FloatArray = np.clip(image, 0, 255)
-    return clipped
+    return np.asarray(np.clip(image, 0, 255))
