@@ -42,7 +42,7 @@ def write_study_page(
 
 
 def claims_section(comparison: Comparison) -> Section:
-    """Return the section with every claim, where it is printed, both numbers and the verdict; those that failed first.
+    """Return the section with every claim, where it is printed, both numbers and the verdict; failed ones first.
 
     Parameters
     ----------

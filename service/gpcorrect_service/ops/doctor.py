@@ -77,7 +77,7 @@ class Finding:
 
 
 def examine(settings: ClientSettings) -> Iterator[Finding]:
-    """Yield what is found, to the first trouble that hides the rest; DataError for a configuration that cannot be read.
+    """Yield findings, to the first trouble that hides the rest; DataError for a configuration that cannot be read.
 
     Parameters
     ----------
