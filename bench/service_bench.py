@@ -21,9 +21,8 @@ from gpcorrect.calibration import load, save
 from gpcorrect.cli.processes import free_endpoint
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
 from gpcorrect_service.ops.router import route
-from gpcorrect_service.protocol.cdr import CDR_ENCODING, StampedPose, write_pose
-from gpcorrect_service.protocol.codec import CODECS, JSON
-from gpcorrect_service.protocol.messages import CorrectRequest, RequestMeta
+from gpcorrect_service.protocol.messages import CODECS, JSON, CorrectRequest, RequestMeta
+from gpcorrect_service.protocol.ros import CDR_ENCODING, StampedPose, write_pose
 from gpcorrect_service.protocol.sessions import CLIENT, COMMON, open_client, open_server
 from gpcorrect_service.server.service import serve
 

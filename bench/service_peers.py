@@ -37,8 +37,7 @@ from service_bench import (
 from support import print_load, print_table, save_results
 
 from gpcorrect_service.protocol.answer import PoseAnswer, pack
-from gpcorrect_service.protocol.codec import MSGPACK
-from gpcorrect_service.protocol.messages import CorrectRequest
+from gpcorrect_service.protocol.messages import MSGPACK, CorrectRequest
 from gpcorrect_service.server.models import Model, load_model
 
 ROUNDS = 2000

@@ -22,8 +22,7 @@ from gpcorrect.calibration import FitSettings, JointCorrector, JointStream, fit_
 from gpcorrect.types import FloatArray
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
 from gpcorrect_service.protocol.answer import EstimateAnswer
-from gpcorrect_service.protocol.codec import MSGPACK
-from gpcorrect_service.protocol.messages import JointState
+from gpcorrect_service.protocol.messages import MSGPACK, JointState
 from gpcorrect_service.protocol.sessions import open_client
 
 RATE = 1000.0

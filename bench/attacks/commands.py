@@ -22,8 +22,7 @@ from gpcorrect_service import ClientSettings
 from gpcorrect_service.crtk import BusSettings, OperatingState, Pose
 from gpcorrect_service.crtk.robot import Robot
 from gpcorrect_service.protocol.answer import EstimateAnswer
-from gpcorrect_service.protocol.codec import MSGPACK
-from gpcorrect_service.protocol.messages import JointState
+from gpcorrect_service.protocol.messages import MSGPACK, JointState
 from gpcorrect_service.protocol.sessions import open_client
 
 LIMIT = 0.25  # s: nothing older moves a robot

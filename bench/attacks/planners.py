@@ -13,8 +13,8 @@ from attacks.lab import Lab, Scenario, Seen
 from attacks.programs import waited
 from gpcorrect.calibration import JointCorrector, load
 from gpcorrect_service import ClientSettings, CorrectionClient, ServiceError
-from gpcorrect_service.protocol.cdr import CDR_ENCODING, StampedPose, write_pose
-from gpcorrect_service.protocol.codec import JSON
+from gpcorrect_service.protocol.messages import JSON
+from gpcorrect_service.protocol.ros import CDR_ENCODING, StampedPose, write_pose
 from gpcorrect_service.protocol.sessions import open_client
 
 FAR = 4.9999  # m: just within what is believed

@@ -29,17 +29,20 @@ from fuzzing.bodies import nearly_right
 from fuzzing.samples import foreign_samples
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
 from gpcorrect_service.ops.logger import open_logger
-from gpcorrect_service.protocol.cdr import CDR_ENCODING, StampedPose, write_pose
-from gpcorrect_service.protocol.codec import CODECS, JSON, MSGPACK, error_codec
 from gpcorrect_service.protocol.messages import (
+    CODECS,
+    JSON,
+    MSGPACK,
     CorrectJointsRequest,
     CorrectPathRequest,
     CorrectRequest,
     ErrorAnswer,
     Kind,
+    error_codec,
 )
+from gpcorrect_service.protocol.ros import CDR_ENCODING, StampedPose, write_pose
 from gpcorrect_service.protocol.sessions import open_client
-from gpcorrect_service.server.corrections import Corrections
+from gpcorrect_service.server.handlers import Corrections
 from gpcorrect_service.server.models import Active, load_joint_model, load_model
 from gpcorrect_service.server.requests import Clock, Handler, Request, RequestParser
 

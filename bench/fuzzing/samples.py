@@ -16,7 +16,7 @@ from fuzzing.mutations import flipped
 from gpcorrect_service import ServerSettings
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.metrics import Counters
-from gpcorrect_service.protocol.codec import CODECS, MSGPACK
+from gpcorrect_service.protocol.messages import CODECS, MSGPACK
 from gpcorrect_service.server.models import Active, JointModel, load_joint_model
 from gpcorrect_service.server.requests import Request
 from gpcorrect_service.server.stream import Estimator

@@ -14,8 +14,7 @@ from attacks.programs import SettableClock, held
 from fuzzing.payloads import KINDS, good_payloads, mangled
 
 from gpcorrect_service import ServiceError
-from gpcorrect_service.protocol.codec import error_codec
-from gpcorrect_service.protocol.messages import ErrorAnswer
+from gpcorrect_service.protocol.messages import ErrorAnswer, error_codec
 from gpcorrect_service.protocol.sessions import open_client
 from soaks.site import Site
 

@@ -40,8 +40,7 @@ def end_within_import(frame: FrameType | None) -> None:
 
     Parameters
     ----------
-    frame : frame
-        Where the interrupt came.
+    frame : frame, where the interrupt came
     """
     while frame is not None:
         if frame.f_code.co_filename.startswith("<frozen importlib"):

@@ -210,19 +210,12 @@ def _options(
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
-def _one_thread_of_linear_algebra() -> None:
-    """Give the libraries below one thread, in this process and those it starts, unless the user says otherwise.
-
-    The problems are many and small: pools of threads on busy cores spend their time waiting for each other. Commands
-    that use several cores start processes or threads of their own (`--jobs`).
-    """
-    for name in THREADS:
-        os.environ.setdefault(name, "1")
-
-
 def main() -> None:
     """Run the command line; bad input ends with one clear message and exit status 2."""
-    _one_thread_of_linear_algebra()  # before anything imports NumPy
+    # The problems are many and small: pools of threads on busy cores spend their time waiting for each other. Commands
+    # that use several cores start processes or threads of their own (`--jobs`). Set before anything imports NumPy.
+    for name in THREADS:
+        os.environ.setdefault(name, "1")
     try:
         app()
     except GpCorrectError as error:

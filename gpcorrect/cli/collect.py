@@ -117,29 +117,21 @@ def collect_zigzag(
 
     gpcorrect collect zigzag --direction J2-J3 --sparsity 4 --endpoint tcp/127.0.0.1:7448 --output today/
     """
-    from gpcorrect.calibration import (
-        FitSettings,
-        JointCorrector,
-        direction_named,
-        evaluate_model,
-        fit_model,
-        learner_named,
-        save,
-        timed,
-        zigzag,
-    )
+    from gpcorrect import calibration
     from gpcorrect.cli.joint import show_joint_errors
     from gpcorrect_service.crtk import BusSettings  # zenoh is an extra; other commands work without it
-    from gpcorrect_service.crtk.journal import require_no_journal
+    from gpcorrect_service.crtk.recorder import require_no_journal
     from gpcorrect_service.crtk.robot import Robot
 
     make_folder(output)
     for name in ("zigzags.csv", "test.csv"):
         require_no_journal(output / name)
     block, fastest = joint_limits(limits), speed_limits(speed)
-    corners = [zigzag(direction_named(name), sparsity, block) for name in split_names(direction)]
-    learner_named(method)
-    settings = FitSettings(method=method, time_offset="none", seed=seed)
+    corners = [
+        calibration.zigzag(calibration.direction_named(name), sparsity, block) for name in split_names(direction)
+    ]
+    calibration.learner_named(method)
+    settings = calibration.FitSettings(method=method, time_offset="none", seed=seed)
     with ExitStack() as stack:
         place = endpoint or free_endpoint()
         if endpoint is None:
@@ -152,12 +144,12 @@ def collect_zigzag(
         end_as_interrupted()
         gc.freeze()  # what was imported: a collection that goes through it would stop the commands for 0.15 s
         progress = stack.enter_context(progress_bar(quiet=json))
-        ways = [timed(way, fastest, RATE_HZ) for way in corners]
+        ways = [calibration.timed(way, fastest, RATE_HZ) for way in corners]
         train = _recorded(robot, ways, progress, "zig-zags", output / "zigzags.csv")
         tested = _recorded(robot, [_sines(block, fastest, test, seed)], progress, "test run", output / "test.csv")
-    fitted = fit_model(train, settings, task=JointCorrector)
-    save(fitted.corrector, output / "joints.gpc")
-    evaluation = evaluate_model(fitted.corrector, tested)
+    fitted = calibration.fit_model(train, settings, task=calibration.JointCorrector)
+    calibration.save(fitted.corrector, output / "joints.gpc")
+    evaluation = calibration.evaluate_model(fitted.corrector, tested)
     measured = {"n_test": len(evaluation.clean.rows), **evaluation.to_dict()}
     if json:
         print_json({"n_train": len(train), **measured, "output": str(output)})
@@ -182,8 +174,7 @@ def _recorded(robot: Robot, paths: list[TimedPath], progress: Progress, what: st
     """Drive paths, a trajectory each, and return what was recorded of them; it is written however that ended."""
     from gpcorrect.logs import write_log
     from gpcorrect.types import LogMeta
-    from gpcorrect_service.crtk.journal import Journal
-    from gpcorrect_service.crtk.recorder import Recorder
+    from gpcorrect_service.crtk.recorder import Journal, Recorder
 
     types = "RRP" if len(robot.setpoint) == len(UNITS) else ""
     meta = LogMeta(arm=robot.bus.settings.arm, joint_types=types)
@@ -225,8 +216,7 @@ def joint_limits(text: str) -> FloatArray:
 
     Parameters
     ----------
-    text : str
-        Such as 20:60,55:110,330:420.
+    text : str, such as 20:60,55:110,330:420
     """
     import numpy as np
 
@@ -242,10 +232,8 @@ def speed_limits(text: str) -> FloatArray:
 
     Parameters
     ----------
-    text : str
-        Such as 5,5,20.
+    text : str, such as 5,5,20
     """
     import numpy as np
 
-    limits: FloatArray = np.array(UNITS) * np.array(opt.numbers(text, ",", len(UNITS), "speed limits"))
-    return limits
+    return np.asarray(np.array(UNITS) * opt.numbers(text, ",", len(UNITS), "speed limits"))

@@ -78,8 +78,7 @@ def styled(*parts: str | tuple[str, str]) -> Text:
 
     Parameters
     ----------
-    *parts : str or (str, str)
-        Text; with a style as rich names it, such as "bold red".
+    *parts : str or (str, str), text; with a style as rich names it, such as "bold red"
     """
     pairs = [(part, "") if isinstance(part, str) else part for part in parts]
     return Text.assemble(*((_visible(text), style) for text, style in pairs))
@@ -97,8 +96,7 @@ def print_json(value: Any) -> None:
 
     Parameters
     ----------
-    value : Any
-        Mappings, lists, arrays and scalars, nested; what JSON cannot hold becomes what it can.
+    value : Any, mappings, lists, arrays and scalars, nested; what JSON cannot hold becomes what it can
     """
     typer.echo(json.dumps(json_ready(value), indent=2))
 
@@ -156,10 +154,8 @@ def plain_table(*columns: str, title: str | None = None, left: int = 1) -> Table
 
     Parameters
     ----------
-    *columns, title : str
-        Titles, of the columns and of the table.
-    left : int
-        How many columns, the first ones, are flush left; the others are flush right.
+    *columns, title : str, titles, of the columns and of the table
+    left : int, how many columns, the first ones, are flush left; the others are flush right
     """
     table = Table(title=title, title_justify="left", box=None, pad_edge=False)
     for number, column in enumerate(columns):
@@ -201,8 +197,7 @@ def digests(*paths: Path) -> list[tuple[str, str]]:
 
     Parameters
     ----------
-    *paths : Path
-        Files, or folders of pictures.
+    *paths : Path, files, or folders of pictures
     """
     from gpcorrect.logs.reader import recording_digest
 
@@ -245,8 +240,7 @@ def dropped_words(counts: Mapping[str, int]) -> str:
 
     Parameters
     ----------
-    counts : mapping
-        By reason.
+    counts : mapping, by reason
     """
     return ", ".join(f"{count} {reason}" for reason, count in counts.items() if count) or "none"
 
@@ -262,8 +256,7 @@ def write_evaluation_page(
     log : CalibrationLog
     model, page : Path, and Path or None
         The model's file, and the HTML file.
-    notes : sequence of str
-        What the command noticed.
+    notes : sequence of str, what the command noticed
     """
     if page is None:
         return

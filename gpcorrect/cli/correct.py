@@ -136,10 +136,8 @@ def _plain(answer: Any) -> Any:
 def _desired(pose: tuple[float, ...] | None, position: tuple[float, ...] | None) -> tuple[float, ...]:
     """Return the one of `--pose` and `--position` that was given."""
     if (pose is None) == (position is None):
-        raise DataError(
-            "give the desired pose once.",
-            hint="Either --pose X Y Z QW QX QY QZ, or --position X Y Z for position-only models.",
-        )
+        hint = "Either --pose X Y Z QW QX QY QZ, or --position X Y Z for position-only models."
+        raise DataError("give the desired pose once.", hint=hint)
     return pose or position or ()
 
 

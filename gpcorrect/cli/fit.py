@@ -142,9 +142,8 @@ def _segments(texts: list[str] | None) -> tuple[Segment, ...]:
             trajectory, start, stop = text.split(":")
             segments.append(Segment(int(trajectory), float(start), float(stop)))
         except ValueError as error:
-            raise DataError(
-                f"a segment is TRAJECTORY:START:STOP in seconds, got {text!r}.", hint="For example: --drop 3:12.5:14.0"
-            ) from error
+            hint = "For example: --drop 3:12.5:14.0"
+            raise DataError(f"a segment is TRAJECTORY:START:STOP in seconds, got {text!r}.", hint=hint) from error
     return tuple(segments)
 
 

@@ -161,8 +161,15 @@ def compare(
             rows.append({"method": method, "seconds": experiment.seconds, "errors": errors["corrected"]})
     if json:
         console.print_json({"n_train": experiment.fit.n_train, "n_test": experiment.n_test, "methods": rows})
-    else:
-        _show_methods(rows, experiment.n_test)
+        return
+    joints = [f"J{leaf['joint']} [{leaf['unit']}]" for leaf in rows[0]["errors"]]
+    table = console.plain_table("method", *joints, "seconds", title=f"Held-out RMSE, {experiment.n_test} samples")
+    best = [min(row["errors"][j]["rmse"] for row in rows) for j in range(len(joints))]
+    for row in rows:
+        found = zip([leaf["rmse"] for leaf in row["errors"]], best, strict=True)
+        cells = [console.styled((f"{rmse:.4f}", "bold" if rmse == least else "")) for rmse, least in found]
+        table.add_row(row["method"], *cells, f"{row['seconds']:.1f}")
+    console.out.print(table)
 
 
 @joint_app.command()
@@ -213,8 +220,7 @@ def show_joint_errors(title: str, errors: dict[str, JointErrors]) -> None:
     Parameters
     ----------
     title : str
-    errors : dict
-        Of each method, a row a joint; empty where nothing was held out.
+    errors : dict, of each method, a row a joint; empty where nothing was held out
     """
     if not errors:
         console.note("nothing was held out, so nothing was measured")
@@ -224,15 +230,4 @@ def show_joint_errors(title: str, errors: dict[str, JointErrors]) -> None:
         for row in rows:
             leaves = [f"{row[k]:.4f}" for k in ("rmse", "mean", "sd", "p95", "max")]
             table.add_row(str(row["joint"]), str(row["unit"]), name, *leaves)
-    console.out.print(table)
-
-
-def _show_methods(rows: list[dict[str, Any]], n_test: int) -> None:
-    joints = [f"J{leaf['joint']} [{leaf['unit']}]" for leaf in rows[0]["errors"]]
-    table = console.plain_table("method", *joints, "seconds", title=f"Held-out RMSE, {n_test} samples")
-    best = [min(row["errors"][j]["rmse"] for row in rows) for j in range(len(joints))]
-    for row in rows:
-        found = zip([leaf["rmse"] for leaf in row["errors"]], best, strict=True)
-        cells = [console.styled((f"{rmse:.4f}", "bold" if rmse == least else "")) for rmse, least in found]
-        table.add_row(row["method"], *cells, f"{row['seconds']:.1f}")
     console.out.print(table)

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from gpcorrect.calibration import Corrector, ModelStore, Step
     from gpcorrect_service.client.operator import Operator
-    from gpcorrect_service.protocol.messages import ModelListAnswer
 
 
 DIGITS = 12  # of a digest that are shown to people, as in `gpcorrect models list`, chosen by hand; JSON holds all
@@ -46,13 +45,25 @@ def show_model(corrector: Corrector, digest: str) -> None:
     Parameters
     ----------
     corrector : Corrector
-    digest : str
-        SHA-256 of its file.
+    digest : str, SHA-256 of its file
     """
+    summary: dict[str, Any] = corrector.info()
+    fit, data = summary.get("fit", {}), summary.get("data", {})
+    facts = {
+        "task": corrector.TASK,
+        "hash": digest,
+        "robot": " ".join(str(part) for part in (summary.get("robot"), summary.get("arm")) if part),
+        "method": f"{summary.get('method')} on {', '.join(summary.get('features', ()))}",
+        "data": " ".join(str(part) for part in (data.get("source"), data.get("sha256", "")[:DIGITS]) if part),
+        "trained on": f"{fit.get('n_train')} samples of {fit.get('n_trajectories')} trajectories",
+        "dropped": ", ".join(f"{count} {why}" for why, count in fit.get("dropped", {}).items() if count),
+        "remarks": "; ".join(summary.get("remarks", ())),
+    }
     table = plain_table("", "", left=2)
     table.show_header = False
-    for name, value in _facts(corrector, digest).items():
-        table.add_row(name, value)
+    for name, value in facts.items():
+        if value:
+            table.add_row(name, value)
     out.print(table)
     if not corrector.history:
         note("the file is of before models kept their history: nothing is known of date, command and held-out errors")
@@ -73,22 +84,6 @@ def _rmse_words(parts: Iterable[tuple[str, float]]) -> str:
 def _versions_words(step: Step) -> str:
     """Return the versions of a step in a line."""
     return ", ".join(f"{name} {number}" for name, number in step.versions.items())
-
-
-def _facts(corrector: Corrector, digest: str) -> dict[str, str]:
-    summary: dict[str, Any] = corrector.info()
-    fit, data = summary.get("fit", {}), summary.get("data", {})
-    found = {
-        "task": corrector.TASK,
-        "hash": digest,
-        "robot": " ".join(str(part) for part in (summary.get("robot"), summary.get("arm")) if part),
-        "method": f"{summary.get('method')} on {', '.join(summary.get('features', ()))}",
-        "data": " ".join(str(part) for part in (data.get("source"), data.get("sha256", "")[:DIGITS]) if part),
-        "trained on": f"{fit.get('n_train')} samples of {fit.get('n_trajectories')} trajectories",
-        "dropped": ", ".join(f"{count} {why}" for why, count in fit.get("dropped", {}).items() if count),
-        "remarks": "; ".join(summary.get("remarks", ())),
-    }
-    return {name: value for name, value in found.items() if value}
 
 
 def _show_step(step: Step) -> None:
@@ -145,11 +140,20 @@ def list_models(place: Place, json: Json = False) -> None:
         rows = _stored_rows(_folder(place.store))
     else:
         with _operator(place) as operator:
-            rows = [row for answer in operator.models() for row in _served_rows(answer)]
+            import msgspec  # comes with the same extra as zenoh
+
+            rows = [{**msgspec.to_builtins(e), "replica": a.replica} for a in operator.models() for e in a.models]
     if json:
         print_json(rows)
-    else:
-        _show(rows)
+        return
+    table = plain_table("", "name", "hash", "kind", "made (UTC)", "held-out RMSE", "added", "server", left=8)
+    for row in rows:
+        when = time.strftime("%Y-%m-%d %H:%M", time.localtime(row["added"]))
+        mark = "active" if row["active"] else ""
+        errors = _rmse_words((part["unit"], part["rmse"]) for part in row["held_out"])
+        made = row["made"][:16].replace("T", " ") or "-"
+        table.add_row(mark, row["id"], row["hash"][:DIGITS], row["kind"], made, errors, when, row.get("replica", ""))
+    out.print(table if rows else "no models yet; add one: gpcorrect models add MODEL --store FOLDER")
 
 
 @models_app.command()
@@ -195,7 +199,11 @@ def rollback(place: Place, kind: Kind = "pose", json: Json = False) -> None:
         print_result(asdict(entry), f"active {kind}: {entry.id} {entry.hash[:DIGITS]}", as_json=json)
         return
     with _operator(place) as operator:
-        _show_activated(operator, _previous(operator.models()[0], kind), back=True, as_json=json)
+        answer = operator.models()[0]
+        history = answer.history.get(kind, [])
+        if len(history) < 2:
+            raise DataError(f"{answer.replica} has no {kind} model to go back to.")
+        _show_activated(operator, history[-2], back=True, as_json=json)
 
 
 @models_app.command()
@@ -276,13 +284,6 @@ def _show_activated(operator: Operator, model: str, *, back: bool = False, as_js
         out.print(f"{answer.replica}: {answer.kind} {answer.id} {answer.hash[:DIGITS]}, before {before}")
 
 
-def _previous(answer: ModelListAnswer, kind: str) -> str:
-    history = answer.history.get(kind, [])
-    if len(history) < 2:
-        raise DataError(f"{answer.replica} has no {kind} model to go back to.")
-    return history[-2]
-
-
 def _folder(path: Path) -> ModelStore:
     from gpcorrect.calibration import ModelStore
 
@@ -323,20 +324,3 @@ def _stored_rows(folder: ModelStore) -> list[dict[str, Any]]:
         row |= {"active": active is not None and active.hash == entry.hash}
         rows.append(row | {"made": history[-1].date if history else "", "held_out": parts})
     return rows
-
-
-def _served_rows(answer: ModelListAnswer) -> list[dict[str, Any]]:
-    import msgspec  # comes with the same extra as zenoh
-
-    return [{**msgspec.to_builtins(entry), "replica": answer.replica} for entry in answer.models]
-
-
-def _show(rows: list[dict[str, Any]]) -> None:
-    table = plain_table("", "name", "hash", "kind", "made (UTC)", "held-out RMSE", "added", "server", left=8)
-    for row in rows:
-        when = time.strftime("%Y-%m-%d %H:%M", time.localtime(row["added"]))
-        mark = "active" if row["active"] else ""
-        errors = _rmse_words((part["unit"], part["rmse"]) for part in row["held_out"])
-        made = row["made"][:16].replace("T", " ") or "-"
-        table.add_row(mark, row["id"], row["hash"][:DIGITS], row["kind"], made, errors, when, row.get("replica", ""))
-    out.print(table if rows else "no models yet; add one: gpcorrect models add MODEL --store FOLDER")

@@ -24,10 +24,8 @@ def renamed(old: str, new: str, why: str) -> Any:
 
     Parameters
     ----------
-    old, new : str
-        Names of the option, with their dashes.
-    why : str
-        What the old name means elsewhere.
+    old, new : str, names of the option, with their dashes
+    why : str, what the old name means elsewhere
     """
 
     def _refuse(value: Any) -> None:
@@ -163,8 +161,7 @@ def report_page(report: Path | None) -> Path | None:
 
     Parameters
     ----------
-    report : Path or None
-        An .html file, or the folder for report.html.
+    report : Path or None, an .html file, or the folder for report.html
     """
     if report is None:
         return None
@@ -215,11 +212,9 @@ def numbers(text: str, separator: str, count: int, what: str) -> list[float]:
 
     Parameters
     ----------
-    text, separator : str
-        The text, and what stands between two numbers.
+    text, separator : str, the text, and what stands between two numbers
     count : int
-    what : str
-        What they are, for the message.
+    what : str, what they are, for the message
     """
     try:
         found = [float(part) for part in text.split(separator)]
@@ -237,8 +232,7 @@ def one_of(chosen: str | None, choices: tuple[Any, ...], what: str) -> Any:
     ----------
     chosen : str or None
     choices : tuple
-    what : str
-        Begins the message, such as "the marker".
+    what : str, begins the message, such as "the marker"
     """
     for choice in choices:
         if chosen == choice:
@@ -253,8 +247,7 @@ def ros_distro_of(chosen: str | None, domain: int | None) -> RosDistro:
     Parameters
     ----------
     chosen : str or None
-    domain : int or None
-        ROS_DOMAIN_ID, where one was given.
+    domain : int or None, ROS_DOMAIN_ID, where one was given
     """
     from gpcorrect_service.protocol.settings import RosDistro
 

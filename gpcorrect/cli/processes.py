@@ -34,8 +34,7 @@ def running(*words: str) -> Iterator[None]:
 
     Parameters
     ----------
-    *words : str
-        Command and options; GpCorrectError where it ends at once, as where its address is taken.
+    *words : str, command and options; GpCorrectError where it ends at once, as where its address is taken
     """
     command = [sys.executable, "-m", "gpcorrect", *words]
     nowhere = subprocess.DEVNULL
@@ -43,10 +42,8 @@ def running(*words: str) -> Iterator[None]:
     try:
         time.sleep(BORN)
         if process.poll() is not None:
-            raise GpCorrectError(
-                f"`gpcorrect {' '.join(words)}` ended at once with status {process.returncode}.",
-                hint="Run it yourself to see why.",
-            )
+            cause = f"`gpcorrect {' '.join(words)}` ended at once with status {process.returncode}."
+            raise GpCorrectError(cause, hint="Run it yourself to see why.")
         yield
     finally:
         process.terminate()

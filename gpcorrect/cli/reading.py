@@ -86,12 +86,10 @@ def read_logs(
     as_is, drop_disordered : bool
         Take what looks misread (None where the command has no such option); leave out samples whose time does not
         increase.
-    tracker_topic, arm : str, optional
-        Which tracker and arm of a recording.
+    tracker_topic, arm : str, optional, which tracker and arm of a recording
     tracker_log, time_offset : Path or None, and str
         The tracker's own recording; "auto", "none", or the seconds that its clock runs ahead.
-    learned : collection of str
-        Signals that the command learns from or measures.
+    learned : collection of str, signals that the command learns from or measures
 
     Raises
     ------
@@ -135,8 +133,7 @@ def seconds_ahead(time_offset: str) -> float | None:
 
     Parameters
     ----------
-    time_offset : str
-        "auto", "none", or seconds.
+    time_offset : str, "auto", "none", or seconds
     """
     from gpcorrect.logs.sync import seconds_of
 
@@ -148,8 +145,7 @@ def model_named(machine: str) -> Model:
 
     Parameters
     ----------
-    machine : str
-        As `--machine` takes it.
+    machine : str, as `--machine` takes it
     """
     from gpcorrect.sim import preset, preset_names, read_model
 
@@ -166,8 +162,7 @@ def chain_of(machine: str) -> Chain:
 
     Parameters
     ----------
-    machine : str
-        As `--machine` takes it.
+    machine : str, as `--machine` takes it
     """
     from gpcorrect.sim import machine_of
 

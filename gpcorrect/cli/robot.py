@@ -17,7 +17,7 @@ from gpcorrect.cli.processes import stop_signal
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
-    from gpcorrect.types import CalibrationLog, FloatArray
+    from gpcorrect.types import FloatArray
     from gpcorrect_service.crtk.recorder import Recording
     from gpcorrect_service.crtk.robot import Robot
 
@@ -76,7 +76,12 @@ def goto(
     Example: gpcorrect robot goto 40,90,380,0,0,0
     """
     with _robot(place) as robot:
-        scale = _units(sliding, len(robot.setpoint))
+        dof = len(robot.setpoint)
+        scale = np.full(dof, DEGREE)  # rad in a degree, and m in a millimetre for sliding joints
+        for text in filter(None, sliding.split(",")):
+            if not (text.strip().isdigit() and 1 <= int(text) <= dof):
+                raise DataError(f"sliding joints are numbers from 1 to {dof}, got {sliding!r}.")
+            scale[int(text) - 1] = 1e-3
         robot.move_jp(scale * np.array(opt.numbers(joints, ",", len(scale), "joints")))
         there = robot.measured
     words = f"there: {np.round(there / scale, 3).tolist()} (deg, mm)"
@@ -177,8 +182,7 @@ def record(
     """
     stop = stop_signal()
     from gpcorrect.logs import require_writable
-    from gpcorrect_service.crtk.journal import Journal, require_no_journal
-    from gpcorrect_service.crtk.recorder import Recorder, require_mcap
+    from gpcorrect_service.crtk.recorder import Journal, Recorder, require_mcap, require_no_journal
 
     require_writable(output)
     require_no_journal(output)
@@ -250,8 +254,14 @@ def extract(
 
     require_writable(output)
     require_new(output)
-    log = read_log(recording, columns=columns)
-    chosen = _chosen(log, signals)
+    log = chosen = read_log(recording, columns=columns)
+    if signals is not None:
+        wanted = set(split_names(signals))
+        if unknown := wanted - set(log.signals):
+            hint = f"It holds: {', '.join(log.signals)}."
+            raise DataError(f"the recording holds no {', '.join(sorted(unknown))}.", hint=hint)
+        without: dict[str, Any] = dict.fromkeys(set(log.signals) - wanted)
+        chosen = replace(log, extra={}, **without)
     rows = np.flatnonzero((log.time >= begin) & (log.time <= (np.inf if end is None else end)))[::every]
     if not len(rows):
         raise DataError(f"no sample lies between {begin:g} s and {end} s; the recording has {log.time[-1]:.3f} s.")
@@ -282,26 +292,3 @@ def _centre(model: Path | None, centre: tuple[float, ...] | None) -> FloatArray:
     middle = np.median(queries[:, :3], axis=0)
     nearest = queries[np.argmin(np.linalg.norm(queries[:, :3] - middle, axis=1))]
     return se3.from_parts(nearest[:3], nearest[3:7])
-
-
-def _units(sliding: str, dof: int) -> FloatArray:
-    """Return (dof,) rad in a degree, and m in a millimetre for sliding joints."""
-    scale = np.full(dof, DEGREE)
-    for text in filter(None, sliding.split(",")):
-        if not (text.strip().isdigit() and 1 <= int(text) <= dof):
-            raise DataError(f"sliding joints are numbers from 1 to {dof}, got {sliding!r}.")
-        scale[int(text) - 1] = 1e-3
-    return scale
-
-
-def _chosen(log: CalibrationLog, signals: str | None) -> CalibrationLog:
-    if signals is None:
-        return log
-    wanted = set(split_names(signals))
-    unknown = wanted - set(log.signals)
-    if unknown:
-        raise DataError(
-            f"the recording holds no {', '.join(sorted(unknown))}.", hint=f"It holds: {', '.join(log.signals)}."
-        )
-    without: dict[str, Any] = dict.fromkeys(set(log.signals) - wanted)
-    return replace(log, extra={}, **without)

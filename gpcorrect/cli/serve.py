@@ -162,10 +162,8 @@ def monitor(
         if find_spec(library) is None:
             raise MissingExtraError(library, extra="monitor", purpose="The page")
     if host not in ("127.0.0.1", "localhost", "::1") and not allow_remote:
-        raise DataError(
-            f"{host} can be reached from other machines, and the page asks nobody who they are.",
-            hint="Serve on 127.0.0.1 and tunnel to it, or allow remote access on purpose: --allow-remote",
-        )
+        hint = "Serve on 127.0.0.1 and tunnel to it, or allow remote access on purpose: --allow-remote"
+        raise DataError(f"{host} can be reached from other machines, and the page asks nobody who they are.", hint=hint)
     if config is not None and endpoint:
         raise DataError("--config and --endpoint both say where to look.", hint="Give one of them.")
     import uvicorn

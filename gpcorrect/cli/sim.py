@@ -81,13 +81,8 @@ def simulate(
     if chosen == "debridement":
         log = debridement_log(seed, reaches=count, faults=not clean, position_only=position_only, model=model)
     elif chosen == "reaches":
-        how: dict[str, Any] = {
-            "sessions": sessions,
-            "payloads": payload or (),
-            "position_only": position_only,
-            "faults": not clean,
-        }
-        log = random_reaches_log("raven2_left", count, seed, model=model, **how)
+        how: dict[str, Any] = {"sessions": sessions, "payloads": payload or (), "position_only": position_only}
+        log = random_reaches_log("raven2_left", count, seed, faults=not clean, model=model, **how)
     elif model is None:
         raise DataError("joint motion needs to know the machine.", hint="Give it: --machine model.toml")
     else:
@@ -119,10 +114,8 @@ def _effect(text: str) -> Effect:
     try:
         values = tomllib.loads("\n".join(fields))
     except tomllib.TOMLDecodeError as error:
-        raise DataError(
-            f"an effect is a name and fields with numbers, got {text!r}.",
-            hint='For example: --effect "backlash joint=2 radius=0.004"',
-        ) from error
+        hint = 'For example: --effect "backlash joint=2 radius=0.004"'
+        raise DataError(f"an effect is a name and fields with numbers, got {text!r}.", hint=hint) from error
     return effect_from_dict({"name": name} | values)
 
 

@@ -276,10 +276,8 @@ def fit(
     require_model_place(output)
     page = opt.report_page(report)
     learner_named(method)
-    paper: dict[str, Any] = {
-        "layers": (600, 500, 400),
-        "epochs": 60,
-    }  # Peng et al. 2020; its batch normalisation is left out
+    # Peng et al. 2020; its batch normalisation is left out
+    paper: dict[str, Any] = {"layers": (600, 500, 400), "epochs": 60}
     settings = FitSettings(method=method, extra=console.split_names(extra or ""), seed=seed, **paper)
     log = read_logs(logs, columns, as_is=as_is, learned=STATE)
     experiment = console.fitted(log, settings, output, page, quiet=json, task=PositionEstimator, holdout=holdout)

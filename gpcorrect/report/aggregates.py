@@ -9,10 +9,8 @@ from scipy.stats import norm
 
 from gpcorrect.calibration import Corrector, Measured, PartErrors, part_errors
 from gpcorrect.calibration.dataset import evenly_spread
-from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
-from gpcorrect.report.page import Section, TableData
-from gpcorrect.report.paths import METHOD_ROLES, METHOD_WORDS, Shown
-from gpcorrect.report.trajectories import LEAVES, leaves
+from gpcorrect.report.page import Chart, Mark, Panel, Role, Section, Series, TableData
+from gpcorrect.report.paths import LEAVES, METHOD_ROLES, METHOD_WORDS, Shown, leaves
 from gpcorrect.rigid.registration import evenly_spaced
 from gpcorrect.types import BoolArray, FloatArray
 
@@ -30,8 +28,7 @@ def errors_section(shown: Shown, dirty: Measured) -> Section:
     Parameters
     ----------
     shown : Shown
-    dirty : Measured
-        All samples of the recording.
+    dirty : Measured, all samples of the recording
     """
     corrector, measured = shown.corrector, shown.measured
     tables = [
@@ -45,12 +42,8 @@ def errors_section(shown: Shown, dirty: Measured) -> Section:
 
 def _table(errors: Sequence[PartErrors], note: str) -> TableData:
     parts = list(dict.fromkeys(row.part for row in errors))
-    rows = [
-        [f"{row.part}, {METHOD_WORDS[row.method]}", *leaves(row), row.unit]
-        for part in parts
-        for row in errors
-        if row.part == part
-    ]
+    together = sorted(errors, key=lambda row: parts.index(row.part))
+    rows = [[f"{row.part}, {METHOD_WORDS[row.method]}", *leaves(row), row.unit] for row in together]
     return TableData(["", *LEAVES, "unit"], rows, note)
 
 
@@ -85,8 +78,7 @@ def distribution_chart(errors: Sequence[tuple[str, Mapping[str, FloatArray]]], r
 
     Parameters
     ----------
-    errors : sequence of (str, mapping)
-        Label of a part, and the sizes (n,) of its errors by the name of a line.
+    errors : sequence of (str, mapping), label of a part, and the sizes (n,) of its errors by the name of a line
     roles : sequence of Role
     """
     panels = []
@@ -125,8 +117,7 @@ def map_chart(shown: Shown, position: FloatArray) -> Chart:
     Parameters
     ----------
     shown : Shown
-    position : (n, 3) array
-        Where they are, m.
+    position : (n, 3) array, where they are, m
     """
     part, (_, before, after) = shown.corrector.parts(3)[0], shown.corrector.METHODS
     sizes = [(m, part.sizes(shown.measured.of(m))) for m in (before, after)]
@@ -155,10 +146,8 @@ def coverage_chart(train: FloatArray, test: FloatArray, in_domain: BoolArray) ->
 
     Parameters
     ----------
-    train, test : (n, 3) and (m, 3) arrays
-        Observed positions, m.
-    in_domain : (m,) mask
-        Of the measured ones.
+    train, test : (n, 3) and (m, 3) arrays, observed positions, m
+    in_domain : (m,) mask, of the measured ones
     """
     groups = (
         ("training", Mark.DOTS, Role.QUIET, 2.0, train),

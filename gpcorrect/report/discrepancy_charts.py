@@ -12,7 +12,7 @@ from gpcorrect.discrepancy.outcome.result import ChannelGap, Evidence
 from gpcorrect.discrepancy.outcome.words import channel_words, in_reader_units
 from gpcorrect.discrepancy.recording.scene import Channel
 from gpcorrect.discrepancy.search.state import Step
-from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
+from gpcorrect.report.page import Chart, Mark, Panel, Role, Series
 from gpcorrect.rigid.registration import evenly_spaced
 from gpcorrect.sim.body import Body
 from gpcorrect.types import FloatArray
@@ -50,12 +50,11 @@ def gap_chart(gaps: Sequence[ChannelGap]) -> Chart:
     gaps : sequence of ChannelGap
     """
     units = [u for u in ("rad", "m") if any(g.channel.unit == u for g in gaps)]
-    panels = [_gap_panel([g for g in gaps if g.channel.unit == unit], unit) for unit in units]
+    panels = [_gap_panel([g for g in gaps if g.channel.unit == unit], *in_reader_units(1.0, unit)) for unit in units]
     return Chart("Root mean squares: the grey bar is what the named effects close.", panels, columns=len(units))
 
 
-def _gap_panel(gaps: Sequence[ChannelGap], unit: str) -> Panel:
-    scale, symbol = in_reader_units(1.0, unit)
+def _gap_panel(gaps: Sequence[ChannelGap], scale: float, symbol: str) -> Panel:
     rows = np.arange(len(gaps))
     values = [scale * np.array([size(g) for g in gaps]) for size, *_ in MARKS]
     before, after = values[:2]
@@ -75,8 +74,7 @@ def posterior_chart(effects: Sequence[tuple[str, Sequence[Alternative]]]) -> Cha
 
     Parameters
     ----------
-    effects : sequence of (str, sequence of Alternative)
-        Title, and what could stand in its place, most probable first.
+    effects : sequence of (str, sequence of Alternative), title, and what could stand in its place, most probable first
     """
     panels = []
     for title, alternatives in effects:
@@ -124,17 +122,13 @@ def likeness_chart(correlation: FloatArray, labels: Sequence[str]) -> Chart:
     """
     i, j = (grid.ravel() for grid in np.indices(correlation.shape))
     text = [f"{one} and {other}" for one in labels for other in labels]
-    cells = Series(
-        "cosine", Mark.CELLS, Role.RAW, j - 0.5, i - 0.5, x2=j + 0.5, y2=i + 0.5, value=correlation.ravel(), text=text
-    )
+    x, y, cosine = j - 0.5, i - 0.5, correlation.ravel()
+    cells = Series("cosine", Mark.CELLS, Role.RAW, x, y, x2=x + 1, y2=y + 1, value=cosine, text=text)
     names = [str(n + 1) for n in range(len(labels))]
+    whole = (-0.5, len(labels) - 0.5)
     numbered = list(map(" ".join, zip(names, labels, strict=True)))
-    panel = Panel(
-        "the same, by number", "", [cells], rows=numbered, x_names=names, x_range=(-0.5, len(labels) - 0.5), largest=1.0
-    )
-    caption = (
-        "Likeness of the whitened signatures: in full colour (cosine near 1 or -1) two effects look the same here."
-    )
+    panel = Panel("the same, by number", "", [cells], rows=numbered, x_names=names, x_range=whole, largest=1.0)
+    caption = "Likeness of the whitened signatures: in full colour (cosine near 1 or -1) two effects look alike here."
     return Chart(caption, [panel])
 
 
@@ -155,16 +149,10 @@ def loop_chart(evidence: Evidence, channels: Sequence[tuple[int, Channel]], body
         scale, symbol = in_reader_units(1.0, channel.unit)
         limits = _limits(scale * evidence.before[evidence.test, index])
         for title, values in zip(STATES, (evidence.before[:, index], evidence.after[:, index]), strict=True):
-            panels.append(
-                Panel(
-                    f"motor position, {joint}",
-                    f"measured − simulated [{symbol}]",
-                    _loops(evidence, along * evidence.motor[:, column], scale * values, column),
-                    title=f"{channel_words(channel)}: {title}",
-                    y_range=limits,
-                    height=240,
-                )
-            )
+            labels = f"motor position, {joint}", f"measured − simulated [{symbol}]"
+            series = _loops(evidence, along * evidence.motor[:, column], scale * values, column)
+            titled = f"{channel_words(channel)}: {title}"
+            panels.append(Panel(*labels, series, title=titled, y_range=limits, height=240))
     caption = (
         "Test set. Two separate lines are a loop: play, friction or hysteresis; one bent line is geometry or load; "
         "a line at zero is explained. Lines are running medians."
@@ -236,17 +224,10 @@ def map_chart(evidence: Evidence, index: int, channel: Channel, body: Body) -> C
     columns, rows = along * _edges(evidence.motor[:, pair[0]]), across * _edges(evidence.motor[:, pair[1]])
     i, j = (grid.ravel() for grid in np.indices(means[0].shape))
     x, x2, y, y2 = columns[i], columns[i + 1], rows[j], rows[j + 1]
-    panels = [
-        Panel(
-            one,
-            other,
-            [Series(symbol, Mark.CELLS, Role.RAW, x, y, x2=x2, y2=y2, value=mean.ravel())],
-            title=title,
-            largest=largest,
-            height=280,
-        )
-        for title, mean in zip(STATES, means, strict=True)
-    ]
+    panels = []
+    for title, mean in zip(STATES, means, strict=True):
+        cells = Series(symbol, Mark.CELLS, Role.RAW, x, y, x2=x2, y2=y2, value=mean.ravel())
+        panels.append(Panel(one, other, [cells], title=title, largest=largest, height=280))
     caption = (
         f"Mean of measured minus simulated, {channel_words(channel)}, over the joints that spread it most: orange "
         f"above zero, blue below, in full colour from {largest:.3g} {symbol}."

@@ -42,17 +42,12 @@ MOST_LABELS = 14  # in the correlation matrix
 
 
 def write_discrepancy_report(result: DiscrepancyResult, path: Path) -> None:
-    """Write the self-contained page of a run.
+    """Write the self-contained page of a run; raises as :func:`write_page`.
 
     Parameters
     ----------
     result : DiscrepancyResult
     path : Path
-
-    Raises
-    ------
-    GpCorrectError
-        The folder cannot be written.
     """
     source, (headline, *beside) = result.provenance, verdict_sentences(result)
     loops = loop_chart(result.evidence, _worst(result)[:MOST_CHANNELS], machine_of(result.model).body)

@@ -30,8 +30,7 @@ def write_mcap(evaluation: Evaluation, log: CalibrationLog, folder: Path) -> Non
     ----------
     evaluation : Evaluation
     log : CalibrationLog
-    folder : Path
-        Made; it holds the MCAP file and its description, as `ros2 bag` has them.
+    folder : Path, made; it holds the MCAP file and its description, as `ros2 bag` has them
 
     Raises
     ------
@@ -39,9 +38,8 @@ def write_mcap(evaluation: Evaluation, log: CalibrationLog, folder: Path) -> Non
         The model corrects no poses, or the log has no clock; the folder exists already or cannot be made.
     """
     if not isinstance(evaluation.corrector, CommandCorrector) or log.setpoint_cp is None:
-        raise DataError(
-            "a recording of poses is written for models that correct poses.", hint="Use --report for this model."
-        )
+        hint = "Use --report for this model."
+        raise DataError("a recording of poses is written for models that correct poses.", hint=hint)
     if log.static:
         raise DataError("static poses have no clock, and a recording needs one.", hint="Use --report for them.")
     try:

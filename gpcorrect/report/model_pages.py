@@ -9,13 +9,25 @@ from typing import Any
 
 import numpy as np
 
-from gpcorrect.calibration import Ageing, Detection, Evaluation, Experiment, SideBySide, part_errors
-from gpcorrect.report import aggregates, trajectories
-from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
-from gpcorrect.report.page import Page, Section, TableData, write_page
-from gpcorrect.report.paths import METHOD_WORDS, Line, Shown, path_charts, words_of
-from gpcorrect.report.recordings import clocks_section, dropped_section, registration_sections
-from gpcorrect.report.trajectories import LEAVES, inside95, leaves, listed, typical_trajectory
+from gpcorrect.calibration import Ageing, Detection, Evaluation, Experiment, FitResult, SideBySide, part_errors
+from gpcorrect.calibration.dataset import evenly_spread
+from gpcorrect.cleaning import CleaningReport, Reason
+from gpcorrect.logs.sync import Clocks
+from gpcorrect.report import aggregates
+from gpcorrect.report.page import Chart, Mark, Page, Panel, Role, Section, Series, TableData, runs, write_page
+from gpcorrect.report.paths import (
+    LEAVES,
+    METHOD_WORDS,
+    Line,
+    Shown,
+    inside95,
+    leaves,
+    listed,
+    path_charts,
+    trajectories_section,
+    typical_trajectory,
+    words_of,
+)
 from gpcorrect.types import CalibrationLog, FloatArray
 
 MOST_PARTS = 3  # that the first sentence names; chosen by hand
@@ -24,18 +36,12 @@ COMPARED = (Role.RAW, Role.CORRECTED)  # of two models
 
 
 def write_fit_report(experiment: Experiment, path: Path) -> None:
-    """Write the self-contained page of an experiment.
+    """Write the self-contained page of an experiment; raises as :func:`write_page`.
 
     Parameters
     ----------
     experiment : Experiment
-    path : Path
-        HTML file.
-
-    Raises
-    ------
-    GpCorrectError
-        The folder cannot be written.
+    path : Path, HTML file
     """
     fit, evaluation, test = experiment.fit, experiment.evaluation, experiment.test
     sections: list[Section] = []
@@ -67,24 +73,15 @@ def write_fit_report(experiment: Experiment, path: Path) -> None:
 def write_evaluation_report(
     evaluation: Evaluation, log: CalibrationLog, path: Path, notes: Sequence[str] = (), name: str = "model"
 ) -> None:
-    """Write the self-contained page of a model measured on recordings.
+    """Write the self-contained page of a model measured on recordings; raises as :func:`write_page`.
 
     Parameters
     ----------
     evaluation : Evaluation
-    log : CalibrationLog
-        That was measured.
-    path : Path
-        HTML file.
-    notes : sequence of str
-        What the command noticed.
-    name : str
-        Of the model.
-
-    Raises
-    ------
-    GpCorrectError
-        The folder cannot be written.
+    log : CalibrationLog, that was measured
+    path : Path, HTML file
+    notes : sequence of str, what the command noticed
+    name : str, of the model
     """
     corrector, clean = evaluation.corrector, evaluation.clean
     facts = [
@@ -106,7 +103,7 @@ def _measured(evaluation: Evaluation, log: CalibrationLog, training: Any) -> lis
     measured, corrector = evaluation.clean, evaluation.corrector
     shown = Shown(corrector, measured, evaluation.cleaning, log)
     sections = [
-        trajectories.trajectories_section(shown),
+        trajectories_section(shown),
         aggregates.errors_section(shown, evaluation.dirty),
         aggregates.intervals_section(shown),
     ]
@@ -115,9 +112,8 @@ def _measured(evaluation: Evaluation, log: CalibrationLog, training: Any) -> lis
         charts = [aggregates.map_chart(shown, position)]
         if training is not None:
             train, cleaning = training
-            charts.append(
-                aggregates.coverage_chart(train.tracker_cp.position[cleaning.keep], position, measured.in_domain)
-            )
+            known = train.tracker_cp.position[cleaning.keep]
+            charts.append(aggregates.coverage_chart(known, position, measured.in_domain))
         sections.insert(2, Section("Where in the workspace", (), (), charts))
     return sections
 
@@ -141,13 +137,11 @@ def _verdict(evaluation: Evaluation) -> str:
 
 def _model_sources(name: str, corrector: Any) -> list[tuple[str, str]]:
     """Return what a model remembers of its making, for the foot of a page."""
-    return [
-        (
-            f"{name}, {step.what}",
-            f"{step.date}, {step.source}, SHA-256 {step.sha256 or 'none: not a file'}: {step.command}",
-        )
-        for step in corrector.history
-    ]
+    sources = []
+    for s in corrector.history:
+        made = f"{s.date}, {s.source}, SHA-256 {s.sha256 or 'none: not a file'}: {s.command}"
+        sources.append((f"{name}, {s.what}", made))
+    return sources
 
 
 def _recording_sources(log: CalibrationLog) -> list[tuple[str, str]]:
@@ -156,24 +150,16 @@ def _recording_sources(log: CalibrationLog) -> list[tuple[str, str]]:
 
 
 def write_compare_report(both: SideBySide, names: tuple[str, str], notes: Sequence[str], path: Path) -> None:
-    """Write the self-contained page of two models on one recording.
+    """Write the self-contained page of two models on one recording; raises as :func:`write_page`.
 
     Parameters
     ----------
     both : SideBySide
-    names : (str, str)
-        Of the models.
-    notes : sequence of str
-        What the command noticed.
-    path : Path
-        HTML file.
-
-    Raises
-    ------
-    GpCorrectError
-        The folder cannot be written.
+    names : (str, str), of the models
+    notes : sequence of str, what the command noticed
+    path : Path, HTML file
     """
-    one, other = both.evaluations
+    one = both.evaluations[0]
     reasons = [np.asarray(e.cleaning.reason) for e in both.evaluations]
     cleaning = replace(one.cleaning, reason=np.where(reasons[0] != "", reasons[0], reasons[1]))
     shown = Shown(one.corrector, both.measured[0], cleaning, both.log)
@@ -185,16 +171,10 @@ def write_compare_report(both: SideBySide, names: tuple[str, str], notes: Sequen
         *(("note", note) for note in notes),
         *((f"caution, {name}", c) for name, e in zip(names, both.evaluations, strict=True) for c in e.cautions),
     ]
-    sections = [
-        _overall(both, names),
-        _both_trajectories(both, names, shown),
-        dropped_section("Rejected", both.log, cleaning),
-    ]
-    sources = [
-        *_model_sources(names[0], one.corrector),
-        *_model_sources(names[1], other.corrector),
-        *_recording_sources(both.log),
-    ]
+    dropped = dropped_section("Rejected", both.log, cleaning)
+    sections = [_overall(both, names), _both_trajectories(both, names, shown), dropped]
+    made = [source for n, e in zip(names, both.evaluations, strict=True) for source in _model_sources(n, e.corrector)]
+    sources = [*made, *_recording_sources(both.log)]
     chosen = "" if both.log.static else str(typical_trajectory(both.measured[1]))
     write_page(Page("gpcorrect compare", f"Mean error, {words[0]}.", facts, sections, sources, chosen), path)
 
@@ -239,27 +219,16 @@ def _both_trajectories(both: SideBySide, names: tuple[str, str], shown: Shown) -
 def write_drift_report(
     baseline: FloatArray, found: Detection, ageing: Ageing, names: Sequence[str], words: Sequence[str], path: Path
 ) -> None:
-    """Write the self-contained page.
+    """Write the self-contained page of a model that ages; raises as :func:`write_page`.
 
     Parameters
     ----------
-    baseline : (m,) array
-        Scores of left-out training trajectories.
-    found : Detection
-        Scores and evidence of n trajectories, oldest first.
-    ageing : Ageing
-        With the score at which a model is worn out.
-    names : sequence of str
-        Of each trajectory's recording.
-    words : sequence of str
-        What was found, the verdict first.
-    path : Path
-        HTML file.
-
-    Raises
-    ------
-    GpCorrectError
-        The folder cannot be written.
+    baseline : (m,) array, scores of left-out training trajectories
+    found : Detection, scores and evidence of n trajectories, oldest first
+    ageing : Ageing, with the score at which a model is worn out
+    names : sequence of str, of each trajectory's recording
+    words : sequence of str, what was found, the verdict first
+    path : Path, HTML file
     """
     number = np.arange(1, len(found.scores) + 1)
     ends = np.array([0.5, len(number) + 0.5])
@@ -281,3 +250,86 @@ def write_drift_report(
     ]
     chart = Chart("Scores, about 1 while the model holds, and the evidence that they grew.", panels, shared=True)
     write_page(Page("gpcorrect drift", words[0], (), [Section("Over time", words[1:], (), (chart,))]), path)
+
+
+MOST_POINTS = 2500  # of a path that stands above the rejected samples; chosen by hand
+
+
+def registration_sections(fit: FitResult) -> list[Section]:
+    """Return how the rigid model was chosen; nothing for a task without one.
+
+    Parameters
+    ----------
+    fit : FitResult
+    """
+    chosen = fit.registration
+    if chosen is None:
+        return []
+    rows = []
+    for c in chosen.candidates:
+        note = c.refused or ("chosen" if c.kind == chosen.model.kind else "")
+        rows.append([c.kind, f"{c.position_mm:.3f}", f"{c.rotation_deg:.3f}", note])
+    note = "Median errors on left-out training trajectories."
+    table = TableData(["model", "position [mm]", "rotation [deg]", ""], rows, note, text=(3,))
+    words = [f"{chosen.reason[:1].upper()}{chosen.reason[1:].rstrip('.')}."]
+    return [Section("Registration of the frames", words, (table,) if rows else ())]
+
+
+def clocks_section(clocks: Clocks) -> Section:
+    """Return what was found of the outside sensor's clock.
+
+    Parameters
+    ----------
+    clocks : Clocks
+    """
+    offset, words = clocks.offset, [f"{clocks.remark[:1].upper()}{clocks.remark[1:].rstrip('.')}."]
+    if offset is None or offset.lags.size == 0:
+        return Section("Clocks", words)
+    series = [Series("correlation", Mark.LINE, Role.INK, offset.lags, offset.correlation)]
+    spans = []
+    if offset.observable and np.isfinite(offset.ci95).all():
+        spans = [(float(offset.ci95[0]), float(offset.ci95[1]), f"estimate {offset.offset:.4f} s, 95 % interval")]
+    panel = Panel("time offset of the outside sensor [s]", "correlation of speeds", series, spans=spans, height=240)
+    caption = "Agreement of the speeds of outside sensor and command over time offsets; shaded: the estimate."
+    return Section("Clocks", words, (), (Chart(caption, [panel]),))
+
+
+def dropped_section(title: str, log: CalibrationLog, report: CleaningReport) -> Section:
+    """Return which samples of a recording were rejected, over the recording, a row a reason.
+
+    Parameters
+    ----------
+    title : str
+    log : CalibrationLog
+    report : CleaningReport
+    """
+    reasons: Sequence[str] = [reason for reason, count in report.counts.items() if count]
+    words = [f"{int(report.keep.sum())} of {len(log)} samples passed cleaning."]
+    if not reasons:
+        return Section(title, words)
+    rows = [[reason, str(report.counts[reason]), Reason(reason).sentence] for reason in reasons]
+    table = TableData(["reason", "samples", "what it means"], rows, text=(2,))
+    marks = Panel("sample", "", [_rejected(report, reasons)], rows=reasons, x_range=(0, len(log)))
+    caption = "Rejected samples by reason, in the order of the recording."
+    return Section(title, words, (table,), (Chart(caption, [*_path(log), marks], shared=True),))
+
+
+def _rejected(report: CleaningReport, reasons: Sequence[str]) -> Series:
+    label = np.asarray(report.reason)
+    found = [run for run in runs(label) if label[run[0]]]
+    text = [f"samples {run[0]} to {run[-1]}: {label[run[0]]}" for run in found]
+    row = [reasons.index(str(label[run[0]])) for run in found]
+    first, last = [run[0] for run in found], [run[-1] + 1 for run in found]
+    return Series("rejected", Mark.BARS, Role.DROPPED, first, row, x2=last, text=text)
+
+
+def _path(log: CalibrationLog) -> list[Panel]:
+    """Return the outside sensor's positions over the samples; nothing for recordings without any."""
+    if log.tracker_cp is None:
+        return []
+    shown = evenly_spread(len(log), MOST_POINTS)
+    series = [
+        Series(axis, Mark.LINE, role, shown, 100 * log.tracker_cp.position[shown, i])
+        for i, (axis, role) in enumerate(zip("xyz", (Role.CORRECTED, Role.GOOD, Role.RIGID), strict=True))
+    ]
+    return [Panel("sample", "observed [cm]", series, x_range=(0, len(log)))]

@@ -1,23 +1,190 @@
-"""A self-contained HTML page of sections with sentences, tables, charts and figures, and of how it was made."""
+"""A self-contained HTML page of sections with sentences, tables and charts, and of how it was made.
+
+Charts are data: panels of series, which the page's script draws, zooms, turns and reads out.
+"""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from enum import StrEnum
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from gpcorrect.atomic import write_file
 from gpcorrect.calibration import command_line, now, versions
 from gpcorrect.errors import MissingExtraError
 from gpcorrect.plain import json_ready
-from gpcorrect.report.charts import Chart, charts_data
+from gpcorrect.types import FloatArray, IntArray
 
 try:
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 except ImportError as error:
     raise MissingExtraError("jinja2", extra="report", purpose="Writing a report page") from error
+
+DIGITS = 6  # of a number on the page: a thousand seconds to the millisecond or so; chosen by hand
+
+
+class Mark(StrEnum):
+    """How a series is drawn."""
+
+    LINE = "line"
+    DASH = "dash"
+    BAND = "band"  # from y to y2
+    DOTS = "dots"
+    CROSSES = "crosses"
+    BARS = "bars"  # from x to x2, y is the row's number
+    CELLS = "cells"  # from x to x2 and y to y2, coloured by `value`
+
+
+class Role(StrEnum):
+    """What a series stands for; the page gives each a colour, light and dark, that colour-blind readers keep apart."""
+
+    RAW = "raw"
+    RIGID = "rigid"
+    CORRECTED = "corrected"
+    DROPPED = "dropped"
+    GOOD = "good"
+    SKY = "sky"
+    QUIET = "quiet"
+    INK = "ink"
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Numbers of one name; NaN leaves a gap."""
+
+    name: str  # in the legend, which shows and hides all series of the name
+    mark: Mark
+    role: Role
+    # (n,), in the units of the axes
+    x: ArrayLike
+    y: ArrayLike
+    # third coordinate in space; other end of bars, bands and cells; colour of cells, or time of a point in space
+    z: ArrayLike | None = None
+    x2: ArrayLike | None = None
+    y2: ArrayLike | None = None
+    value: ArrayLike | None = None
+    text: Sequence[str] = ()  # what is shown for each point, instead of the name
+    labels: Sequence[str] = ()  # written beside each bar
+    size: float = 0.0  # px of dots, or part of a row that a bar fills; as the page's script has it where 0
+    hidden: bool = False  # not shown until the reader asks
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """Series on one pair of axes."""
+
+    # name and, in brackets, unit
+    x_label: str
+    y_label: str
+    series: Sequence[Series]
+    z_label: str = ""
+    title: str = ""
+    # logarithmic scale
+    log_x: bool = False
+    log_y: bool = False
+    equal: bool = False  # one scale for all axes
+    rows: Sequence[str] = ()  # names of rows where y counts rows, from the top
+    x_names: Sequence[str] = ()  # the same for x, from the left
+    # shown at first; as the series need without it
+    x_range: tuple[float, float] | None = None
+    y_range: tuple[float, float] | None = None
+    spans: Sequence[tuple[float, float, str]] = ()  # stretches of x that are shaded, and why
+    largest: float = 0.0  # value of cells in full colour
+    height: int = 0  # px; by its contents where 0
+    legend: bool = False  # name the series even where there is one
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """Panels and the sentence under them."""
+
+    caption: str
+    panels: Sequence[Panel] = ()  # of a chart that always shows the same
+    # of a chart that shows what is chosen in the page's table, by the keys of its rows
+    choices: Mapping[str, Sequence[Panel]] = field(default_factory=dict)
+    columns: int = 1  # panels beside each other, on a wide page
+    shared: bool = False  # the panels have one x axis: they are zoomed together
+    space: bool = False  # one panel with x, y and z
+
+
+def charts_data(charts: Sequence[Chart]) -> dict[str, Any]:
+    """Return charts as the page's script reads them, JSON-able; an array that several series hold is written once.
+
+    Parameters
+    ----------
+    charts : sequence of Chart
+    """
+    store = _Columns()
+    return {"charts": [_plain(chart, store) for chart in charts], "columns": store.lists}
+
+
+def runs(labels: np.ndarray) -> list[IntArray]:
+    """Return the places of each unbroken run of one label.
+
+    Parameters
+    ----------
+    labels : (n,) array
+    """
+    return np.split(np.arange(len(labels)), np.flatnonzero(labels[1:] != labels[:-1]) + 1)
+
+
+def stretches(time: FloatArray, labels: np.ndarray) -> list[tuple[float, float, str]]:
+    """Return from when to when samples have one label, s, and the label; of those without one nothing.
+
+    Parameters
+    ----------
+    time, labels : (n,) arrays, s; text
+    """
+    half = float(np.median(np.diff(time))) / 2 if len(time) > 1 else 0.5
+    found = [(run[0], run[-1]) for run in runs(labels) if labels[run[0]]]
+    return [(float(time[a] - half), float(time[b] + half), str(labels[a])) for a, b in found]
+
+
+class _Columns:
+    """Lists of numbers, one for each array that was given."""
+
+    def __init__(self) -> None:
+        self.lists: list[list[float | None]] = []
+        self._known: dict[int, int] = {}
+        self._held: list[ArrayLike] = []  # so that no other array gets its place in memory, and its number
+
+    def number(self, array: ArrayLike) -> int:
+        if id(array) not in self._known:
+            self._known[id(array)] = len(self.lists)
+            self._held.append(array)
+            numbers = np.asarray(array, dtype=np.float64)
+            # with the digits that can be seen; None for what is not finite
+            self.lists.append([float(f"{v:.{DIGITS}g}") if math.isfinite(v) else None for v in numbers])
+        return self._known[id(array)]
+
+
+NUMBERS = ("x", "y", "z", "x2", "y2", "value")
+
+
+def _plain(part: Any, store: _Columns) -> Any:
+    """Return a chart, panel or series as a dictionary of what it says; what it leaves open is left out."""
+    found: dict[str, Any] = {}
+    for entry in fields(part):
+        value = getattr(part, entry.name)
+        if value is None or (not isinstance(value, np.ndarray) and not value and entry.name not in NUMBERS):
+            continue
+        if isinstance(part, Series) and entry.name in NUMBERS:
+            found[entry.name] = store.number(value)
+        elif entry.name == "choices":
+            found[entry.name] = {key: [_plain(panel, store) for panel in panels] for key, panels in value.items()}
+        elif entry.name in ("panels", "series"):
+            found[entry.name] = [_plain(inner, store) for inner in value]
+        else:
+            found[entry.name] = value
+    return found
 
 
 @dataclass(frozen=True)
@@ -63,7 +230,12 @@ def write_page(page: Page, path: Path) -> None:
     Parameters
     ----------
     page : Page
-    path : Path
+    path : Path, HTML file
+
+    Raises
+    ------
+    GpCorrectError
+        The folder cannot be written.
     """
     charts = [figure for section in page.sections for figure in section.figures]
     data = json.dumps({**json_ready(charts_data(charts)), "chosen": page.chosen, "chooses": page.chooses})

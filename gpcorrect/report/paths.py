@@ -1,4 +1,4 @@
-"""Charts of measured trajectories of each task: paths in space and over time, and errors, with gaps."""
+"""Measured trajectories of each task: a table that chooses, paths in space and over time, and errors, with gaps."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gpcorrect.calibration import COMPONENTS, CommandCorrector, Corrector, JointCorrector, Measured
+from gpcorrect.calibration import COMPONENTS, CommandCorrector, Corrector, JointCorrector, Measured, PartErrors
 from gpcorrect.calibration.joint_view import directed
 from gpcorrect.calibration.task import Part
 from gpcorrect.cleaning import CleaningReport, Reason
-from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series, runs
+from gpcorrect.report.page import Chart, Mark, Panel, Role, Section, Series, TableData, runs, stretches
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 
 METHOD_ROLES = (Role.RAW, Role.RIGID, Role.CORRECTED)  # of the methods: before, after the simplest remedy, corrected
@@ -128,10 +128,8 @@ def path_charts(shown: Shown, paths: Sequence[Line], errors: Sequence[Line]) -> 
     Parameters
     ----------
     shown : Shown
-    paths : sequence of Line
-        Whose errors, taken off the reference, are drawn as paths beside it.
-    errors : sequence of Line
-        That are drawn as errors.
+    paths : sequence of Line, whose errors, taken off the reference, are drawn as paths beside it
+    errors : sequence of Line, that are drawn as errors
     """
     groups, target = shown.groups(), _reference(shown.corrector, shown.log, shown.measured)
     if shown.log.static:  # nothing joins one pose to the next
@@ -175,7 +173,9 @@ def _chosen(shown: Shown, key: str, index: IntArray) -> _Chosen:
     here = np.arange(len(log)) if key == "" else np.flatnonzero(log.trajectory == int(key))
     time = log.time[here] - log.time[here[0]]
     measured = _taken(shown.measured.time - log.time[here[0]], index)
-    return _Chosen(index, measured, _rejected(shown.cleaning, here, time))
+    reason = np.asarray(shown.cleaning.reason)[here]
+    spans = [(a, b, f"rejected: {Reason(why).sentence}") for a, b, why in stretches(time, reason)]
+    return _Chosen(index, measured, spans)
 
 
 def _panels(
@@ -215,14 +215,6 @@ def _errors(axes: Sequence[Part], along: str, chosen: _Chosen, lines: Sequence[L
     return panels
 
 
-def _rejected(cleaning: CleaningReport, here: IntArray, time: FloatArray) -> list[tuple[float, float, str]]:
-    """Return from when to when samples `here` (n,) were rejected, s, and why."""
-    reason = np.asarray(cleaning.reason)[here]
-    half = float(np.median(np.diff(time))) / 2 if len(time) > 1 else 0.0
-    found = [(run[0], run[-1], str(reason[run[0]])) for run in runs(reason) if reason[run[0]]]
-    return [(float(time[a] - half), float(time[b] + half), f"rejected: {Reason(why).sentence}") for a, b, why in found]
-
-
 def _thinned(rows: IntArray, index: IntArray, step: int) -> IntArray:
     """Return one in `step` of the samples `index`, with -1 where their `rows` of the log do not touch."""
     gap, pieces = np.array([-1]), []
@@ -236,3 +228,108 @@ def _taken(values: FloatArray, index: IntArray) -> FloatArray:
     taken = np.array(values[index], dtype=np.float64)
     taken[index < 0] = np.nan
     return taken
+
+
+WIDE_TABLE = 2  # parts up to which the table shows all three methods; chosen by hand
+LEAVES = ("mean", "SD", "rmse", "p95", "max")  # columns of tables of errors
+
+
+def trajectories_section(shown: Shown) -> Section:
+    """Return the table of trajectories, and the charts of the one that is chosen in it.
+
+    Parameters
+    ----------
+    shown : Shown
+    """
+    corrector, measured, words = shown.corrector, shown.measured, words_of(shown.corrector)
+    reached = measured.of(corrector.METHODS[words.reached_method])
+    paths = [
+        Line(words.reached, Mark.LINE, Role.RAW, reached),
+        Line(words.answer, Mark.LINE, Role.CORRECTED, measured.corrected),
+    ]
+    middle, last = corrector.METHODS[1:]
+    errors = [
+        Line(METHOD_WORDS[middle], Mark.LINE, METHOD_ROLES[1], measured.registered),
+        Line(METHOD_WORDS[last], Mark.LINE, METHOD_ROLES[2], measured.corrected, measured.interval95),
+    ]
+    charts = path_charts(shown, paths, errors)
+    if shown.log.static:
+        return Section("Static poses, in the order of the recording", (words.errors,), (), charts)
+    groups = shown.groups()
+    return Section("Trajectory by trajectory", (words.errors, listed(shown)), (_table(shown, groups),), charts)
+
+
+def typical_trajectory(measured: Measured) -> int:
+    """Return the number of the trajectory whose mean corrected error is the median one.
+
+    Parameters
+    ----------
+    measured : Measured, of a whole recording; joints that were not measured count nothing
+    """
+    ids = np.unique(measured.trajectory)
+    size = np.linalg.norm(np.nan_to_num(measured.corrected[:, :3]), axis=1)
+    means = np.array([size[measured.trajectory == i].mean() for i in ids])
+    return int(ids[np.argsort(means)[len(ids) // 2]])
+
+
+def listed(shown: Shown) -> str:
+    """Return what the table of trajectories does, and whether it shows all of them.
+
+    Parameters
+    ----------
+    shown : Shown
+    """
+    total, count = len(np.unique(shown.measured.trajectory)), len(shown.groups())
+    more = f" The first {count} of {total} are listed." if total > count else ""
+    return f"Choose a row to see that trajectory below; column names sort.{more}"
+
+
+def leaves(row: PartErrors) -> list[str]:
+    """Return what tables show of the errors of a part, in the order of `LEAVES`.
+
+    Parameters
+    ----------
+    row : PartErrors
+    """
+    return [f"{value:.3f}" for value in (row.mean, row.sd, row.rmse, row.p95, row.max)]
+
+
+def inside95(measured: Measured, index: IntArray) -> str:
+    """Return the fraction of errors inside their 95 % intervals, in words.
+
+    Parameters
+    ----------
+    measured : Measured
+    index : (k,) int array, of its samples
+    """
+    known = np.isfinite(measured.corrected[index])
+    inside = np.abs(measured.corrected[index]) <= measured.interval95[index]
+    return f"{100 * inside[known].mean():.0f} %" if known.any() else "-"
+
+
+def _table(shown: Shown, groups: Mapping[str, IntArray]) -> TableData:
+    measured, corrector = shown.measured, shown.corrector
+    parts = corrector.measured_parts(measured)
+    methods = corrector.METHODS if len(parts) <= WIDE_TABLE else (corrector.METHODS[0], corrector.METHODS[2])
+    head = ["trajectory", "samples", "rejected", "s"]
+    head += [f"{part.name} {METHOD_WORDS[method]} [{part.unit}]" for part in parts for method in methods]
+    head += ["max", "inside 95 %", "in domain"]
+    rows = []
+    for key, index in groups.items():
+        here = shown.log.trajectory == int(key)
+        means = [np.nanmean(part.sizes(measured.of(m)[index])) for part in parts for m in methods]
+        rows.append(
+            [
+                key,
+                str(len(index)),
+                str(int(np.count_nonzero(here & ~shown.cleaning.keep))),
+                f"{np.ptp(shown.log.time[here]):.1f}",
+                *(f"{mean:.3f}" for mean in means),
+                f"{np.nanmax(parts[0].sizes(measured.corrected[index])):.3f}",
+                inside95(measured, index),
+                f"{100 * measured.in_domain[index].mean():.0f} %",
+            ]
+        )
+    first, last = parts[0], METHOD_WORDS[corrector.METHODS[2]]
+    note = f"Mean length of the error of each part; max: of the {first.name}, {last} [{first.unit}]."
+    return TableData(head, rows, note, keys=list(groups))

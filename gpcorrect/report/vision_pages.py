@@ -8,9 +8,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series, runs
-from gpcorrect.report.page import Page, Section, TableData, write_page
-from gpcorrect.types import FloatArray, IntArray
+from gpcorrect.report.page import (
+    Chart,
+    Mark,
+    Page,
+    Panel,
+    Role,
+    Section,
+    Series,
+    TableData,
+    runs,
+    stretches,
+    write_page,
+)
+from gpcorrect.types import IntArray
 
 if TYPE_CHECKING:  # OpenCV is an extra of its own: reports of other things must not ask for it
     from gpcorrect.vision import CalibrationReport, Camera, Target, Track, TrackResult
@@ -22,21 +33,13 @@ STATE_ROLES = (Role.CORRECTED, Role.QUIET, Role.RIGID, Role.DROPPED, Role.RAW, R
 
 
 def write_calibration_page(report: CalibrationReport, path: Path, sources: Sequence[tuple[str, str]] = ()) -> None:
-    """Write the page of a calibration.
+    """Write the page of a calibration; raises as :func:`write_page`.
 
     Parameters
     ----------
-    report : CalibrationReport
-        The calibration.
-    path : Path
-        HTML file to write.
-    sources : sequence of (str, str)
-        Files that it was made from, and their digests.
-
-    Raises
-    ------
-    GpCorrectError
-        The folder cannot be written.
+    report : CalibrationReport, the calibration
+    path : Path, HTML file to write
+    sources : sequence of (str, str), files that it was made from, and their digests
     """
     figures = report.to_dict()["cameras"]
     rows = [
@@ -75,25 +78,15 @@ def write_calibration_page(report: CalibrationReport, path: Path, sources: Seque
 def write_tracking_page(
     result: TrackResult, cameras: Sequence[Camera], target: Target, path: Path, sources: Sequence[tuple[str, str]] = ()
 ) -> None:
-    """Write the page of a tracked recording.
+    """Write the page of a tracked recording; raises as :func:`write_page`.
 
     Parameters
     ----------
-    result : TrackResult
-        The track and its log.
-    cameras : sequence of Camera
-        In the order of the recordings.
-    target : Target
-        What was tracked.
-    path : Path
-        HTML file to write.
-    sources : sequence of (str, str)
-        Files that it was made from, and their digests.
-
-    Raises
-    ------
-    GpCorrectError
-        The folder cannot be written.
+    result : TrackResult, the track and its log
+    cameras : sequence of Camera, in the order of the recordings
+    target : Target, what was tracked
+    path : Path, HTML file to write
+    sources : sequence of (str, str), files that it was made from, and their digests
     """
     figures, fractions = result.to_dict(), result.track.fractions()
     facts = [
@@ -168,7 +161,7 @@ def _path_charts(track: Track) -> tuple[Chart, Chart]:
     position = np.where((track.status == LOST)[:, None], np.nan, 1e3 * track.T_tracker_tool[:, :3, 3])
     time, path = track.time[rows] - track.time[0], [position[rows, i] for i in range(3)]
     coasting = track.status[rows] == COASTING
-    lost = _spans(track.time, track.status == LOST, "lost")
+    lost = stretches(track.time - track.time[0], np.where(track.status == LOST, "lost", ""))
     panels = []
     for i, axis in enumerate("xyz"):
         spread = 3e3 * track.std[rows, i]
@@ -218,8 +211,8 @@ def _views_chart(track: Track, cameras: Sequence[str], balls: Sequence[str], rea
         for run in runs(states[:, row]):
             found.setdefault(int(states[run[0], row]), []).append((time[run[0]], time[run[-1]] + step, row))
     series = []
-    for code, stretches in sorted(found.items()):
-        first, last, row = np.array(stretches).T
+    for code, bars in sorted(found.items()):
+        first, last, row = np.array(bars).T
         word = "effective" if code == 0 else reasons[code]
         series.append(Series(word, Mark.BARS, STATE_ROLES[code % len(STATE_ROLES)], first, row, x2=last, size=0.9))
     panel = Panel("time [s]", "", series, rows=names, x_range=(0.0, float(time[-1]) + step), legend=True)
@@ -228,10 +221,3 @@ def _views_chart(track: Track, cameras: Sequence[str], balls: Sequence[str], rea
 
 def _frames(count: int) -> IntArray:
     return np.arange(0, count, -(-count // MOST_FRAMES))
-
-
-def _spans(time: FloatArray, inside: np.ndarray, why: str) -> list[tuple[float, float, str]]:
-    """Return from when to when a mask holds, s from the start."""
-    half = float(np.median(np.diff(time))) / 2 if len(time) > 1 else 0.5
-    ends = [(run[0], run[-1]) for run in runs(inside) if inside[run[0]]]
-    return [(float(time[a] - time[0] - half), float(time[b] - time[0] + half), why) for a, b in ends]

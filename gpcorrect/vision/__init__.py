@@ -8,13 +8,18 @@ from gpcorrect.vision.checks import check_fit
 from gpcorrect.vision.files import Rig, read_cameras, read_rig, read_target, write_cameras
 from gpcorrect.vision.filtering import PoseFilter, Status
 from gpcorrect.vision.place import adjust, poses_from_board, refine_pose
-from gpcorrect.vision.pose import Observations, pose_closed_form, pose_from_observations
-from gpcorrect.vision.record import record
+from gpcorrect.vision.pose import (
+    Observations,
+    common_perpendicular,
+    mean_midpoint,
+    pose_closed_form,
+    pose_from_observations,
+    triangulate,
+)
 from gpcorrect.vision.rim import Outline, outline
 from gpcorrect.vision.search import REASONS, Reason
 from gpcorrect.vision.settings import VisionSettings
-from gpcorrect.vision.sources import Source, open_source, open_sources
-from gpcorrect.vision.space import common_perpendicular, mean_midpoint, triangulate
+from gpcorrect.vision.sources import Source, open_source, open_sources, record
 from gpcorrect.vision.target import END_EFFECTOR, BallSpec, Colour, Target, colour_of, single_ball
 from gpcorrect.vision.track import Track, TrackResult, TrackSettings, track
 from gpcorrect.vision.tracker import Frame, Tracker

@@ -34,12 +34,9 @@ def annotated(frame: Frame, images: Sequence[Image | None], cameras: Sequence[Ca
 
     Parameters
     ----------
-    frame : Frame
-        What the tracker found.
-    images : sequence of (height, width, 3) uint8 arrays
-        One a camera; None where there is none.
-    cameras : sequence of Camera
-        That took them.
+    frame : Frame, what the tracker found
+    images : sequence of (height, width, 3) uint8 arrays, one a camera; None where there is none
+    cameras : sequence of Camera, that took them
     target : Target
 
     Returns
@@ -92,8 +89,7 @@ class LiveView:
 
         Parameters
         ----------
-        picture : callable
-            Returns it; called only when it is sent.
+        picture : callable, returns it; called only when it is sent
         """
         now = time.monotonic()
         if now < self._next:

@@ -23,8 +23,7 @@ class Chessboard:
 
     Parameters
     ----------
-    columns, rows : int
-        Inner corners: a usual board of 8 x 8 squares has 7 x 7.
+    columns, rows : int, inner corners: a usual board of 8 x 8 squares has 7 x 7
     square : float, side of a square, m
     """
 
@@ -144,10 +143,9 @@ def calibrate_lens(
     focal, middle = result.intrinsics.focal, result.intrinsics.matrix[:2, 2]
     off = np.abs(middle - np.array(size) / 2)
     if not 0.2 * max(size) < focal < 20 * max(size) or not (off < 0.4 * np.array(size)).all():
-        raise DegenerateError(
-            f"the pictures do not determine the lens: focal length {focal:.0f} px, middle {np.round(middle)}.",
-            hint="Slant the board differently from picture to picture: 20 to 40 degrees, about both axes.",
-        )
+        cause = f"the pictures do not determine the lens: focal length {focal:.0f} px, middle {np.round(middle)}."
+        hint = "Slant the board differently from picture to picture: 20 to 40 degrees, about both axes."
+        raise DegenerateError(cause, hint=hint)
     return result
 
 
@@ -184,8 +182,7 @@ def rig_text(folders: Sequence[Path], board: Chessboard, beside: Path) -> str:
     ----------
     folders : sequence of Path, one a camera, named as the camera
     board : Chessboard
-    beside : Path
-        Folder of the rig file: pictures are named from there.
+    beside : Path, folder of the rig file: pictures are named from there
 
     Raises
     ------
@@ -193,10 +190,8 @@ def rig_text(folders: Sequence[Path], board: Chessboard, beside: Path) -> str:
         A folder has no pictures, or there is no picture in which all cameras see the board.
     """
     if board.turns_alike:
-        raise DataError(
-            f"a board of {board.columns} x {board.rows} inner corners looks the same turned by half.",
-            hint="Take one even and one odd number, as `gpcorrect vision board` does.",
-        )
+        cause = f"a board of {board.columns} x {board.rows} inner corners looks the same turned by half."
+        raise DataError(cause, hint="Take one even and one odd number, as `gpcorrect vision board` does.")
     pictures: list[dict[str, Path]] = []
     for folder in folders:
         files = sorted(folder.iterdir()) if folder.is_dir() else []

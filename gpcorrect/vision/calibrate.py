@@ -115,10 +115,8 @@ def calibrate_rig(rig: Rig, progress: Progress | None = None) -> CalibrationRepo
     ]
     if swapped:
         raise DataError(f"cameras are swapped: {'; '.join(swapped)}.", hint="Exchange their files in the rig file.")
-    raise DataError(
-        f"the markers do not fit: {'; '.join(f'camera {row.name}: {error.message}' for row, error in failed)}",
-        hint="Check the markers' names and places (metres, tracker frame), and the board's place.",
-    )
+    cause = f"the markers do not fit: {'; '.join(f'camera {row.name}: {error.message}' for row, error in failed)}"
+    raise DataError(cause, hint="Check the markers' names and places (metres, tracker frame), and the board's place.")
 
 
 def _fits(row: RigCamera, rig: Rig) -> bool:
@@ -177,10 +175,8 @@ def _lens(row: RigCamera, board: Chessboard) -> tuple[LensCalibration, tuple[str
         else:
             corners.append(found)
     if not corners:
-        raise DegenerateError(
-            f"no chessboard of {board.columns} x {board.rows} inner corners in any of {len(row.boards)} pictures.",
-            hint="Check columns and rows in the rig file: inner corners, not squares.",
-        )
+        cause = f"no chessboard of {board.columns} x {board.rows} inner corners in any of {len(row.boards)} pictures."
+        raise DegenerateError(cause, hint="Check columns and rows in the rig file: inner corners, not squares.")
     return calibrate_lens(corners, board, sizes.pop()), tuple(without)
 
 

@@ -21,10 +21,8 @@ class Intrinsics:
     Parameters
     ----------
     width, height : int, of the picture, px
-    matrix : (3, 3) array
-        [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], px.
-    distortion : (5,) array
-        k1, k2, p1, p2, k3; four are enough, and none means zeros.
+    matrix : (3, 3) array, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], px
+    distortion : (5,) array, k1, k2, p1, p2, k3; four are enough, and none means zeros
     """
 
     width: int
@@ -54,8 +52,7 @@ class Intrinsics:
         Parameters
         ----------
         image : (height, width, ...) uint8 array
-        name : str
-            Of the camera, for the message.
+        name : str, of the camera, for the message
 
         Raises
         ------
@@ -110,8 +107,7 @@ class Camera:
     ----------
     name : str, for messages and columns
     intrinsics : Intrinsics, its lens
-    T_camera_tracker : (4, 4) array
-        Maps tracker coordinates into the camera frame (OpenCV's rvec and tvec), m.
+    T_camera_tracker : (4, 4) array, maps tracker coordinates into the camera frame (OpenCV's rvec and tvec), m
     covariance : (6, 6) array or None
         Of the camera's pose in the tracker frame: position (m), then rotation vector (rad), tracker axes; None when
         not known.

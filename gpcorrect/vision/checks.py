@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpcorrect.errors import LogError
-from gpcorrect.vision.acquire import Hypothesis, acquire, hypotheses
+from gpcorrect.vision.agreement import Hypothesis, acquire, hypotheses
 from gpcorrect.vision.camera import Camera
 from gpcorrect.vision.opencv import Image, cv2
 from gpcorrect.vision.rim import Outline
@@ -49,8 +49,7 @@ def check_fit(
     frames : sequence (frames) of sequence (cameras) of pictures, a few, spread over the recording
     cameras : sequence of Camera, in the order of the pictures
     target : Target
-    names : sequence of str
-        Of the videos or folders, for the message.
+    names : sequence of str, of the videos or folders, for the message
     settings : VisionSettings
 
     Raises
@@ -103,18 +102,6 @@ def check_fit(
 
 
 def _no_such_colours(missing: Sequence[str], frames: Sequence[Pictures]) -> LogError:
-    hues = ", ".join(_frequent_hues(frames)) or "no strong colours"
-    several = "s" if len(missing) > 1 else ""
-    return LogError(
-        f"the ball{several} {', '.join(missing)} cannot be found: in none of {len(frames)} frames do two cameras see "
-        f"a ball of that colour; strong colours there: {hues}.",
-        hint="Check the colours in the target file (hue in degrees, or color = '#rrggbb'). If the balls come into "
-        "sight for a short while only: --no-first-look",
-    )
-
-
-def _frequent_hues(frames: Sequence[Pictures]) -> list[str]:
-    """Names of the strong colours in pictures, each with its middle hue in degrees."""
     counts = np.zeros(180)
     for image in itertools.chain.from_iterable(frames):
         if image is not None:
@@ -123,7 +110,15 @@ def _frequent_hues(frames: Sequence[Pictures]) -> list[str]:
     groups: dict[str, list[float]] = {}
     for hue in np.flatnonzero(counts > FREQUENT * max(counts.sum(), 1.0)):
         groups.setdefault(hue_name(2.0 * float(hue)), []).append(2.0 * float(hue))
-    return [f"{name} (hue {np.median(hues):.0f})" for name, hues in groups.items()]
+    named = [f"{name} (hue {np.median(degrees):.0f})" for name, degrees in groups.items()]
+    hues = ", ".join(named) or "no strong colours"
+    several = "s" if len(missing) > 1 else ""
+    return LogError(
+        f"the ball{several} {', '.join(missing)} cannot be found: in none of {len(frames)} frames do two cameras see "
+        f"a ball of that colour; strong colours there: {hues}.",
+        hint="Check the colours in the target file (hue in degrees, or color = '#rrggbb'). If the balls come into "
+        "sight for a short while only: --no-first-look",
+    )
 
 
 def _agreement(

@@ -53,8 +53,7 @@ class Clocks:
         Parameters
         ----------
         cameras : (k,) int array
-        rows : (k,) array
-            Pixel rows of the views: a rolling shutter reads them one after the other, from the top.
+        rows : (k,) array, pixel rows of the views: a rolling shutter reads them one after the other, from the top
         """
         return np.asarray(self.delays[cameras] + self._readout[cameras] * rows - self.middle)
 

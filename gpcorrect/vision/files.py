@@ -260,8 +260,7 @@ def read_rig(path: str | Path) -> Rig:
 
     Parameters
     ----------
-    path : str or Path
-        TOML or JSON; names of pictures in it are relative to its own folder.
+    path : str or Path, TOML or JSON; names of pictures in it are relative to its own folder
 
     Raises
     ------
@@ -275,15 +274,11 @@ def read_rig(path: str | Path) -> Rig:
     cameras = tuple(_rig_camera(row, folder) for row in read.camera)
     for camera in cameras:
         if camera.lens is None and not camera.boards:
-            raise DataError(
-                f"{path}: camera {camera.name} has neither a lens nor pictures of the chessboard.",
-                hint=HINTS["rig file"],
-            )
+            cause = f"{path}: camera {camera.name} has neither a lens nor pictures of the chessboard."
+            raise DataError(cause, hint=HINTS["rig file"])
         if unknown := sorted(set(camera.seen) - set(markers)):
-            raise DataError(
-                f"{path}: camera {camera.name} sees markers without a place: {', '.join(unknown)}.",
-                hint="Give each marker's place in [markers], or name them alike.",
-            )
+            cause = f"{path}: camera {camera.name} sees markers without a place: {', '.join(unknown)}."
+            raise DataError(cause, hint="Give each marker's place in [markers], or name them alike.")
     return Rig(Chessboard(read.board.columns, read.board.rows, read.board.square), cameras, markers)
 
 
@@ -324,6 +319,5 @@ def _markers(
     try:
         return {name: np.array([float(u), float(v)]) for name, u, v in rows if name.strip().lower() != "marker"}, None
     except ValueError as error:
-        raise DataError(
-            f"{path}: expected lines of marker, u, v; got something else ({error}).", hint=HINTS["rig file"]
-        ) from error
+        hint = HINTS["rig file"]
+        raise DataError(f"{path}: expected lines of marker, u, v; got something else ({error}).", hint=hint) from error

@@ -102,8 +102,7 @@ class PoseFilter:
         T_tracker_tool : (4, 4) array, optional, the measured pose
         covariance : (6, 6) array, optional
             Of position and rotation vector; a tenth of a millimetre and 3 mrad when absent.
-        sure : bool
-            The pose is one whatever was expected: when it is far off, the past is forgotten.
+        sure : bool, whether the pose is one whatever was expected: when it is far off, the past is forgotten
 
         Raises
         ------

@@ -105,12 +105,10 @@ def refine_pose(
 
     Parameters
     ----------
-    points : (n, 3) array
-        Known places, tracker frame, m; at least six, not all on a line.
+    points : (n, 3) array, known places, tracker frame, m; at least six, not all on a line
     pixels : (n, 2) array, where each is seen
     lens : Intrinsics
-    starts : sequence of (4, 4) arrays
-        Rough poses; the one that ends best counts.
+    starts : sequence of (4, 4) arrays, rough poses; the one that ends best counts
     settings : CalibrationSettings
 
     Raises
@@ -130,10 +128,8 @@ def refine_pose(
     scale = min(settings.outlier * MAD_TO_STD * float(np.median(length)), settings.outlier_width * lens.width)
     used = length <= max(settings.outlier_px, scale)
     if used.sum() < max(fewest, len(points) / 2):
-        raise DegenerateError(
-            f"only {used.sum()} of {len(points)} known points agree with one place of the camera.",
-            hint="Check that each is named right, and that their places are in metres.",
-        )
+        cause = f"only {used.sum()} of {len(points)} known points agree with one place of the camera."
+        raise DegenerateError(cause, hint="Check that each is named right, and that their places are in metres.")
     last = _fit(points[used], pixels[used], lens, best.x, method="lm")
     spread = float(last.fun @ last.fun) / max(len(last.fun) - POSE, 1)
     covariance = _pose_covariance(spread * np.linalg.inv(last.jac.T @ last.jac), last.x)
@@ -186,13 +182,10 @@ def adjust(
 
     Parameters
     ----------
-    calibration : LensCalibration
-        The lens from the boards alone, and their corners.
+    calibration : LensCalibration, the lens from the boards alone, and their corners
     board : Chessboard
-    points, pixels : (n, 3) and (n, 2) arrays
-        Known points (m) and where they are seen.
-    placement : Placement
-        The pose with the lens held; its outliers stay out.
+    points, pixels : (n, 3) and (n, 2) arrays, known points (m) and where they are seen
+    placement : Placement, the pose with the lens held; its outliers stay out
     settings : CalibrationSettings
     """
     lens, T, used = calibration.intrinsics, placement.T_camera_tracker, placement.used

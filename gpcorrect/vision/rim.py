@@ -25,14 +25,12 @@ class Outline:
     Parameters
     ----------
     pixel : (2,) array, where its centre appears, px
-    ray : (2,) array
-        The same, undistorted, on the plane one unit before the lens.
+    ray : (2,) array, the same, undistorted, on the plane one unit before the lens
     covariance : (2, 2) array, of `ray`
     half_angle : float, of the cone of rays that touch it, rad
     radius : float, of the outline, px
     arc : float, fraction of the rim that was seen
-    rms_px : float
-        Of the rim points about the fitted outline.
+    rms_px : float, of the rim points about the fitted outline
     """
 
     pixel: FloatArray
@@ -52,12 +50,9 @@ def outline(
     Parameters
     ----------
     image : (height, width, 3) uint8 array
-    circle : (3,) array
-        Where the ball was found: u, v, radius, px.
-    lens : Intrinsics
-        Of the camera.
-    settings : BallSettings
-        What a rim is.
+    circle : (3,) array, where the ball was found: u, v, radius, px
+    lens : Intrinsics, of the camera
+    settings : BallSettings, what a rim is
 
     Returns
     -------
@@ -159,8 +154,7 @@ def _cone(d: FloatArray, used: BoolArray, lens: Intrinsics) -> tuple[FloatArray,
 def _distances(d: FloatArray, m: FloatArray) -> FloatArray:
     """Angles (rad, small) of rays `(n, 3)` from cones `(..., 3)`, positive inside: `(..., n)`."""
     sine = np.sqrt(np.maximum((m * m).sum(axis=-1) - 1.0, 1e-12))  # |m| sin(half angle)
-    gaps: FloatArray = (m @ d.T - 1.0) / sine[..., None]
-    return gaps
+    return np.asarray((m @ d.T - 1.0) / sine[..., None])
 
 
 def _consensus(d: FloatArray, lens: Intrinsics, settings: BallSettings) -> BoolArray | None:

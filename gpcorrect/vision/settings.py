@@ -164,9 +164,8 @@ class CalibrationSettings:
     marker_strong: float = 12.0  # the same; a dot that stands out by forty counts fully
     marker_blobs: int = 250  # of a kind, the strongest ones
     marker_roundness: float = 0.15  # least curvature over greatest: a post is a ridge, with none along it
-    marker_rms_px: float = (
-        1.0  # of markers found in a picture, with a lens from boards: beyond it they are other things
-    )
+    # of markers found in a picture, with a lens from boards: beyond it they are other things
+    marker_rms_px: float = 1.0
     marker_shift: float = 1.0  # of its radius: a rim whose middle is farther from its blob's is another's
 
 

@@ -1,16 +1,18 @@
-"""Where pictures come from: videos or folders of images, each read once and in order."""
+"""Where pictures come from: videos or folders of images, each read once and in order, and cameras that are recorded."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gpcorrect.errors import LogError
+from gpcorrect.atomic import make_folder, write_file
+from gpcorrect.errors import GpCorrectError, LogError
 from gpcorrect.types import FloatArray
 from gpcorrect.vision.opencv import Image, cv2
 
@@ -30,8 +32,7 @@ class Source:
     path : Path, the video, or the folder
     count : int, pictures that it says it has
     fps : float or None, pictures a second, where it says so
-    times : (count,) array or None
-        Seconds, where the names of the images are times.
+    times : (count,) array or None, seconds, where the names of the images are times
     files : tuple of Path or None, the images; empty for a video, None for a frame without a picture
     read_so_far : int, pictures that were read, or tried
     unreadable : list of int, those that could not be read
@@ -99,8 +100,7 @@ def open_source(path: str | Path) -> Source:
 
     Parameters
     ----------
-    path : str or Path
-        Images are taken in the order of the times or numbers in their names.
+    path : str or Path, whose images are taken in the order of the times or numbers in their names
 
     Raises
     ------
@@ -111,9 +111,8 @@ def open_source(path: str | Path) -> Source:
     if path.is_dir():
         files = [file for file in path.iterdir() if file.suffix.lower() in IMAGES and not file.name.startswith(".")]
         if not files:
-            raise LogError(
-                "the folder holds no images.", path=str(path), hint=f"Known endings: {', '.join(sorted(IMAGES))}."
-            )
+            hint = f"Known endings: {', '.join(sorted(IMAGES))}."
+            raise LogError("the folder holds no images.", path=str(path), hint=hint)
         if all(STAMP.fullmatch(file.stem) for file in files):
             files.sort(key=lambda file: (float(file.stem), file.name))
             return Source(path, len(files), times=np.array([float(file.stem) for file in files]), files=tuple(files))
@@ -125,11 +124,8 @@ def open_source(path: str | Path) -> Source:
     video = cv2.VideoCapture(str(path))
     count = int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
     if count <= 0:
-        raise LogError(
-            "it cannot be opened as a video: truncated, or of another kind.",
-            path=str(path),
-            hint="Copy it again, or convert it: ffmpeg -i VIDEO frames/%06d.png",
-        )
+        hint = "Copy it again, or convert it: ffmpeg -i VIDEO frames/%06d.png"
+        raise LogError("it cannot be opened as a video: truncated, or of another kind.", path=str(path), hint=hint)
     fps = float(video.get(cv2.CAP_PROP_FPS))
     return Source(path, count, fps if np.isfinite(fps) and fps > 0 else None, _video=video)
 
@@ -139,8 +135,7 @@ def open_sources(paths: Sequence[str | Path], names: Sequence[str]) -> list[Sour
 
     Parameters
     ----------
-    paths : sequence of str or Path
-        As :func:`open_source`.
+    paths : sequence of str or Path, as :func:`open_source`
     names : sequence of str
         Of the cameras: recordings in a folder that are named as they are put in their order, others in order of name.
 
@@ -189,8 +184,7 @@ def pair_by_time(sources: Sequence[Source]) -> list[str]:
 
     Parameters
     ----------
-    sources : sequence of Source
-        Changed in place; those without times in their names stay as they are.
+    sources : sequence of Source, changed in place; those without times in their names stay as they are
 
     Returns
     -------
@@ -260,3 +254,82 @@ def frame_times(sources: Sequence[Source], fps: float | None, count: int) -> Flo
     if not (np.isfinite(fps) and fps > 0):
         raise LogError(f"frames a second are a number above zero; got {fps:g}.")
     return np.arange(count) / fps
+
+
+def record(
+    cameras: Sequence[str],
+    folder: str | Path,
+    seconds: float,
+    fps: float = USUAL_FPS,
+    clock: Callable[[], float] = time.monotonic,
+    on_pictures: Callable[[Sequence[Image]], None] | None = None,
+) -> int:
+    """Record until the time is over or a camera gives no more pictures; return the number of frames.
+
+    All cameras are asked to hold their picture before the first is decoded: as near in time as they can be.
+
+    Parameters
+    ----------
+    cameras : sequence of str, numbers of devices (0, 1, ...) or their paths, or video files that stand for cameras
+    folder : str or Path
+        Gets camera0.avi, camera1.avi, ... and times.csv; made when missing.
+    seconds : float
+    fps : float, asked of the devices, and written into the videos
+    clock : callable, seconds
+    on_pictures : callable, optional, called with the pictures of every moment: for showing them
+
+    Raises
+    ------
+    GpCorrectError
+        A camera cannot be opened or gives no picture, or a video cannot be written.
+    """
+    make_folder(folder)
+    opened = [_opened(camera, fps) for camera in cameras]
+    names = [f"camera{k}" for k in range(len(cameras))]
+    writers: list[Any] = []
+    times: list[list[float]] = []
+    try:
+        first = clock()
+        while not times or times[-1][-1] < seconds:
+            stamps = [(one.grab(), clock() - first) for one in opened]
+            pictures = [one.retrieve() for one in opened] if all(good for good, _ in stamps) else [(False, None)]
+            if not all(good for good, _ in pictures):
+                break
+            files = [Path(folder) / f"{name}.avi" for name in names]
+            writers = writers or [_writer(file, p, fps) for file, (_, p) in zip(files, pictures, strict=True)]
+            for writer, (_, picture) in zip(writers, pictures, strict=True):
+                writer.write(picture)
+            times.append([stamp for _, stamp in stamps])
+            if on_pictures is not None:
+                on_pictures([picture for _, picture in pictures])
+    finally:
+        for one in (*opened, *writers):
+            one.release()
+    if not times:
+        hint = "Close other programs that use them; try fewer at once."
+        raise GpCorrectError("the cameras gave no picture.", hint=hint)
+    rows = [names, *([f"{stamp:.6f}" for stamp in row] for row in times)]
+    write_file(Path(folder) / TIMES, "".join(",".join(row) + "\n" for row in rows))
+    return len(times)
+
+
+def _opened(camera: str, fps: float) -> Any:
+    """Open a device by its number or path, or a video file."""
+    number = camera.isdecimal() and not Path(camera).exists()
+    device = number or Path(camera).is_char_device()
+    opened = cv2.VideoCapture(int(camera) if number else camera)
+    if not opened.isOpened():
+        hint = "Give numbers of devices (on Linux 0 is /dev/video0) or video files; look who may read /dev/video*."
+        raise GpCorrectError(f"camera {camera} cannot be opened.", hint=hint)
+    if device:
+        opened.set(cv2.CAP_PROP_FPS, fps)
+        opened.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+    return opened
+
+
+def _writer(path: Path, picture: Any, fps: float) -> Any:
+    height, width = picture.shape[:2]
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), fps, (width, height))
+    if not writer.isOpened():
+        raise GpCorrectError(f"cannot write the video {path}.", hint="Name another folder, or make room.")
+    return writer

@@ -27,8 +27,7 @@ class Colour:
 
     Parameters
     ----------
-    hue : float
-        Middle of the range, degrees: red 0, yellow 60, green 120, blue 240.
+    hue : float, middle of the range, degrees: red 0, yellow 60, green 120, blue 240
     tolerance : float, degrees to either side
     saturation, value : float, least of each, 0 to 1
     """
@@ -43,8 +42,7 @@ class Colour:
 
         Parameters
         ----------
-        hsv : (height, width, 3) uint8 array
-            Hue, saturation and value as OpenCV has them.
+        hsv : (height, width, 3) uint8 array, hue, saturation and value as OpenCV has them
         """
         floor = (255 * self.saturation, 255 * self.value)
         mask = np.zeros(hsv.shape[:2], np.uint8)
@@ -121,8 +119,7 @@ class BallSpec:
     name : str, for columns and messages
     colour : Colour, hues it may show
     place : (3,) tuple, its centre in the tool frame, m
-    radius : float or None
-        m; None when not known: then no size is checked.
+    radius : float or None, m; None when not known: then no size is checked
     """
 
     name: str
@@ -137,8 +134,7 @@ class Target:
 
     Parameters
     ----------
-    balls : tuple of BallSpec
-        With different names and colours; three or more not on a line.
+    balls : tuple of BallSpec, with different names and colours; three or more not on a line
 
     Raises
     ------
@@ -191,7 +187,6 @@ def single_ball(colour: str = "red") -> Target:
 
     Parameters
     ----------
-    colour : str
-        As in :func:`colour_of`, as are the errors.
+    colour : str, as in :func:`colour_of`, as are the errors
     """
     return Target((BallSpec(colour, colour_of(colour)),))

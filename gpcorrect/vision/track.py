@@ -32,12 +32,9 @@ class TrackSettings:
 
     Parameters
     ----------
-    fps : float or None
-        Frames a second; the videos' own, or 30, when None.
-    first_look : bool
-        Check before tracking that pictures, calibration and target belong together.
-    workers : int
-        Whole pictures that are searched at the same time.
+    fps : float or None, frames a second; the videos' own, or 30, when None
+    first_look : bool, whether to check before tracking that pictures, calibration and target belong together
+    workers : int, whole pictures that are searched at the same time
     vision : VisionSettings, every number that decides
     """
 
@@ -56,14 +53,10 @@ class Track:
     time : (n,) array, s
     status : (n,) int array, index into `STATUSES`
     T_tracker_tool : (n, 4, 4) array, m; NaN where lost
-    std : (n, 6) array
-        Of position (m) and rotation vector (rad); NaN where lost.
-    balls : (n, b, 3) array
-        Each ball's centre, m; NaN where fewer than two cameras saw it.
-    views : (n, c, b) int array
-        0: effective; otherwise the reason, an index into `REASONS`.
-    reprojection_px : (n,) array
-        RMS over the observations used; NaN without.
+    std : (n, 6) array, of position (m) and rotation vector (rad); NaN where lost
+    balls : (n, b, 3) array, each ball's centre, m; NaN where fewer than two cameras saw it
+    views : (n, c, b) int array, 0: effective; otherwise the reason, an index into `REASONS`
+    reprojection_px : (n,) array, RMS over the observations used; NaN without
     """
 
     time: FloatArray
@@ -164,14 +157,12 @@ def track(
 
     Parameters
     ----------
-    sources : sequence of Source
-        One a camera, in the order of `cameras`.
+    sources : sequence of Source, one a camera, in the order of `cameras`
     cameras : sequence of Camera
     target : Target
     settings : TrackSettings, optional
     progress : Progress, optional
-    on_frame : callable, optional
-        Called with every frame and its pictures: for drawing.
+    on_frame : callable, optional, called with every frame and its pictures: for drawing
 
     Raises
     ------
@@ -232,11 +223,7 @@ def track(
 
 
 def _clocks(
-    sources: Sequence[Source],
-    times: FloatArray,
-    cameras: Sequence[Camera],
-    target: Target,
-    settings: TrackSettings,
+    sources: Sequence[Source], times: FloatArray, cameras: Sequence[Camera], target: Target, settings: TrackSettings
 ) -> Clocks | None:
     """Learn delays from the beginning of the recordings, so that the first frames have them too."""
     look = settings.vision.clocks.look

@@ -17,18 +17,24 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.errors import DataError, DegenerateError
 from gpcorrect.types import FloatArray, IntArray
-from gpcorrect.vision.acquire import LoneBall, acquire, hypotheses
+from gpcorrect.vision.agreement import LoneBall, View, acquire, agree, hypotheses, limit_px
 from gpcorrect.vision.camera import Camera
 from gpcorrect.vision.clocks import Clocks
 from gpcorrect.vision.filtering import Filtered, PoseFilter, Status
 from gpcorrect.vision.opencv import Image
-from gpcorrect.vision.pose import FIXED_TURN, Motion, Observations, PoseFit, pose_closed_form, pose_from_observations
+from gpcorrect.vision.pose import (
+    FIXED_TURN,
+    Located,
+    Motion,
+    Observations,
+    PoseFit,
+    pose_closed_form,
+    pose_from_observations,
+)
 from gpcorrect.vision.rim import Outline
 from gpcorrect.vision.search import Found, Reason, detect_everywhere, detect_near
 from gpcorrect.vision.settings import DEFAULT, VisionSettings
-from gpcorrect.vision.space import Located
 from gpcorrect.vision.target import Target
-from gpcorrect.vision.trust import View, agree, limit_px
 
 HELD = 1e-12  # (m/s)^2 and (rad/s)^2: variance of a velocity that is not solved for
 
@@ -49,14 +55,11 @@ class Frame:
     Parameters
     ----------
     time : float, seconds
-    pose : Filtered
-        The estimated pose, and whether it was measured.
+    pose : Filtered, the estimated pose, and whether it was measured
     measured : PoseFit or None, what was measured in this very frame
-    balls : (b, 3) array
-        Centres of the balls, tracker frame, m; NaN for a ball that fewer than two cameras see.
+    balls : (b, 3) array, centres of the balls, tracker frame, m; NaN for a ball that fewer than two cameras see
     views : tuple (cameras) of tuple (balls) of View, what each camera saw
-    reprojection_px : float
-        RMS over the observations that were used; NaN without any.
+    reprojection_px : float, RMS over the observations that were used; NaN without any
     """
 
     time: float
@@ -72,16 +75,13 @@ class Tracker:
 
     Parameters
     ----------
-    cameras : sequence of Camera
-        Calibrated; at least two.
+    cameras : sequence of Camera, calibrated; at least two
     target : Target
-    settings : VisionSettings
-        When a ball is one, when a view is trusted, how the tool may move.
+    settings : VisionSettings, when a ball is one, when a view is trusted, how the tool may move
     workers : int
         Whole pictures that are searched at the same time. Where the balls are expected they are looked for one by one:
         threads would wait for each other there.
-    clocks : Clocks, optional
-        What is known already of when each camera looks; learned further.
+    clocks : Clocks, optional, what is known already of when each camera looks; learned further
 
     Raises
     ------

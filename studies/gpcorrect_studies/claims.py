@@ -46,29 +46,18 @@ the printed one. A fifth: no nearer do the simulated robots' errors before corre
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim of a paper: a printed number, or the ratio of two.
+    """One claim of a paper: a printed number, or the ratio of two."""
 
-    Parameters
-    ----------
-    says : str, the claim, as a sentence
-    where : str, table, figure or section that prints it
-    of, against : str
-        Places of the number, and of what it is divided by, in the figures (:func:`number_at`). A ratio claims an
-        order too: below 1, the first is less.
-    better : Better, which numbers are at least as good
-    printed : float, optional, the number itself, where the printed tables do not have it
-    missing : str, why `reproduce` does not measure it; empty where it does
-    tried : sequence of str, ablations that are tried where it is not reproduced: names in the table `ablations`
-    """
-
-    says: str
-    where: str
+    says: str  # the claim, as a sentence
+    where: str  # table, figure or section that prints it
+    # places of the number, and of what it is divided by, in the figures (:func:`number_at`). A ratio claims an order
+    # too: below 1, the first is less.
     of: str
     against: str = ""
-    better: Better = Better.LOWER
-    printed: float | None = None
-    missing: str = ""
-    tried: Sequence[str] = ()
+    better: Better = Better.LOWER  # which numbers are at least as good
+    printed: float | None = None  # the number itself, where the printed tables do not have it
+    missing: str = ""  # why `reproduce` does not measure it; empty where it does
+    tried: Sequence[str] = ()  # ablations that are tried where it is not reproduced: names in the table `ablations`
 
     def number(self, figures: Mapping[str, Any]) -> float | None:
         """Return the number, or the ratio, that these figures give; None where one of its parts was not measured."""
@@ -107,22 +96,13 @@ class Claim:
 
 @dataclass(frozen=True)
 class Ablated:
-    """What a claim's number becomes where something is taken away, and the verdict it then has.
+    """What a claim's number becomes where something is taken away, and the verdict it then has."""
 
-    Parameters
-    ----------
-    name : str, of the ablation
-    without : str, what was taken away: words that begin with "without" or "with"
-    ours : float
-    verdict : Verdict
-    outcome : str, "comes back", "its order comes back" or "stays so"
-    """
-
-    name: str
-    without: str
+    name: str  # of the ablation
+    without: str  # what was taken away: words that begin with "without" or "with"
     ours: float
     verdict: Verdict
-    outcome: str
+    outcome: str  # "comes back", "its order comes back" or "stays so"
 
 
 @dataclass(frozen=True)
@@ -194,32 +174,18 @@ class Comparison:
             }
             for row in self.rows
         ]
-        return {
-            "tolerance": TOLERANCE,
-            "caveat": self.caveat,
-            "counts": dict(self.counts()),
-            "claims": claims,
-        }
+        return {"tolerance": TOLERANCE, "caveat": self.caveat, "counts": dict(self.counts()), "claims": claims}
 
 
 @dataclass(frozen=True)
 class ClaimTable:
-    """The claims of one paper and the tables that it prints.
-
-    Parameters
-    ----------
-    claims : sequence of Claim
-    printed : mapping, printed numbers, under the names that the figures of a run have
-    setup : mapping, printed numbers of the set-up: no claims
-    caveat : str, what to bear in mind with all of them
-    ablations : mapping, what each ablation takes away, by its name
-    """
+    """The claims of one paper and the tables that it prints."""
 
     claims: Sequence[Claim]
-    printed: Mapping[str, Any]
-    setup: Mapping[str, Any]
-    caveat: str
-    ablations: Mapping[str, str] = field(default_factory=dict)
+    printed: Mapping[str, Any]  # printed numbers, under the names that the figures of a run have
+    setup: Mapping[str, Any]  # printed numbers of the set-up: no claims
+    caveat: str  # what to bear in mind with all of them
+    ablations: Mapping[str, str] = field(default_factory=dict)  # what each ablation takes away, by its name
 
     @classmethod
     def of_study(cls, study: str) -> ClaimTable:
@@ -246,13 +212,12 @@ class ClaimTable:
             printed = self.printed_number(claim)
             ours = None if claim.missing else claim.number(figures)
             row = Compared(claim, printed, ours, claim.verdict(printed, ours))
-            rows.append(replace(row, ablated=self._ablated(row, done)) if row.failed else row)
+            if row.failed:
+                numbers = {name: claim.number(done.get(name, {})) for name in claim.tried}
+                ablated = [self._outcome(name, row, found) for name, found in numbers.items() if found is not None]
+                row = replace(row, ablated=ablated)
+            rows.append(row)
         return Comparison(rows, self.caveat)
-
-    def _ablated(self, row: Compared, done: Mapping[str, Any]) -> list[Ablated]:
-        """Return what the ablations that were done make of a claim."""
-        numbers = {name: row.claim.number(done.get(name, {})) for name in row.claim.tried}
-        return [self._outcome(name, row, found) for name, found in numbers.items() if found is not None]
 
     def _outcome(self, name: str, row: Compared, ours: float) -> Ablated:
         """Say whether the claim came back, or at least its order: by a fifth of what the paper's is away from none."""
@@ -266,13 +231,7 @@ class ClaimTable:
         return Ablated(name, self.ablations[name], ours, verdict, outcome)
 
     def printed_number(self, claim: Claim) -> float:
-        """Return the number that a claim prints, or the ratio of its two.
-
-        Raises
-        ------
-        KeyError
-            The table does not have it.
-        """
+        """Return the number that a claim prints, or the ratio of its two; KeyError where the table lacks it."""
         found = claim.number(self.printed) if claim.printed is None else claim.printed
         if found is None:
             raise KeyError(f"no printed number at {claim.of!r} or {claim.against!r}")
@@ -281,22 +240,15 @@ class ClaimTable:
 
 @dataclass(frozen=True, eq=False)
 class StudyResult(ABC):
-    """A study done again; what it measured are the fields of its own class.
-
-    Parameters
-    ----------
-    scope : dataclass, how much was done
-    seed : int
-    seconds : float, of the whole study
-    """
+    """A study done again; what it measured are the fields of its own class."""
 
     CLAIMS: ClassVar[ClaimTable]
     NOTES: ClassVar[Mapping[str, Sequence[str]]] = {}
     """Sentences on what is comparable and what is not."""
 
-    scope: Any
+    scope: Any  # how much was done
     seed: int
-    seconds: float = field(kw_only=True)
+    seconds: float = field(kw_only=True)  # of the whole study
 
     @abstractmethod
     def figures(self) -> dict[str, Any]:

@@ -23,21 +23,15 @@ def write_study_page(
     sections: Sequence[Section],
     path: Path,
 ) -> None:
-    """Write the self-contained page of a study: how its claims came out, each claim, then its own sections.
+    """Write the self-contained page of a study, its claims first, then its own sections; raises as :func:`write_page`.
 
     Parameters
     ----------
     study : str, its name on the command line
     result : StudyResult
-    verdict : str
-        Its own first sentences; of a run of less than the whole study, the page says so before anything else.
+    verdict : str, its own first sentences; of a run of less than the whole study, the page says so before anything else
     facts, sections : sequences, what else the page shows
     path : Path
-
-    Raises
-    ------
-    GpCorrectError
-        The folder cannot be written.
     """
     comparison = result.compared()
     words = f"Of {len(comparison.rows)} claims of the paper: {counted(comparison.counts())}. {verdict}"
@@ -48,7 +42,7 @@ def write_study_page(
 
 
 def claims_section(comparison: Comparison) -> Section:
-    """Return the section with every claim, where it is printed, both numbers and the verdict; those that failed first.
+    """Return the section with every claim, where it is printed, both numbers and the verdict; failed ones first.
 
     Parameters
     ----------
@@ -115,8 +109,7 @@ def paired(ours: Mapping[str, Sequence[str]], printed: Mapping[str, Sequence[str
 
     Parameters
     ----------
-    ours, printed : mapping
-        The cells of a row by its name; one of the two may lack it, and printed rows may be shorter.
+    ours, printed : mapping, the cells of a row by its name; one of the two may lack it, and printed rows may be shorter
     """
     width, rows = max(len(cells) for cells in ours.values()), []
     for name in {**printed, **ours}:

@@ -8,10 +8,9 @@ from hypothesis import strategies as st
 
 from gpcorrect_service.crtk.bus import read_message
 from gpcorrect_service.crtk.messages import TOPICS, JointState, OperatingState, Pose, Text, from_cdr, to_cdr, to_ros
-from gpcorrect_service.protocol.cdr import ros_types
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.limits import checked_stamp
-from gpcorrect_service.protocol.rmw import RmwNode, attachment, gid_of, rmw_key
+from gpcorrect_service.protocol.ros import RmwNode, attachment, gid_of, rmw_key, ros_types
 
 MESSAGES = [
     ("measured_js", JointState(1.5, (0.1, -0.2), (1.0, 2.0), (3.0, 4.0))),

@@ -16,9 +16,8 @@ from gpcorrect_service.crtk.prefilter import FilterServer, Prefilter, PrefilterS
 from gpcorrect_service.crtk.recorder import Recorder, write_mcap
 from gpcorrect_service.crtk.robot import Robot, RobotError
 from gpcorrect_service.ops.logger import open_logger
-from gpcorrect_service.protocol.cdr import ros_types
 from gpcorrect_service.protocol.errors import EndpointError
-from gpcorrect_service.protocol.rmw import rmw_key
+from gpcorrect_service.protocol.ros import rmw_key, ros_types
 from gpcorrect_service.protocol.settings import RosDistro
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gpcorrect.types import FloatArray
-from gpcorrect_service.crtk.pacing import ALIKE, LONGEST_LEAD, LONGEST_STEP, Pacing
+from gpcorrect_service.crtk.robot import ALIKE, LONGEST_LEAD, LONGEST_STEP, Pacing
 
 PERIOD = 0.02  # s between two states
 TIMES = np.arange(0.0, 6.0, 1 / 30)

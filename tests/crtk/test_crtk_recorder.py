@@ -16,9 +16,8 @@ from crtk_support import living_arm
 from gpcorrect.errors import LogError
 from gpcorrect.logs import read_log
 from gpcorrect_service.crtk import Bus, BusSettings, JointState, Pose
-from gpcorrect_service.crtk.journal import Journal, read_journal
 from gpcorrect_service.crtk.messages import Event
-from gpcorrect_service.crtk.recorder import Recorder
+from gpcorrect_service.crtk.recorder import Journal, Recorder, read_journal
 
 STEP, BEGIN = 0.01, 1000.0
 NUMBER = 40  # of messages in a journal

@@ -22,7 +22,7 @@ from crtk_support import (
 
 from gpcorrect_service import ServerSettings
 from gpcorrect_service.crtk.robot import Robot
-from gpcorrect_service.protocol.cdr import CORRECT, ros_types
+from gpcorrect_service.protocol.ros import CORRECT, ros_types
 from gpcorrect_service.server.service import Server
 
 pytestmark = pytest.mark.skipif(

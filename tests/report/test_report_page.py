@@ -15,9 +15,8 @@ from support import Once, small_log
 
 from gpcorrect.calibration import CommandCorrector, Evaluation, evaluate_model
 from gpcorrect.report import write_evaluation_report
-from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series, charts_data
+from gpcorrect.report.page import Chart, Mark, Panel, Role, Section, Series, TableData, charts_data, write_page
 from gpcorrect.report.page import Page as ReportPage
-from gpcorrect.report.page import Section, TableData, write_page
 
 WIDE = 1280  # px
 

@@ -24,7 +24,7 @@ from gpcorrect.errors import DataError
 from gpcorrect.rigid import RigidModel
 from gpcorrect.types import FloatArray
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
-from gpcorrect_service.protocol.cdr import CORRECT, StampedPose, ros_pose, ros_types
+from gpcorrect_service.protocol.ros import CORRECT, StampedPose, ros_pose, ros_types
 from gpcorrect_service.protocol.sessions import client_config
 from gpcorrect_service.server.models import JointModel, Model
 from gpcorrect_service.server.service import run, serve

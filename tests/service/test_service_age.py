@@ -14,10 +14,9 @@ from gpcorrect_service.client.requests import RequestBuilder
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.protocol.answer import EstimateAnswer
-from gpcorrect_service.protocol.clocks import StreamClock
-from gpcorrect_service.protocol.codec import MSGPACK
+from gpcorrect_service.protocol.bounds import StreamClock
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.messages import JointState
+from gpcorrect_service.protocol.messages import MSGPACK, JointState
 from gpcorrect_service.server.models import Active
 from gpcorrect_service.server.requests import Request
 from gpcorrect_service.server.stream import Estimator

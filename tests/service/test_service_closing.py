@@ -15,7 +15,7 @@ from service_support import PATIENT, POSE, server_process, wait_for
 
 from gpcorrect_service import ClientSettings, ServiceError
 from gpcorrect_service.client.connection import Querier
-from gpcorrect_service.client.pinned import PinnedModels
+from gpcorrect_service.client.replies import PinnedModels
 from gpcorrect_service.client.requests import RequestBuilder
 from gpcorrect_service.protocol.messages import HealthAnswer
 

@@ -19,7 +19,7 @@ from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.protocol.bounds import CorrectionBound, RateBound, Throttle
 from gpcorrect_service.server import models
-from gpcorrect_service.server.admin import Health
+from gpcorrect_service.server.handlers import Health
 from gpcorrect_service.server.models import FAULTS_IN_A_ROW, Active, Model, load_model
 from gpcorrect_service.server.queues import WorkerQueue
 from gpcorrect_service.server.requests import Clock, RequestParser

@@ -18,8 +18,10 @@ from gpcorrect.rigid import RigidModel
 from gpcorrect_service import ServerSettings
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.protocol.answer import PathAnswer, PoseAnswer
-from gpcorrect_service.protocol.codec import JSON, MSGPACK, Codec, error_codec
 from gpcorrect_service.protocol.messages import (
+    JSON,
+    MSGPACK,
+    Codec,
     CorrectPathRequest,
     CorrectRequest,
     ErrorAnswer,
@@ -27,8 +29,9 @@ from gpcorrect_service.protocol.messages import (
     ModelAnswer,
     ReplyMeta,
     RequestMeta,
+    error_codec,
 )
-from gpcorrect_service.server.corrections import Corrections
+from gpcorrect_service.server.handlers import Corrections
 from gpcorrect_service.server.models import FAULTS_IN_A_ROW, Active, Model
 from gpcorrect_service.server.requests import Clock, Request, RequestParser, Response
 

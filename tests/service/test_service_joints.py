@@ -18,9 +18,17 @@ from gpcorrect_service import ServerSettings
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.protocol.answer import EstimateAnswer, JointsAnswer
-from gpcorrect_service.protocol.codec import CODECS, JSON, MSGPACK, Codec, codec_of
-from gpcorrect_service.protocol.messages import CorrectJointsRequest, ErrorAnswer, JointState
-from gpcorrect_service.server.corrections import Corrections
+from gpcorrect_service.protocol.messages import (
+    CODECS,
+    JSON,
+    MSGPACK,
+    Codec,
+    CorrectJointsRequest,
+    ErrorAnswer,
+    JointState,
+    codec_of,
+)
+from gpcorrect_service.server.handlers import Corrections
 from gpcorrect_service.server.models import Active
 from gpcorrect_service.server.requests import Clock, Request, RequestParser, Response
 from gpcorrect_service.server.stream import Estimator

@@ -13,8 +13,7 @@ import pytest
 from service_support import PATIENT, POSE, ServerProcess, ask_bare, server_process, stranger, wait_for
 
 from gpcorrect_service import CorrectionClient, ServiceError
-from gpcorrect_service.protocol.codec import JSON
-from gpcorrect_service.protocol.messages import CorrectRequest, ErrorAnswer, RequestMeta
+from gpcorrect_service.protocol.messages import JSON, CorrectRequest, ErrorAnswer, RequestMeta
 
 REQUEST = JSON.encode(CorrectRequest(tuple(POSE)))
 

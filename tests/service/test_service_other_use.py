@@ -13,8 +13,7 @@ from gpcorrect.sim import joint_motion_log, preset
 from gpcorrect_service import ServerSettings
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.metrics import Counters
-from gpcorrect_service.protocol.codec import MSGPACK
-from gpcorrect_service.protocol.messages import JointState
+from gpcorrect_service.protocol.messages import MSGPACK, JointState
 from gpcorrect_service.server.models import Active, load_joint_model
 from gpcorrect_service.server.requests import Request
 from gpcorrect_service.server.stream import Estimator

@@ -12,8 +12,7 @@ from service_support import PATIENT, POSE, SHIFT, ServerProcess, ask_bare, serve
 
 from gpcorrect_service import ServiceError
 from gpcorrect_service.protocol.answer import PoseAnswer
-from gpcorrect_service.protocol.codec import JSON, error_codec
-from gpcorrect_service.protocol.messages import ErrorAnswer, HealthAnswer
+from gpcorrect_service.protocol.messages import JSON, ErrorAnswer, HealthAnswer, error_codec
 from gpcorrect_service.protocol.settings import MAX_MESSAGE_BYTES
 
 ENCODINGS = ["msgpack", "json"]

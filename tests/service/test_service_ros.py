@@ -19,15 +19,21 @@ from gpcorrect.correction import Reason
 from gpcorrect_service import ServerSettings, ServiceError
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.metrics import OPENMETRICS, Counters
-from gpcorrect_service.protocol import cdr
+from gpcorrect_service.protocol import ros
 from gpcorrect_service.protocol.answer import PathAnswer
 from gpcorrect_service.protocol.bounds import CorrectionBound
-from gpcorrect_service.protocol.cdr import CDR_ENCODING, CORRECT, StampedPose, read_pose, ros_types, write_pose
-from gpcorrect_service.protocol.codec import JSON
-from gpcorrect_service.protocol.messages import CorrectPathRequest, ErrorAnswer, RequestMeta
-from gpcorrect_service.protocol.rmw import attachment, rmw_key
-from gpcorrect_service.server.admin import Health
-from gpcorrect_service.server.corrections import Corrections
+from gpcorrect_service.protocol.messages import JSON, CorrectPathRequest, ErrorAnswer, RequestMeta
+from gpcorrect_service.protocol.ros import (
+    CDR_ENCODING,
+    CORRECT,
+    StampedPose,
+    attachment,
+    read_pose,
+    rmw_key,
+    ros_types,
+    write_pose,
+)
+from gpcorrect_service.server.handlers import Corrections, Health
 from gpcorrect_service.server.models import Active, Model
 from gpcorrect_service.server.requests import Clock, Request, RequestParser, Response
 
@@ -166,7 +172,7 @@ def test_metrics_are_openmetrics_and_count_what_was_answered() -> None:
 def test_a_services_hash_is_that_of_ros() -> None:
     """RIHS01 of example_interfaces/srv/AddTwoInts is what the design document of rmw_zenoh shows for it."""
     store = ros_types()
-    cdr._register_service(store, "example_interfaces/srv/AddTwoInts", "int64 a\nint64 b\n---\nint64 sum\n")
+    ros._register_service(store, "example_interfaces/srv/AddTwoInts", "int64 a\nint64 b\n---\nint64 sum\n")
     published = "RIHS01_e118de6bf5eeb66a2491b5bda11202e7b68f198d6f67922cf30364858239c81a"
     assert store.hash_rihs01("example_interfaces/srv/AddTwoInts") == published
 
@@ -180,7 +186,7 @@ def test_a_ros_node_of_humble_is_answered_over_the_network() -> None:
             (reply,) = ask_bare(session, key, payload, attachment=attachment(7, 1, b"g" * 16))
             assert reply.ok.attachment.to_bytes()[:8] == (7).to_bytes(8, "little")
             assert reply.ok.attachment.to_bytes()[-16:] == b"g" * 16
-            answers.append(cdr.decode_cdr(reply.ok.payload.to_bytes(), f"{CORRECT}_Response"))
+            answers.append(ros.decode_cdr(reply.ok.payload.to_bytes(), f"{CORRECT}_Response"))
         tokens = [str(reply.ok.key_expr) for reply in session.liveliness().get("@ros2_lv/3/**")]
     good, stampless, nonsense = answers
     p = good.command.pose.position

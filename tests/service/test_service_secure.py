@@ -42,8 +42,7 @@ from gpcorrect_service.ops.doctor import Finding, examine
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.router import DenialReader, route
 from gpcorrect_service.ops.secure import HANDSHAKE_MS, ROLES, USERS, Site, secure_site
-from gpcorrect_service.protocol.cdr import CORRECT, decode_cdr
-from gpcorrect_service.protocol.rmw import attachment, rmw_key
+from gpcorrect_service.protocol.ros import CORRECT, attachment, decode_cdr, rmw_key
 from gpcorrect_service.protocol.sessions import open_client
 
 NOW = datetime.datetime.now(datetime.UTC)

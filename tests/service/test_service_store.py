@@ -18,9 +18,8 @@ from gpcorrect.calibration import CommandCorrector, ModelStore, compare, model_s
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
 from gpcorrect_service import ServerSettings
 from gpcorrect_service.ops.logger import open_logger
-from gpcorrect_service.protocol.codec import JSON
-from gpcorrect_service.protocol.messages import ActivateRequest
-from gpcorrect_service.server.admin import Admin
+from gpcorrect_service.protocol.messages import JSON, ActivateRequest
+from gpcorrect_service.server.handlers import Admin
 from gpcorrect_service.server.models import Active
 from gpcorrect_service.server.requests import Clock, Request, RequestParser
 

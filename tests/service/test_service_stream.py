@@ -12,8 +12,7 @@ import zenoh
 from service_support import PATIENT, SLACK, ServerProcess, server_process, stranger, wait_for
 
 from gpcorrect_service.protocol.answer import EstimateAnswer
-from gpcorrect_service.protocol.codec import MSGPACK
-from gpcorrect_service.protocol.messages import JointState
+from gpcorrect_service.protocol.messages import MSGPACK, JointState
 
 CODEC = MSGPACK
 

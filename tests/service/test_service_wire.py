@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from gpcorrect_service import ServiceError
 from gpcorrect_service.protocol.answer import PoseAnswer
-from gpcorrect_service.protocol.codec import CODECS, JSON, Codec, codec_of, error_codec
-from gpcorrect_service.protocol.messages import KINDS, CorrectRequest, Kind
+from gpcorrect_service.protocol.messages import CODECS, JSON, KINDS, Codec, CorrectRequest, Kind, codec_of, error_codec
 
 codecs = st.sampled_from(list(CODECS.values()))
 number = st.floats(allow_nan=False, allow_infinity=False)

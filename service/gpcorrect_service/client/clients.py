@@ -15,13 +15,11 @@ import zenoh
 from numpy.typing import ArrayLike
 
 from gpcorrect_service.client.connection import POLL_SECONDS, Querier
-from gpcorrect_service.client.pinned import PinnedModels
-from gpcorrect_service.client.replies import Reply
+from gpcorrect_service.client.replies import PinnedModels, Reply
 from gpcorrect_service.client.requests import Question, RequestBuilder
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import HealthAnswer, Kind, ModelAnswer
-from gpcorrect_service.protocol.process import immortal_in_children, is_forked, require_own_process
-from gpcorrect_service.protocol.sessions import open_client
+from gpcorrect_service.protocol.sessions import immortal_in_children, is_forked, open_client, require_own_process
 from gpcorrect_service.protocol.settings import DEFAULT_ENDPOINT, ClientSettings, OnFailure
 
 # Replies of one query that may wait to be read: more than there are replicas, so that zenoh's thread never
@@ -44,27 +42,20 @@ class ClientBase(ABC, Generic[ReplyOf, TextOf, ModelOf, HealthOf]):
 
     Parameters
     ----------
-    endpoint : str or sequence of str
-        Addresses of the servers; with several, the retry reaches all of them.
-    arm, namespace : str
-        Second and first part of the keys that the server answers on.
-    encoding : str
-        "msgpack" (faster) or "json".
-    timeout : float
-        Seconds for one answer, the one retry included.
+    endpoint : str or sequence of str, addresses of the servers; with several, the retry reaches all of them
+    arm, namespace : str, second and first part of the keys that the server answers on
+    encoding : str, "msgpack" (faster) or "json"
+    timeout : float, seconds for one answer, the one retry included
     on_failure : str
         "raise", or "identity": answer with the registered pose, nothing learned in it, with `fallback="identity"` and
         the failure as status; so the command jumps by the learned part and no more. Raises where no server has answered
         before, and bad input raises either way.
-    path_timeout, connect_timeout : float
-        Seconds for a path, and for a server to appear before the first question.
-    config_file : path, optional
-        A zenoh JSON5 configuration instead of `endpoint`.
+    path_timeout, connect_timeout : float, seconds for a path, and for a server to appear before the first question
+    config_file : path, optional, a zenoh JSON5 configuration instead of `endpoint`
     model_hash : str
         SHA-256 of the model that must answer; empty takes the one that answers first. Answers of another are refused as
         OTHER_MODEL until :meth:`change_model` is called: commands of two models may lie millimetres apart.
-    pin : bool
-        Whether that is so; without it every answer is taken, and `Reply.meta` says whose it is.
+    pin : bool, whether that is so; without it every answer is taken, and `Reply.meta` says whose it is
 
     Raises
     ------
@@ -104,8 +95,7 @@ class ClientBase(ABC, Generic[ReplyOf, TextOf, ModelOf, HealthOf]):
         ----------
         pose : (7,) or (3,) array
             Desired position (m) and unit quaternion wxyz, in the frame that the model was trained in.
-        twist : (6,) array, optional
-            Desired velocity there, m/s and rad/s.
+        twist : (6,) array, optional, desired velocity there, m/s and rad/s
 
         Raises
         ------
@@ -120,10 +110,8 @@ class ClientBase(ABC, Generic[ReplyOf, TextOf, ModelOf, HealthOf]):
 
         Parameters
         ----------
-        poses : (n, 7) or (n, 3) array
-            As for :meth:`correct`.
-        times : (n,) array
-            Seconds, strictly increasing.
+        poses : (n, 7) or (n, 3) array, as for :meth:`correct`
+        times : (n,) array, seconds, strictly increasing
         """
         answer: ReplyOf = self._ask(lambda: self._build.correct_path(poses, times))
         return answer
@@ -135,12 +123,9 @@ class ClientBase(ABC, Generic[ReplyOf, TextOf, ModelOf, HealthOf]):
 
         Parameters
         ----------
-        q, efforts : (n, d) arrays
-            rad or m, NaN where missing; efforts, as logged, for models that look at them.
-        times : (n,) array
-            Seconds, strictly increasing.
-        sessions : n int, optional
-            Where the number changes, the arm was homed or moved by hand.
+        q, efforts : (n, d) arrays, rad or m, NaN where missing; efforts, as logged, for models that look at them
+        times : (n,) array, seconds, strictly increasing
+        sessions : n int, optional, where the number changes, the arm was homed or moved by hand
         """
         answer: ReplyOf = self._ask(lambda: self._build.correct_joints(q, times, efforts, sessions))
         return answer
@@ -221,8 +206,7 @@ class ClientBase(ABC, Generic[ReplyOf, TextOf, ModelOf, HealthOf]):
 
         Parameters
         ----------
-        model_hash : str
-            SHA-256 of the model that must answer; empty takes the one that answers first.
+        model_hash : str, SHA-256 of the model that must answer; empty takes the one that answers first
         """
         self._build.pinned.change(model_hash)
 

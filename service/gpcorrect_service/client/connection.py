@@ -48,10 +48,8 @@ class Querier:
     session : zenoh.Session
     key : str
     settings : ClientSettings
-    timeout : float
-        Seconds for one answer, the retry included.
-    fresh : bool
-        Whether nothing was asked of this key before: that question may wait for a server.
+    timeout : float, seconds for one answer, the retry included
+    fresh : bool, whether nothing was asked of this key before: that question may wait for a server
     """
 
     def __init__(
@@ -95,8 +93,7 @@ class Querier:
 
         Parameters
         ----------
-        querier : zenoh.Querier
-            :attr:`first` or :attr:`everyone`.
+        querier : zenoh.Querier, :attr:`first` or :attr:`everyone`
         handler
             zenoh's, for the replies.
         question : Question

@@ -13,8 +13,7 @@ from gpcorrect_service.client.connection import POLL_SECONDS, matched
 from gpcorrect_service.client.requests import RequestBuilder, no_service
 from gpcorrect_service.protocol import messages
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.process import require_own_process
-from gpcorrect_service.protocol.sessions import LIVE_KEYS, open_client
+from gpcorrect_service.protocol.sessions import LIVE_KEYS, open_client, require_own_process
 from gpcorrect_service.protocol.settings import DEFAULT_ENDPOINT, ClientSettings
 
 S = TypeVar("S", messages.ModelListAnswer, messages.ActivateAnswer, messages.StateAnswer)
@@ -26,8 +25,7 @@ class Operator:
     Parameters
     ----------
     settings : ClientSettings
-    patience : float
-        Seconds for a server to load and try a model.
+    patience : float, seconds for a server to load and try a model
     """
 
     def __init__(self, settings: ClientSettings | None = None, *, patience: float = 30.0) -> None:
@@ -56,10 +54,8 @@ class Operator:
 
         Parameters
         ----------
-        model : str
-            Its name, or the beginning of its hash.
-        back : bool
-            Whether it is the one before, for which the present one is given up.
+        model : str, its name, or the beginning of its hash
+        back : bool, whether it is the one before, for which the present one is given up
 
         Raises
         ------
@@ -70,11 +66,9 @@ class Operator:
         answers = self._ask("admin/activate", messages.ActivateAnswer, messages.ActivateRequest(model, back))
         if len({answer.hash for answer in answers}) > 1:
             found = ", ".join(f"{answer.replica} has {answer.hash[:12]}" for answer in answers)
-            raise ServiceError(
-                "OTHER_MODEL",
-                f"{model} names different models in the servers' stores, and each activated its own: {found}.",
-                hint="Activate one that all stores hold, by its hash: gpcorrect models list",
-            )
+            cause = f"{model} names different models in the servers' stores, and each activated its own: {found}."
+            hint = "Activate one that all stores hold, by its hash: gpcorrect models list"
+            raise ServiceError("OTHER_MODEL", cause, hint=hint)
         return answers
 
     def set_state(self, state: Literal["ENABLED", "PAUSED"]) -> list[messages.StateAnswer]:

@@ -1,16 +1,21 @@
-"""What a planner gets back: the answer, and which model and process gave it."""
+"""What a planner gets back, and the model, bounds and registration that a stream of questions is held to."""
 
 from __future__ import annotations
 
-from typing import Any, Literal
+import time
+from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 import numpy as np
 
 from gpcorrect.correction import Correction, Reason
-from gpcorrect.types import FloatArray
+from gpcorrect.errors import DataError
+from gpcorrect.types import FloatArray, PoseSignal
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.messages import ReplyMeta
+from gpcorrect_service.protocol.messages import Kind, ModelAnswer, ReplyMeta
+
+if TYPE_CHECKING:
+    from gpcorrect.rigid import RigidModel
 
 
 class Reply(msgspec.Struct, frozen=True, eq=False):
@@ -20,10 +25,8 @@ class Reply(msgspec.Struct, frozen=True, eq=False):
     ----------
     answer : Correction
         In a fallback the registered pose or the reported joints themselves, with unknown (NaN) uncertainty.
-    meta : ReplyMeta
-        Which model and process answered; empty in a fallback.
-    failure : ServiceError or None
-        Why no server answered, in a fallback.
+    meta : ReplyMeta, which model and process answered; empty in a fallback
+    failure : ServiceError or None, why no server answered, in a fallback
     """
 
     answer: Correction
@@ -92,8 +95,7 @@ def uncorrected(rows: FloatArray, failure: ServiceError, *, joints: bool = False
 
     Parameters
     ----------
-    rows : (7,), (3,), (n, 7) or (n, 3) array, or (n, d) joints
-        What registration alone commands; joints as they are.
+    rows : (7,), (3,), (n, 7) or (n, 3) array, or (n, d) joints, what registration alone commands; joints as they are
     failure : ServiceError
     joints : bool
     """
@@ -103,3 +105,106 @@ def uncorrected(rows: FloatArray, failure: ServiceError, *, joints: bool = False
         return Reply(Correction(None, None, rows, unknown, unknown, outside), failure=failure)
     quaternion = rows[..., 3:] if rows.shape[-1] > 3 else None
     return Reply(Correction(rows[..., :3], quaternion, None, unknown, unknown, outside), failure=failure)
+
+
+ASK_AGAIN = 10.0  # s, chosen by hand: between questions for a registration that nobody gives
+
+
+class PinnedModels:
+    """Holds a client to the model that answered it first, and to its operator's bounds: others lie millimetres apart.
+
+    Poses and joints have a model each. Safe to use from several threads.
+
+    Parameters
+    ----------
+    model_hash : str, SHA-256 of the model that must answer; empty takes the one that answers first
+    hold : bool, whether other models are refused at all
+    """
+
+    def __init__(self, model_hash: str = "", *, hold: bool = True) -> None:
+        self._hold = hold
+        self._asked_at = -ASK_AGAIN
+        self._registration: tuple[str, RigidModel | None] | None = None
+        self.change(model_hash)
+
+    def change(self, model_hash: str = "") -> None:
+        """Take another model from the next answer on.
+
+        Parameters
+        ----------
+        model_hash : str, as for the class
+        """
+        self._required = model_hash
+        self._hashes: dict[str, str] = {}
+        self._bounds: dict[str, str] = {}
+
+    def check(self, kind: Kind, meta: ReplyMeta) -> None:
+        """Refuse, as OTHER_MODEL, the answer of another model or with other bounds.
+
+        Parameters
+        ----------
+        kind : str
+        meta : ReplyMeta
+        """
+        task, hashes = "joints" if kind == "correct_joints" else "pose", self._hashes
+        if not self._hold:
+            hashes[task] = meta.model_hash
+            return
+        held = hashes.setdefault(task, self._required or meta.model_hash)
+        if held != meta.model_hash:
+            raise ServiceError(
+                "OTHER_MODEL",
+                f"this stream is held to model {held[:12]}, and {meta.replica} answers with {meta.model_hash[:12]} "
+                f"({meta.model_id}).",
+                hint="Bring the robot to rest and call change_model(), or let all servers have the same model: "
+                "gpcorrect models activate",
+            )
+        bounds = self._bounds.setdefault(task, meta.bounds)
+        if bounds != meta.bounds:
+            raise ServiceError(
+                "OTHER_MODEL",
+                f"this stream is held to answers within {bounds or 'no bounds'}, and {meta.replica} answers within "
+                f"{meta.bounds or 'none'}.",
+                hint="Bring the robot to rest and call change_model(), or serve all replicas with the same --max-mm, "
+                "--max-deg and --strict.",
+            )
+
+    @property
+    def wants_registration(self) -> bool:
+        """Whether the registration of the model of poses is to be asked for now; true once in a while."""
+        held, known = self._hashes.get("pose"), self._registration
+        now = time.monotonic()
+        if held is None or (known is not None and known[0] == held) or now < self._asked_at + ASK_AGAIN:
+            return False
+        self._asked_at = now
+        return True
+
+    def learn(self, answer: ModelAnswer) -> None:
+        """Take the registration of a server's model; OTHER_MODEL where it is not the one that answers this stream.
+
+        Parameters
+        ----------
+        answer : ModelAnswer
+        """
+        bounds = self._bounds.get("pose", "")
+        self.check("correct", ReplyMeta("", answer.id, answer.hash, answer.replica, bounds=bounds))
+        from gpcorrect.rigid import RigidModel  # not above: most clients never need it
+
+        known = None if answer.registration is None else RigidModel.from_dict(answer.registration)
+        self._registration = answer.hash, known
+
+    def registered(self, poses: FloatArray) -> FloatArray | None:
+        """Return what registration alone commands, or None where it is not known.
+
+        Parameters
+        ----------
+        poses : (7,), (3,), (n, 7) or (n, 3) array
+        """
+        held, known = self._hashes.get("pose"), self._registration
+        if known is None or known[0] != held or known[1] is None:
+            return None
+        try:
+            mapped = known[1].apply(PoseSignal.of(poses.reshape(-1, poses.shape[-1])))
+        except DataError:  # a lever arm, and no orientation to turn it with
+            return None
+        return mapped.table.reshape(poses.shape)

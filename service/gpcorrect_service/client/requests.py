@@ -15,13 +15,12 @@ from numpy.typing import ArrayLike
 
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
-from gpcorrect_service.client.pinned import PinnedModels
-from gpcorrect_service.client.replies import Reply, uncorrected
+from gpcorrect_service.client.replies import PinnedModels, Reply, uncorrected
 from gpcorrect_service.protocol import messages
 from gpcorrect_service.protocol.answer import JointsAnswer, PathAnswer, PoseAnswer, Rows, Single, nullable, unpack
-from gpcorrect_service.protocol.codec import CODECS, error_codec
 from gpcorrect_service.protocol.errors import FailureStatus, ServiceError, bad_input
 from gpcorrect_service.protocol.limits import LIMITS, checked_pose
+from gpcorrect_service.protocol.messages import CODECS, error_codec
 from gpcorrect_service.protocol.settings import MAX_MESSAGE_BYTES, ClientSettings, OnFailure
 
 S = TypeVar("S", bound=msgspec.Struct)
@@ -50,8 +49,7 @@ class Question(msgspec.Struct, Generic[R], frozen=True, eq=False):
         Parameters
         ----------
         reply : zenoh.Reply
-        waited : float
-            s since it was asked for.
+        waited : float, s since it was asked for
         """
         # A process that was stopped finds replies of long ago when it goes on.
         if reply.ok is not None and waited > self.patience:
@@ -68,8 +66,7 @@ class Question(msgspec.Struct, Generic[R], frozen=True, eq=False):
 
         Parameters
         ----------
-        waited : float
-            s since the caller asked, every attempt included.
+        waited : float, s since the caller asked, every attempt included
         """
         if waited > 2 * self.patience:
             raise _stale(waited, 2 * self.patience)
@@ -129,8 +126,7 @@ class RequestBuilder:
         Parameters
         ----------
         poses : (n, 7) or (n, 3) array
-        times : (n,) array
-            s.
+        times : (n,) array, s
         """
         asked = _array(poses, "poses", 2)
         body = messages.CorrectPathRequest(tuple(asked.tolist()), tuple(_array(times, "times", 1).tolist()))
@@ -143,10 +139,8 @@ class RequestBuilder:
 
         Parameters
         ----------
-        q, efforts : (n, d) arrays
-            NaN where missing; efforts may be None.
-        times : (n,) array
-            s.
+        q, efforts : (n, d) arrays, NaN where missing; efforts may be None
+        times : (n,) array, s
         sessions : n int or None
         """
         joints = _array(q, "joints", 2)
@@ -195,8 +189,7 @@ class RequestBuilder:
         kind : str
         form, body : type, Struct or None
             Of the answer, and the question.
-        deadline : float, optional
-            Seconds for which the answer is wanted; half of the timeout by default.
+        deadline : float, optional, seconds for which the answer is wanted; half of the timeout by default
         """
         return self._question(kind, body, lambda reply: self._decoded(form, _accepted(reply)), deadline=deadline)
 
@@ -230,10 +223,8 @@ class RequestBuilder:
         begun = time.monotonic()
         payload = b"" if body is None else self._codec.encode(body)
         if len(payload) > MAX_MESSAGE_BYTES:
-            raise bad_input(
-                f"the request has {len(payload)} bytes; a server takes {MAX_MESSAGE_BYTES}.",
-                "Send the path in parts, cut where the robot rests.",
-            )
+            hint = "Send the path in parts, cut where the robot rests."
+            raise bad_input(f"the request has {len(payload)} bytes; a server takes {MAX_MESSAGE_BYTES}.", hint)
         patience = self._settings.timeout_of(kind) / 2
         request_id = f"{self._prefix}-{next(self._numbers)}"
         meta = messages.RequestMeta(request_id=request_id, client_time=time.time(), deadline=deadline or patience)
@@ -248,11 +239,8 @@ class RequestBuilder:
 
 
 def _stale(waited: float, allowed: float) -> ServiceError:
-    return ServiceError(
-        "STALE",
-        f"the reply came {waited:.3f} s after its question; {allowed:.3f} s were allowed.",
-        hint="The planner or the network was held up: ask again.",
-    )
+    cause = f"the reply came {waited:.3f} s after its question; {allowed:.3f} s were allowed."
+    return ServiceError("STALE", cause, hint="The planner or the network was held up: ask again.")
 
 
 def _accepted(reply: zenoh.Reply) -> zenoh.Sample:

@@ -19,7 +19,7 @@ from gpcorrect.errors import GpCorrectError
 from gpcorrect.types import FloatArray
 from gpcorrect_service.crtk.bus import Bus
 from gpcorrect_service.crtk.messages import Heartbeat, JointState, OperatingState, Pose, Text, checked_numbers
-from gpcorrect_service.protocol.clocks import OLDEST
+from gpcorrect_service.protocol.bounds import OLDEST
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.limits import checked_stamp
 
@@ -36,14 +36,12 @@ class ArmServerSettings:
 
     Parameters
     ----------
-    rate_hz : float
-        State messages a second of the arm's clock.
+    rate_hz : float, state messages a second of the arm's clock
     time_scale : float
         Seconds of the arm's clock in one of the wall's: above 1 a simulated arm runs faster than a real one.
     corrected : bool
         Take Cartesian commands from the pre-filter (`corrected/servo_cp`) and not from planners (`servo_cp`).
-    command_age : float
-        s of wall time after which a corrected pose no longer moves the arm.
+    command_age : float, s of wall time after which a corrected pose no longer moves the arm
     """
 
     rate_hz: float = 100.0
@@ -61,8 +59,7 @@ class ArmServer:
         With the commands and the state of `gpcorrect.sim.live_robot.LiveRobot`, which a server must not import.
     bus : Bus
     settings : ArmServerSettings
-    epoch : float
-        Stamp at the arm's time 0, s since 1970.
+    epoch : float, stamp at the arm's time 0, s since 1970
     """
 
     def __init__(self, arm: Any, bus: Bus, settings: ArmServerSettings, epoch: float) -> None:
@@ -91,16 +88,13 @@ class ArmServer:
             self._publish(tick)
             tick += 1
             due += period / self._settings.time_scale
-            due = self._await(due, stop)
-
-    def _await(self, due: float, stop: threading.Event) -> float:
-        """Wait until a tick is due; a tick far too late gives up the time it lost."""
-        ahead = due - time.monotonic()
-        if ahead > 0:
-            stop.wait(ahead)
-            return due
-        self._late += 1
-        return due if ahead > -BEHIND else time.monotonic()
+            ahead = due - time.monotonic()
+            if ahead > 0:
+                stop.wait(ahead)
+                continue
+            self._late += 1
+            if ahead <= -BEHIND:  # far too late: the time that was lost is given up
+                due = time.monotonic()
 
     def _obey_topic(self, name: str, read: Callable[..., object], act: Callable[..., None]) -> None:
         def _refused(error: GpCorrectError) -> None:

@@ -16,11 +16,18 @@ from zenoh.ext import AdvancedPublisher, CacheConfig, declare_advanced_publisher
 
 from gpcorrect.errors import DataError
 from gpcorrect_service.crtk.messages import TF, TOPICS, Message, Topic, from_cdr, tf_cdr, to_cdr
-from gpcorrect_service.protocol.codec import JSON, MSGPACK
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError, bad_input
-from gpcorrect_service.protocol.process import open_zenoh, require_valid
-from gpcorrect_service.protocol.rmw import DEFAULT_QOS, LATCHED_QOS, RmwNode, attachment, gid_of, rmw_key
-from gpcorrect_service.protocol.sessions import COMMON, first_sentence, make_config, namespace_of, read_config
+from gpcorrect_service.protocol.messages import JSON, MSGPACK
+from gpcorrect_service.protocol.ros import DEFAULT_QOS, LATCHED_QOS, RmwNode, attachment, gid_of, rmw_key
+from gpcorrect_service.protocol.sessions import (
+    COMMON,
+    first_sentence,
+    make_config,
+    namespace_of,
+    open_zenoh,
+    read_config,
+    require_valid,
+)
 from gpcorrect_service.protocol.settings import DEFAULT_NAMESPACE, RosDistro, check_loopback, refuse_two_places
 
 CLAIM_SECONDS = 2.0  # chosen by hand: in which a router says who else there is; it answers at once
@@ -34,20 +41,14 @@ class BusSettings:
 
     Parameters
     ----------
-    endpoint : str
-        Address to listen on, or to connect to.
-    arm, namespace : str
-        Second and first part of every native key.
+    endpoint : str, address to listen on, or to connect to
+    arm, namespace : str, second and first part of every native key
     role : "hub" or "client"
         A hub listens and passes messages between its clients, as a router does; a client connects to it.
-    ros_domain : int or None
-        ROS_DOMAIN_ID to speak in as well, on rmw_zenoh's keys; None for native keys alone.
-    ros_distro : str
-        ROS distribution of the nodes there.
-    allow_remote : bool
-        Whether a hub may listen on an address that other machines reach.
-    patience : float
-        Seconds in which a client waits for its hub to appear.
+    ros_domain : int or None, ROS_DOMAIN_ID to speak in as well, on rmw_zenoh's keys; None for native keys alone
+    ros_distro : str, ROS distribution of the nodes there
+    allow_remote : bool, whether a hub may listen on an address that other machines reach
+    patience : float, seconds in which a client waits for its hub to appear
     config_file : Path or None
         A zenoh JSON5 configuration that replaces `endpoint`, of a client; its `namespace`, where given, wins.
     """
@@ -80,8 +81,7 @@ class Bus:
     Parameters
     ----------
     settings : BusSettings
-    node : str
-        Name in the ROS graph.
+    node : str, name in the ROS graph
 
     Raises
     ------
@@ -128,17 +128,15 @@ class Bus:
 
         Parameters
         ----------
-        role : str
-            Behind the arm's name, such as "prefilter"; DataError where another process has it.
+        role : str, behind the arm's name, such as "prefilter"; DataError where another process has it
         """
         live, own = self._session.liveliness(), self.key(f"{role}/{self._session.info.zid()}")
         self._stack.enter_context(live.declare_token(own))
         tokens = [reply.ok for reply in live.get(self.key(f"{role}/*"), timeout=CLAIM_SECONDS)]
         if any(token is not None and str(token.key_expr) != own for token in tokens):
-            raise DataError(
-                f"another {role} is at work for {self.key('')[:-1]}: the robot would hear every command twice.",
-                hint="Stop it first; one that was cut off from the network is forgotten after ten seconds.",
-            )
+            cause = f"another {role} is at work for {self.key('')[:-1]}: the robot would hear every command twice."
+            hint = "Stop it first; one that was cut off from the network is forgotten after ten seconds."
+            raise DataError(cause, hint=hint)
 
     def publish(self, name: str, message: Message) -> None:
         """Send a message; it is dropped where a listener cannot keep up.
@@ -160,10 +158,8 @@ class Bus:
         Parameters
         ----------
         name : str
-        inbox : callable
-            Takes a message; must not wait.
-        refused : callable, optional
-            Takes the error of a message that cannot be read.
+        inbox : callable, takes a message; must not wait
+        refused : callable, optional, takes the error of a message that cannot be read
         """
         what = TOPICS[name]
         self._listen(self.key(name), what, inbox, refused)
@@ -260,8 +256,7 @@ def read_message(payload: bytes, encoding: str, what: Topic) -> msgspec.Struct:
     Parameters
     ----------
     payload : bytes
-    encoding : str
-        zenoh's; BAD_INPUT for another one, and where the bytes are no such message.
+    encoding : str, zenoh's; BAD_INPUT for another one, and where the bytes are no such message
     what : Topic
     """
     if encoding.startswith(MSGPACK.media_type):
@@ -334,16 +329,11 @@ def _config(settings: BusSettings) -> zenoh.Config:
 
 
 def in_namespace(settings: BusSettings) -> BusSettings:
-    """Return the settings with the namespace that their configuration file names, where it does.
+    """Return the settings with the namespace that their configuration file names; DataError where it cannot be read.
 
     Parameters
     ----------
     settings : BusSettings
-
-    Raises
-    ------
-    DataError
-        The file cannot be read.
     """
     if settings.config_file is None:
         return settings

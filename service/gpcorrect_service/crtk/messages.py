@@ -13,7 +13,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from gpcorrect_service.protocol import cdr
+from gpcorrect_service.protocol import ros
 from gpcorrect_service.protocol.errors import bad_input
 from gpcorrect_service.protocol.messages import JointState, Numbers, Row, State
 
@@ -100,8 +100,7 @@ def checked_numbers(numbers: Sequence[float | None], count: int, what: str) -> N
     ----------
     numbers : sequence of float or None
     count : int
-    what : str
-        Name for messages.
+    what : str, name for messages
     """
     finite = tuple(one for one in numbers if one is not None and math.isfinite(one))
     if not len(numbers) == len(finite) == count:
@@ -126,21 +125,21 @@ class Topic:
     child: str = ""
 
 
-TF = Topic("tf", Pose, "pose", cdr.TF_MESSAGE)
+TF = Topic("tf", Pose, "pose", ros.TF_MESSAGE)
 """Where ROS nodes look for frames; of no arm."""
 TOPICS: dict[str, Topic] = {
     topic.name: topic
     for topic in (
         *(Topic(f"{name}_js", JointState, "joint_state", JOINT_STATE) for name in ("measured", "setpoint", "external")),
         *(Topic(name, JointState, "joint_state", JOINT_STATE) for name in ("servo_jp", "move_jp")),
-        *(Topic(name, Pose, "pose", cdr.POSE_STAMPED) for name in ("setpoint_cp", "tracker_cp", "servo_cp", "move_cp")),
-        Topic("measured_cp", Pose, "pose", cdr.POSE_STAMPED, child="tool"),
+        *(Topic(name, Pose, "pose", ros.POSE_STAMPED) for name in ("setpoint_cp", "tracker_cp", "servo_cp", "move_cp")),
+        Topic("measured_cp", Pose, "pose", ros.POSE_STAMPED, child="tool"),
         *(
-            Topic(f"corrected/{name}", Pose, "pose", cdr.POSE_STAMPED, child="corrected_tool")
+            Topic(f"corrected/{name}", Pose, "pose", ros.POSE_STAMPED, child="corrected_tool")
             for name in ("servo_cp", "move_cp")
         ),
-        *(Topic(name, Text, "text", cdr.STRING_STAMPED, urgent=True) for name in ("state_command", "error", "warning")),
-        Topic("operating_state", OperatingState, "operating_state", cdr.OPERATING_STATE, latched=True),
+        *(Topic(name, Text, "text", ros.STRING_STAMPED, urgent=True) for name in ("state_command", "error", "warning")),
+        Topic("operating_state", OperatingState, "operating_state", ros.OPERATING_STATE, latched=True),
         Topic("heartbeat", Heartbeat, "heartbeat"),
         Topic("event", Event, "event", urgent=True),
         Topic("corrected/report", Report, "report"),
@@ -154,24 +153,23 @@ def to_ros(message: msgspec.Struct) -> tuple[Any, str]:
 
     Parameters
     ----------
-    message : Struct
-        JointState, Pose, OperatingState or Text.
+    message : JointState, Pose, OperatingState or Text
     """
-    kinds = cdr.ros_types().types
+    kinds = ros.ros_types().types
     match message:
         case JointState():
             arrays = (np.array(a or (), dtype=np.float64) for a in (message.position, message.velocity, message.effort))
             names = [f"joint_{j}" for j in range(1, len(message.position) + 1)]
             return kinds[JOINT_STATE](_header(message.stamp), names, *arrays), JOINT_STATE
         case Pose():
-            return cdr.ros_pose(message.pose, *_time(message.stamp), message.frame), cdr.POSE_STAMPED
+            return ros.ros_pose(message.pose, *_time(message.stamp), message.frame), ros.POSE_STAMPED
         case OperatingState():
             header = _header(message.stamp)
-            return kinds[cdr.OPERATING_STATE](
+            return kinds[ros.OPERATING_STATE](
                 header, message.state, message.is_homed, message.is_busy
-            ), cdr.OPERATING_STATE
+            ), ros.OPERATING_STATE
         case Text():
-            return kinds[cdr.STRING_STAMPED](_header(message.stamp), message.string), cdr.STRING_STAMPED
+            return kinds[ros.STRING_STAMPED](_header(message.stamp), message.string), ros.STRING_STAMPED
     raise TypeError(f"{type(message).__name__} has no ROS message.")
 
 
@@ -180,11 +178,10 @@ def to_cdr(message: msgspec.Struct) -> bytes:
 
     Parameters
     ----------
-    message : Struct
-        As for :func:`to_ros`.
+    message : Struct, as for :func:`to_ros`
     """
-    ros, kind = to_ros(message)
-    return bytes(cdr.ros_types().serialize_cdr(ros, kind))
+    found, kind = to_ros(message)
+    return bytes(ros.ros_types().serialize_cdr(found, kind))
 
 
 def tf_cdr(message: Pose, base: str, child: str) -> bytes:
@@ -193,17 +190,16 @@ def tf_cdr(message: Pose, base: str, child: str) -> bytes:
     Parameters
     ----------
     message : Pose
-    base, child : str
-        Names of the frame that it is in, where the pose names none, and of the frame whose pose it is.
+    base, child : str, names of the frame that it is in, where the pose names none, and of the frame whose pose it is
     """
-    kinds = cdr.ros_types().types
-    posed = cdr.ros_pose(message.pose, *_time(message.stamp), message.frame or base)
+    kinds = ros.ros_types().types
+    posed = ros.ros_pose(message.pose, *_time(message.stamp), message.frame or base)
     p = posed.pose.position
     moved = kinds["geometry_msgs/msg/Transform"](
         kinds["geometry_msgs/msg/Vector3"](p.x, p.y, p.z), posed.pose.orientation
     )
     stamped = kinds["geometry_msgs/msg/TransformStamped"](posed.header, child, moved)
-    return bytes(cdr.ros_types().serialize_cdr(kinds[cdr.TF_MESSAGE]([stamped]), cdr.TF_MESSAGE))
+    return bytes(ros.ros_types().serialize_cdr(kinds[ros.TF_MESSAGE]([stamped]), ros.TF_MESSAGE))
 
 
 def from_cdr(data: bytes, ros_type: str) -> msgspec.Struct:
@@ -212,22 +208,23 @@ def from_cdr(data: bytes, ros_type: str) -> msgspec.Struct:
     Parameters
     ----------
     data : bytes
-    ros_type : str
-        As `geometry_msgs/msg/PoseStamped`.
+    ros_type : str, as `geometry_msgs/msg/PoseStamped`
     """
-    ros = cdr.decode_cdr(data, ros_type)
-    stamp = ros.header.stamp.sec + 1e-9 * ros.header.stamp.nanosec
+    found = ros.decode_cdr(data, ros_type)
+    stamp = found.header.stamp.sec + 1e-9 * found.header.stamp.nanosec
     match ros_type:
         case "sensor_msgs/msg/JointState":
-            position, velocity, effort = (tuple(a.tolist()) or None for a in (ros.position, ros.velocity, ros.effort))
+            position, velocity, effort = (
+                tuple(a.tolist()) or None for a in (found.position, found.velocity, found.effort)
+            )
             return JointState(stamp, position or (), velocity, effort)
-        case cdr.POSE_STAMPED:
-            p, q = ros.pose.position, ros.pose.orientation
-            return Pose(stamp, (p.x, p.y, p.z, q.w, q.x, q.y, q.z), ros.header.frame_id)
-        case cdr.OPERATING_STATE:
-            return OperatingState(stamp, ros.state, ros.is_homed, ros.is_busy)
+        case ros.POSE_STAMPED:
+            p, q = found.pose.position, found.pose.orientation
+            return Pose(stamp, (p.x, p.y, p.z, q.w, q.x, q.y, q.z), found.header.frame_id)
+        case ros.OPERATING_STATE:
+            return OperatingState(stamp, found.state, found.is_homed, found.is_busy)
         case _:
-            return Text(stamp, ros.string)
+            return Text(stamp, found.string)
 
 
 def _time(stamp: float) -> tuple[int, int]:
@@ -235,5 +232,5 @@ def _time(stamp: float) -> tuple[int, int]:
 
 
 def _header(stamp: float) -> Any:
-    kinds = cdr.ros_types().types
+    kinds = ros.ros_types().types
     return kinds["std_msgs/msg/Header"](kinds["builtin_interfaces/msg/Time"](*_time(stamp)), "")

@@ -24,7 +24,7 @@ from gpcorrect_service.crtk.messages import OperatingState, Pose, Report, Text
 from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.protocol import limits
 from gpcorrect_service.protocol.answer import PoseAnswer, pack
-from gpcorrect_service.protocol.clocks import OLDEST, StreamClock
+from gpcorrect_service.protocol.bounds import OLDEST, StreamClock
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.protocol.sessions import PREFILTER
 from gpcorrect_service.server.models import Model
@@ -151,14 +151,18 @@ class Prefilter:
         return answer
 
     def _checked(self, message: Pose) -> tuple[FloatArray, FloatArray | None]:
-        self._check_ready()
+        state = self._state
+        if state is None or self._clock.age(state.stamp, self._monotonic()) > self._settings.state_age:
+            hint = "Is the robot running and connected?"
+            raise ServiceError("STALE", "the robot's operating state is not known.", hint=hint)
+        if not _ready(state):
+            homed = "homed" if state.is_homed else "not homed"
+            raise ServiceError("STALE", f"the robot is {state.state} and {homed}.", hint="Enable and home it first.")
         self._check_age(limits.checked_stamp(message.stamp))
         # What is older than a command may be was refused above: stamps that lie further back are of a set clock.
         if 0 <= self._newest - message.stamp <= 2 * self._settings.command_age * self._settings.time_scale:
-            raise bad_input(
-                f"a pose stamped {message.stamp:.6f} came after one stamped {self._newest:.6f}.",
-                "Send every pose once, in order.",
-            )
+            hint = "Send every pose once, in order."
+            raise bad_input(f"a pose stamped {message.stamp:.6f} came after one stamped {self._newest:.6f}.", hint)
         limits.check_frame(message.frame, self._settings.desired_frame or self._model.frames[0])
         if len(message.pose) != limits.POSE:
             what = f"a pose is 7 numbers (x y z qw qx qy qz), got {len(message.pose)}."
@@ -169,11 +173,8 @@ class Prefilter:
         """Refuse what is too old, or stamped by another clock than the robot's; now, and not when it came."""
         now, most = self._monotonic(), self._settings.command_age
         if now < self._settled_at:
-            raise ServiceError(
-                "STALE",
-                "the robot has just become ready, and its clock is not known yet.",
-                hint=f"Wait for {SETTLING:g} s.",
-            )
+            hint = f"Wait for {SETTLING:g} s."
+            raise ServiceError("STALE", "the robot has just become ready, and its clock is not known yet.", hint=hint)
         age = self._clock.age(stamp, now)
         if abs(age) > most:
             raise ServiceError(
@@ -182,16 +183,6 @@ class Prefilter:
                 f"{most:g} s are allowed.",
                 hint="Stamp poses with the robot's clock. Where that was set or held up: disable and enable the robot.",
             )
-
-    def _check_ready(self) -> None:
-        state = self._state
-        if state is None or self._clock.age(state.stamp, self._monotonic()) > self._settings.state_age:
-            raise ServiceError(
-                "STALE", "the robot's operating state is not known.", hint="Is the robot running and connected?"
-            )
-        if not _ready(state):
-            homed = "homed" if state.is_homed else "not homed"
-            raise ServiceError("STALE", f"the robot is {state.state} and {homed}.", hint="Enable and home it first.")
 
     def _bounded(self, last: _Step, stamp: float, pose: FloatArray, answer: Correction) -> Correction:
         """Let the command change no faster than the desired pose does, and the correction's own speed on top."""
@@ -242,8 +233,7 @@ class FilterServer:
     prefilter : Prefilter
     bus : Bus
         DataError where another pre-filter corrects its arm: a robot that hears both would follow two models in turn.
-    logger : Logger
-        Where refusals are written, the first and every thousandth.
+    logger : Logger, where refusals are written, the first and every thousandth
     """
 
     def __init__(self, prefilter: Prefilter, bus: Bus, logger: Logger) -> None:

@@ -43,8 +43,7 @@ def application(board: Board, hosts: list[str], closing: Callable[[], bool] = la
     board : Board
     hosts : list of str
         Names under which it may be asked; others are turned away, so that no other page can borrow this one's.
-    closing : callable
-        Whether the server is about to stop: streams end then.
+    closing : callable, whether the server is about to stop: streams end then
     """
 
     async def _state(request: Request) -> Response:

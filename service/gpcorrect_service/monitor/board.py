@@ -96,8 +96,7 @@ class Board:
 
     Parameters
     ----------
-    namespace : str
-        First part of the keys that are watched.
+    namespace : str, first part of the keys that are watched
     """
 
     def __init__(self, namespace: str) -> None:
@@ -110,11 +109,9 @@ class Board:
 
         Parameters
         ----------
-        arm, name : str
-            Of the arm and of the topic.
+        arm, name : str, of the arm and of the topic
         message : Struct
-        now : float
-            Clock of this machine, s.
+        now : float, clock of this machine, s
         """
         try:
             _require_readable(message)
@@ -130,8 +127,7 @@ class Board:
 
         Parameters
         ----------
-        arm, name, cause : str
-            Of the arm, of the topic, and what is wrong with it.
+        arm, name, cause : str, of the arm, of the topic, and what is wrong with it
         """
         with self._lock:
             if (view := self._view(arm)) is not None:
@@ -144,8 +140,7 @@ class Board:
         ----------
         arm : str
         answer : HealthAnswer
-        seconds, now : float
-            That the answer took; clock of this machine, s.
+        seconds, now : float, that the answer took; clock of this machine, s
         """
         with self._lock:
             if (view := self._view(arm)) is not None:
@@ -156,8 +151,7 @@ class Board:
 
         Parameters
         ----------
-        now : float
-            Clock of this machine, s.
+        now : float, clock of this machine, s
         """
         with self._lock:
             arms = [view.snapshot(now) for _, view in sorted(self._arms.items())]

@@ -37,10 +37,8 @@ def outside(miss: Sequence[float], interval95: Sequence[float | None]) -> bool:
 
     Parameters
     ----------
-    miss : (6,) sequence
-        m and rad.
-    interval95 : (6,) sequence
-        Half widths; None is not known.
+    miss : (6,) sequence, m and rad
+    interval95 : (6,) sequence, half widths; None is not known
     """
     known = [(m, w) for m, w in zip(miss, interval95, strict=True) if w is not None and w > 0]
     if not known:
@@ -50,22 +48,12 @@ def outside(miss: Sequence[float], interval95: Sequence[float | None]) -> bool:
 
 @dataclass
 class DriftWatch:
-    """Evidence so far that the arm no longer is the one that was learned.
-
-    Attributes
-    ----------
-    evidence : float
-        C above; 1 and less is none.
-    alarm : bool
-        Whether it ever reached the threshold since the model was loaded.
-    votes : int
-        How many there were, each of `vote_seconds` at least.
-    """
+    """Evidence so far that the arm no longer is the one that was learned."""
 
     settings: DriftSettings = DriftSettings()
-    evidence: float = field(default=1.0, init=False)
-    alarm: bool = field(default=False, init=False)
-    votes: int = field(default=0, init=False)
+    evidence: float = field(default=1.0, init=False)  # C above; 1 and less is none
+    alarm: bool = field(default=False, init=False)  # whether it ever reached the threshold since the model was loaded
+    votes: int = field(default=0, init=False)  # how many there were, each of `vote_seconds` at least
     _begin: float | None = field(default=None, init=False)
     _samples: list[bool] = field(default_factory=list, init=False)
 
@@ -89,8 +77,7 @@ class DriftWatch:
 
         Parameters
         ----------
-        stamp : float
-            s.
+        stamp : float, s
         outside : bool
         """
         if self._begin is None or stamp < self._begin:

@@ -15,9 +15,8 @@ from gpcorrect.errors import DataError
 from gpcorrect_service.crtk.bus import BusSettings, check_place, open_session, read_message
 from gpcorrect_service.crtk.messages import TOPICS, Topic
 from gpcorrect_service.monitor.board import Board
-from gpcorrect_service.protocol.codec import MSGPACK
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError
-from gpcorrect_service.protocol.messages import HealthAnswer
+from gpcorrect_service.protocol.messages import MSGPACK, HealthAnswer
 
 WATCHED = (
     "measured_cp", "setpoint_cp", "tracker_cp", "servo_cp", "operating_state", "heartbeat", "error", "corrected/report",
@@ -36,8 +35,7 @@ class Watcher:
     Parameters
     ----------
     board : Board
-    places : sequence of BusSettings
-        Addresses or configurations of robots and of servers, in the board's namespace.
+    places : sequence of BusSettings, addresses or configurations of robots and of servers, in the board's namespace
 
     Raises
     ------

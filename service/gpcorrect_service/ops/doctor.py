@@ -18,8 +18,14 @@ from typing import Any, Literal
 import zenoh
 
 from gpcorrect.errors import DataError
-from gpcorrect_service.protocol.process import ExpiredError, check_certificates, open_zenoh
-from gpcorrect_service.protocol.sessions import LIVE_KEYS, client_config, differing
+from gpcorrect_service.protocol.sessions import (
+    LIVE_KEYS,
+    ExpiredError,
+    check_certificates,
+    client_config,
+    differing,
+    open_zenoh,
+)
 from gpcorrect_service.protocol.settings import ENDPOINT, ClientSettings
 
 PATIENCE = 3.0  # chosen by hand: s for each step
@@ -71,16 +77,11 @@ class Finding:
 
 
 def examine(settings: ClientSettings) -> Iterator[Finding]:
-    """Yield what is found, step by step; ends at the first trouble that hides all behind it.
+    """Yield findings, to the first trouble that hides the rest; DataError for a configuration that cannot be read.
 
     Parameters
     ----------
     settings : ClientSettings
-
-    Raises
-    ------
-    DataError
-        The configuration cannot be read.
     """
     config = client_config(settings)
     try:

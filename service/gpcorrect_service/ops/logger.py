@@ -42,8 +42,7 @@ def open_logger(stream: TextIO | None = None, **facts: Any) -> Logger:
 
     Parameters
     ----------
-    stream : TextIO, optional
-        Standard error by default.
+    stream : TextIO, optional, standard error by default
     **facts
         Ready for JSON.
     """

@@ -52,8 +52,7 @@ class Counters:
         ----------
         kind, status : str
         seconds : float
-        rows, outside : int
-            Poses, and how many of them were out of domain.
+        rows, outside : int, poses, and how many of them were out of domain
         """
         with self._lock:
             key = self._keys.get(kind)
@@ -95,8 +94,7 @@ class Metrics(CollectorRegistry):
 
     Parameters
     ----------
-    report : callable
-        Gives the health answer of the moment.
+    report : callable, gives the health answer of the moment
     counters : Counters
     """
 
@@ -179,19 +177,15 @@ def metrics_over_http(port: int, registry: CollectorRegistry) -> Iterator[None]:
 
     Parameters
     ----------
-    port : int
-        To listen on; EndpointError where it is taken, or may not be used.
-    registry : CollectorRegistry
-        Collected at each scrape.
+    port : int, to listen on; EndpointError where it is taken, or may not be used
+    registry : CollectorRegistry, collected at each scrape
     """
     try:
         server = make_server(HOST, port, _guarded(make_wsgi_app(registry)), _Server, _Handler)
     except OSError as error:
-        raise EndpointError(
-            f"http://{HOST}:{port}{PATH}",
-            f"metrics cannot be served here ({error.strerror}).",
-            hint="Give another --metrics-port: every server process needs its own.",
-        ) from error
+        cause = f"metrics cannot be served here ({error.strerror})."
+        hint = "Give another --metrics-port: every server process needs its own."
+        raise EndpointError(f"http://{HOST}:{port}{PATH}", cause, hint=hint) from error
     thread = threading.Thread(target=server.serve_forever, name="metrics-http", daemon=True)
     thread.start()
     try:

@@ -24,8 +24,7 @@ import zenoh
 from gpcorrect.errors import DataError
 from gpcorrect_service.ops.logger import Logger, open_logger
 from gpcorrect_service.protocol.errors import EndpointError
-from gpcorrect_service.protocol.process import open_zenoh, wait_for
-from gpcorrect_service.protocol.sessions import first_sentence, read_config
+from gpcorrect_service.protocol.sessions import first_sentence, open_zenoh, read_config, wait_for
 
 # What zenoh 1.10 says, and on which level: denials among what it allows, logins and handshakes that fail.
 DIRECTIVES = (
@@ -179,12 +178,10 @@ def route(
 
     Parameters
     ----------
-    config_file : path
-        zenoh's, JSON5, with mode "router".
+    config_file : path, zenoh's, JSON5, with mode "router"
     stop : threading.Event
     on_ready : callable, optional
-    logger : Logger, optional
-        Standard error by default.
+    logger : Logger, optional, standard error by default
 
     Raises
     ------
@@ -198,11 +195,8 @@ def route(
         try:
             session = open_zenoh(config)
         except zenoh.ZError as error:
-            raise EndpointError(
-                str(config_file),
-                f"the router cannot listen ({first_sentence(error)}).",
-                hint="Another one may hold this address.",
-            ) from error
+            cause = f"the router cannot listen ({first_sentence(error)})."
+            raise EndpointError(str(config_file), cause, hint="Another one may hold this address.") from error
         with session:
             _leave_silent_connections_to_the_kernel()
             if on_ready is not None:

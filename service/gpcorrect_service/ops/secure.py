@@ -24,8 +24,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from gpcorrect.atomic import make_folder
 from gpcorrect.errors import DataError
-from gpcorrect_service.protocol.cdr import CORRECT
-from gpcorrect_service.protocol.rmw import dds_name
+from gpcorrect_service.protocol.ros import CORRECT, dds_name
 from gpcorrect_service.protocol.sessions import CLIENT, COMMON, LIVE_KEYS, PREFILTER
 
 ASKED = ("correct", "correct_path", "correct_joints", "model", "health")
@@ -150,23 +149,12 @@ OWNER_ONLY = 0o600  # mode of files
 
 @dataclass(frozen=True)
 class Site:
-    """What to secure.
+    """What to secure."""
 
-    Parameters
-    ----------
-    host : str
-        Name or number of the router's machine, as clients write it.
-    port : int
-    namespace : str
-        First part of every key.
-    days : int
-        Validity of certificates.
-    """
-
-    host: str = "localhost"
+    host: str = "localhost"  # name or number of the router's machine, as clients write it
     port: int = 7450
-    namespace: str = "gpcorrect"
-    days: int = 365
+    namespace: str = "gpcorrect"  # first part of every key
+    days: int = 365  # validity of certificates
 
     @property
     def endpoint(self) -> str:
@@ -181,8 +169,7 @@ def secure_site(folder: Path, site: Site, now: datetime.datetime) -> None:
     ----------
     folder : path
     site : Site
-    now : datetime
-        From which certificates are valid.
+    now : datetime, from which certificates are valid
 
     Raises
     ------
@@ -190,9 +177,8 @@ def secure_site(folder: Path, site: Site, now: datetime.datetime) -> None:
         The folder holds a secured site already; it cannot be written.
     """
     if (folder / "ca.pem").exists():
-        raise DataError(
-            f"{folder} holds a certificate authority already.", hint="Name a new folder; then hand out all its files."
-        )
+        hint = "Name a new folder; then hand out all its files."
+        raise DataError(f"{folder} holds a certificate authority already.", hint=hint)
     make_folder(folder)
     authority = _Authority(f"{site.namespace} authority", now, site.days)
     _write_pair(folder, "ca", authority.certificate, authority.key)

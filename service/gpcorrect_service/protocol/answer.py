@@ -76,8 +76,7 @@ def pack(form: type[A], answer: Correction, **beside: Any) -> A:
 
     Parameters
     ----------
-    form : type
-        The message; one for single answers or one for n, as the correction is.
+    form : type, the message; one for single answers or one for n, as the correction is
     answer : Correction
     **beside
         Further fields of the message.

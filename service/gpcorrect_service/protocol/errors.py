@@ -17,10 +17,8 @@ class ServiceError(GpCorrectError):
     status : str
         BAD_INPUT, STALE, BUSY, NO_MODEL or INTERNAL when a server said so; NO_SERVICE when none answered,
         OTHER_MODEL when the only answers came from another model than the stream is held to.
-    message, hint : str
-        Cause and next step, a sentence each.
-    request_id : str, optional
-        The request as the server's log names it.
+    message, hint : str, cause and next step, a sentence each
+    request_id : str, optional, the request as the server's log names it
     """
 
     def __init__(self, status: FailureStatus, message: str, *, hint: str = "", request_id: str = "") -> None:
@@ -37,8 +35,7 @@ def bad_input(cause: str, next_step: str = "") -> ServiceError:
 
     Parameters
     ----------
-    cause, next_step : str
-        A sentence each.
+    cause, next_step : str, a sentence each
     """
     return ServiceError("BAD_INPUT", cause, hint=next_step)
 
@@ -48,10 +45,8 @@ class EndpointError(GpCorrectError):
 
     Parameters
     ----------
-    endpoint : str
-        The address, as `tcp/127.0.0.1:7449`.
-    message, hint : str
-        See :class:`gpcorrect.errors.GpCorrectError`.
+    endpoint : str, the address, as `tcp/127.0.0.1:7449`
+    message, hint : str, see :class:`gpcorrect.errors.GpCorrectError`
     """
 
     def __init__(self, endpoint: str, message: str, *, hint: str = "") -> None:

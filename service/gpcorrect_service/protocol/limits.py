@@ -64,8 +64,7 @@ def checked_stamp(stamp: float) -> float:
 
     Parameters
     ----------
-    stamp : float
-        s.
+    stamp : float, s
     """
     if not 0 < stamp <= LIMITS.latest:
         raise bad_input(f"the stamp is {stamp}.", "Stamp messages with the robot's clock, in s and not in ns.")
@@ -77,15 +76,12 @@ def checked_pose(pose: Sequence[float], limit: float) -> FloatArray:
 
     Parameters
     ----------
-    pose : 7 or 3 float
-        x y z in m, then the quaternion w x y z.
-    limit : float
-        Largest believed distance from the origin, m.
+    pose : 7 or 3 float, x y z in m, then the quaternion w x y z
+    limit : float, largest believed distance from the origin, m
     """
     if len(pose) not in (POSE, POSITION):
-        raise bad_input(
-            f"a pose is 7 numbers (x y z qw qx qy qz) or 3 (x y z), got {len(pose)}.", "Send metres and wxyz."
-        )
+        hint = "Send metres and wxyz."
+        raise bad_input(f"a pose is 7 numbers (x y z qw qx qy qz) or 3 (x y z), got {len(pose)}.", hint)
     _check_finite("pose", pose)
     if len(pose) == POSE:
         norm = math.hypot(*pose[POSITION:])
@@ -106,22 +102,18 @@ def checked_twist(twist: Sequence[float] | None) -> FloatArray | None:
 
     Parameters
     ----------
-    twist : 6 float or None
-        m/s, then rad/s.
+    twist : 6 float or None, m/s, then rad/s
     """
     if twist is None:
         return None
     if len(twist) != TWIST:
-        raise bad_input(
-            f"a twist is 6 numbers (vx vy vz wx wy wz), got {len(twist)}.", "Leave it out where it is not known."
-        )
+        hint = "Leave it out where it is not known."
+        raise bad_input(f"a twist is 6 numbers (vx vy vz wx wy wz), got {len(twist)}.", hint)
     _check_finite("twist", twist)
     speed, turning = math.hypot(*twist[:POSITION]), math.hypot(*twist[POSITION:])
     if speed > LIMITS.speed or turning > LIMITS.turning:
-        raise bad_input(
-            f"a twist of {speed:.4g} m/s and {turning:.4g} rad/s is no robot's.",
-            "Send m/s and rad/s, not mm/s or deg/s.",
-        )
+        hint = "Send m/s and rad/s, not mm/s or deg/s."
+        raise bad_input(f"a twist of {speed:.4g} m/s and {turning:.4g} rad/s is no robot's.", hint)
     return np.array(twist, dtype=np.float64)
 
 
@@ -133,15 +125,12 @@ def checked_path(
     Parameters
     ----------
     poses : n sequences of 7 or 3 float
-    times : n float
-        s.
-    limit : float
-        As for :func:`checked_pose`.
+    times : n float, s
+    limit : float, as for :func:`checked_pose`
     """
     if not 0 < len(poses) <= LIMITS.rows:
-        raise bad_input(
-            f"a path has 1 to {LIMITS.rows} poses, got {len(poses)}.", "Cut longer paths where the robot rests."
-        )
+        hint = "Cut longer paths where the robot rests."
+        raise bad_input(f"a path has 1 to {LIMITS.rows} poses, got {len(poses)}.", hint)
     if len(times) != len(poses):
         raise bad_input(f"{len(poses)} poses came with {len(times)} times.", "Send one time (s) a pose.")
     if len({len(pose) for pose in poses}) != 1:
@@ -159,8 +148,7 @@ def check_times(times: Sequence[float]) -> FloatArray:
 
     Parameters
     ----------
-    times : n float
-        s.
+    times : n float, s
     """
     _check_finite("times", times)
     stamps = np.array(times, dtype=np.float64)
@@ -168,10 +156,8 @@ def check_times(times: Sequence[float]) -> FloatArray:
     if (steps <= 0).any():
         raise bad_input("the times of the path do not increase.", "Send seconds, strictly increasing.")
     if (steps < LIMITS.shortest_step).any() or (np.abs(stamps) > LIMITS.latest).any():
-        raise bad_input(
-            f"times are seconds at least {LIMITS.shortest_step:g} apart and up to {LIMITS.latest:g}.",
-            "Send seconds, not nanoseconds; stamps since 1970 or since the start are both well.",
-        )
+        hint = "Send seconds, not nanoseconds; stamps since 1970 or since the start are both well."
+        raise bad_input(f"times are seconds at least {LIMITS.shortest_step:g} apart and up to {LIMITS.latest:g}.", hint)
     return stamps
 
 
@@ -181,10 +167,8 @@ def checked_rows(rows: Sequence[Row], dof: int, what: str) -> FloatArray:
     Parameters
     ----------
     rows : n sequences of dof float or None
-    dof : int
-        Joints of the model.
-    what : str
-        Name for messages.
+    dof : int, joints of the model
+    what : str, name for messages
     """
     wrong = next((len(row) for row in rows if len(row) != dof), None)
     if wrong is not None:
@@ -198,10 +182,8 @@ def checked_joints(rows: Sequence[Row], types: str) -> FloatArray:
 
     Parameters
     ----------
-    rows : n sequences of d float or None
-        rad and m.
-    types : str
-        "R" or "P" for each joint.
+    rows : n sequences of d float or None, rad and m
+    types : str, "R" or "P" for each joint
     """
     q = checked_rows(rows, len(types), "joints")
     for joint, kind in enumerate(types):
@@ -224,12 +206,9 @@ def check_command(
 
     Parameters
     ----------
-    position, quaternion : 3 float, 4 float or None
-        m and wxyz.
-    limit : float
-        As for :func:`checked_pose`.
-    reference : callable
-        Gives the position that registration alone commands, m.
+    position, quaternion : 3 float, 4 float or None, m and wxyz
+    limit : float, as for :func:`checked_pose`
+    reference : callable, gives the position that registration alone commands, m
 
     Raises
     ------
@@ -244,15 +223,12 @@ def check_command(
         trouble = "has a quaternion that is no rotation"
     elif math.hypot(*position) > limit:
         if math.dist(position, reference()) <= LIMITS.learned:
-            raise bad_input(
-                f"the pose lies {math.hypot(*position):.4g} m from the base, beyond {limit:.3g} m.",
-                "Check frame and unit (metres).",
-            )
+            hint = "Check frame and unit (metres)."
+            raise bad_input(f"the pose lies {math.hypot(*position):.4g} m from the base, beyond {limit:.3g} m.", hint)
         trouble = f"lies further than {limit:.3g} m away"
     if trouble:
-        raise ServiceError(
-            "INTERNAL", f"the model's command {trouble}.", hint="Do not use this model; fit it again and report it."
-        )
+        hint = "Do not use this model; fit it again and report it."
+        raise ServiceError("INTERNAL", f"the model's command {trouble}.", hint=hint)
 
 
 def check_inside(answer: Correction) -> None:
@@ -273,14 +249,11 @@ def check_frame(frame: str, expected: str) -> None:
 
     Parameters
     ----------
-    frame, expected : str
-        As the pose and as the model say.
+    frame, expected : str, as the pose and as the model say
     """
     if frame and expected and frame.strip("/") != expected.strip("/"):
-        raise bad_input(
-            f"the pose is in frame {frame!r}, and this model takes poses in {expected!r}.",
-            "Transform it, or name the frame that its tracker has in ROS: gpcorrect serve --frame",
-        )
+        hint = "Transform it, or name the frame that its tracker has in ROS: gpcorrect serve --frame"
+        raise bad_input(f"the pose is in frame {frame!r}, and this model takes poses in {expected!r}.", hint)
 
 
 def _check_finite(what: str, numbers: Sequence[float]) -> None:

@@ -1,17 +1,21 @@
-"""The zenoh sessions of server and client: loopback, no scouting, small messages; and the tokens of who lives."""
+"""The zenoh sessions of server and client: loopback, no scouting, small messages; who lives; forks and signals."""
 
 from __future__ import annotations
 
+import ctypes
+import datetime
 import json
-from collections.abc import Iterable
+import os
+import threading
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
+from weakref import WeakSet
 
 import zenoh
 
 from gpcorrect.errors import DataError
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError
-from gpcorrect_service.protocol.process import open_zenoh
 from gpcorrect_service.protocol.settings import (
     DEFAULT_NAMESPACE,
     MAX_MESSAGE_BYTES,
@@ -19,6 +23,132 @@ from gpcorrect_service.protocol.settings import (
     ServerSettings,
     check_loopback,
 )
+
+LOOK_UP = 1.0  # s, between looks whether a signal has come: a second is short for who stops a service
+
+
+class _Process:
+    """What this process, or the one that it was forked from, has done."""
+
+    opened = False
+    forked = False
+
+    def __init__(self) -> None:
+        self.holders: WeakSet[object] = WeakSet()
+
+    def after_fork(self) -> None:
+        self.forked = self.opened
+        for holder in self.holders:
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(holder))
+
+
+_PROCESS = _Process()
+os.register_at_fork(after_in_child=_PROCESS.after_fork)
+
+
+def immortal_in_children(holder: object) -> None:
+    """Let a forked child never free what holds a session: freeing it, at the child's end too, waits in vain.
+
+    Parameters
+    ----------
+    holder : object
+    """
+    _PROCESS.holders.add(holder)
+
+
+def is_forked() -> bool:
+    """Whether this process was forked from one that had opened a session."""
+    return _PROCESS.forked
+
+
+def require_own_process() -> None:
+    """Refuse, as NO_SERVICE, to speak zenoh in a process that was forked from one that had opened a session."""
+    if _PROCESS.forked:
+        cause = "this process was forked from one that had a connection already; zenoh does not work in it."
+        hint = 'Start processes with multiprocessing.get_context("spawn"), and open clients in them.'
+        raise ServiceError("NO_SERVICE", cause, hint=hint)
+
+
+def open_zenoh(config: zenoh.Config) -> zenoh.Session:
+    """Open a session; the only place that does. Raises as the two checks do, and ZError where it cannot be opened.
+
+    Parameters
+    ----------
+    config : zenoh.Config
+    """
+    require_own_process()
+    require_valid(config)
+    _PROCESS.opened = True
+    return zenoh.open(config)
+
+
+def require_valid(config: zenoh.Config) -> None:
+    """Raise ExpiredError unless every certificate of a configuration is valid now: zenoh would not say why it fails.
+
+    Parameters
+    ----------
+    config : zenoh.Config
+    """
+    if json.loads(config.get_json("transport/link/tls")):
+        check_certificates(config, datetime.datetime.now(datetime.UTC))
+
+
+def wait_for(stop: threading.Event, look: Callable[[], None] = lambda: None) -> None:
+    """Wait in the main thread until an event is set, by a signal for one.
+
+    The system may hand a signal to a thread of zenoh's; that wakes nobody, and Python runs the handler only when the
+    main thread looks up.
+
+    Parameters
+    ----------
+    stop : threading.Event
+    look : callable, optional, called every second meanwhile
+    """
+    while not stop.wait(LOOK_UP):
+        look()
+
+
+class ExpiredError(DataError):
+    """A certificate is not valid now."""
+
+
+def check_certificates(config: zenoh.Config, now: datetime.datetime) -> datetime.datetime | None:
+    """Return when the first certificate expires, None where there is none; what is no certificate is left to zenoh.
+
+    Parameters
+    ----------
+    config : zenoh.Config
+    now : datetime
+
+    Raises
+    ------
+    ExpiredError
+        One has expired, or is not valid yet.
+    """
+    from cryptography import x509  # slow to import, and seldom needed
+
+    tls, ends = json.loads(config.get_json("transport/link/tls")) or {}, []
+    for name in ("root_ca_certificate", "listen_certificate", "connect_certificate"):
+        path = Path(tls.get(name) or "")
+        if not path.is_file():
+            continue
+        try:
+            certificate = x509.load_pem_x509_certificate(path.read_bytes())
+        except (OSError, ValueError):
+            continue
+        begin, end = certificate.not_valid_before_utc, certificate.not_valid_after_utc
+        if now > end:
+            cause = f"certificate {path} expired on {end:%Y-%m-%d %H:%M} UTC; it is {now:%Y-%m-%d %H:%M} UTC here."
+            hint = "Secure the site anew (gpcorrect secure init NEWFOLDER) and hand out its files."
+            raise ExpiredError(cause, hint=hint)
+        if now < begin:
+            raise ExpiredError(
+                f"certificate {path} is valid from {begin:%Y-%m-%d %H:%M} UTC on; it is {now:%Y-%m-%d %H:%M} UTC here.",
+                hint="Set this machine's clock.",
+            )
+        ends.append(end)
+    return min(ends, default=None)
+
 
 COMMON: dict[str, Any] = {
     "mode": "peer",
@@ -57,11 +187,9 @@ def open_server(settings: ServerSettings) -> zenoh.Session:
     try:
         return open_zenoh(config)
     except zenoh.ZError as error:
-        raise EndpointError(
-            ", ".join(listen_endpoints(config)) or settings.endpoint,
-            f"cannot listen here ({first_sentence(error)}).",
-            hint="Another server may hold this address: stop it, or choose another endpoint.",
-        ) from error
+        cause = ", ".join(listen_endpoints(config)) or settings.endpoint
+        hint = "Another server may hold this address: stop it, or choose another endpoint."
+        raise EndpointError(cause, f"cannot listen here ({first_sentence(error)}).", hint=hint) from error
 
 
 def server_config(settings: ServerSettings) -> zenoh.Config:
@@ -95,11 +223,8 @@ def open_client(settings: ClientSettings) -> zenoh.Session:
     try:
         return open_zenoh(config)
     except zenoh.ZError as error:
-        raise ServiceError(
-            "NO_SERVICE",
-            f"zenoh cannot connect ({first_sentence(error)}).",
-            hint="Start the router or server that the configuration names.",
-        ) from error
+        hint = "Start the router or server that the configuration names."
+        raise ServiceError("NO_SERVICE", f"zenoh cannot connect ({first_sentence(error)}).", hint=hint) from error
 
 
 def client_config(settings: ClientSettings) -> zenoh.Config:
@@ -124,8 +249,7 @@ def make_config(values: dict[str, Any]) -> zenoh.Config:
 
     Parameters
     ----------
-    values : dict
-        From zenoh's paths, as `listen/endpoints`, to what JSON can say.
+    values : dict, from zenoh's paths, as `listen/endpoints`, to what JSON can say
     """
     config = zenoh.Config()
     for key, value in values.items():
@@ -138,16 +262,13 @@ def read_config(path: Path) -> zenoh.Config:
 
     Parameters
     ----------
-    path : path
-        JSON5.
+    path : path, JSON5
     """
     try:
         return zenoh.Config.from_file(path)
     except zenoh.ZError as error:
-        raise DataError(
-            f"zenoh configuration {path} cannot be read ({first_sentence(error)}).",
-            hint="Start from those in service/deploy.",
-        ) from error
+        hint = "Start from those in service/deploy."
+        raise DataError(f"zenoh configuration {path} cannot be read ({first_sentence(error)}).", hint=hint) from error
 
 
 def namespace_of(config: zenoh.Config, given: str) -> str:
@@ -167,9 +288,8 @@ def namespace_of(config: zenoh.Config, given: str) -> str:
     if named is None:
         return given
     if given not in (named, DEFAULT_NAMESPACE):
-        raise DataError(
-            f"the configuration is of namespace {named!r}, not of {given!r}.", hint="Give the one or the other."
-        )
+        hint = "Give the one or the other."
+        raise DataError(f"the configuration is of namespace {named!r}, not of {given!r}.", hint=hint)
     return str(named)
 
 
@@ -207,8 +327,7 @@ def live_key(arm: str, replica: str, pose_hash: str, joint_hash: str) -> str:
     Parameters
     ----------
     arm, replica : str
-    pose_hash, joint_hash : str
-        SHA-256 of the models; empty for none.
+    pose_hash, joint_hash : str, SHA-256 of the models; empty for none
     """
     return f"{arm}/live/{replica}/{pose_hash or 'none'}/{joint_hash or 'none'}"
 
@@ -218,8 +337,7 @@ def differing(keys: Iterable[str]) -> dict[str, list[str]]:
 
     Parameters
     ----------
-    keys : iterable of str
-        Tokens of one arm.
+    keys : iterable of str, tokens of one arm
     """
     parts = [key.split("/")[-3:] for key in keys]
     found = {}

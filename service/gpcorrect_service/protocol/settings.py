@@ -35,42 +35,26 @@ class ServerSettings:
 
     Parameters
     ----------
-    endpoint : str
-        Address to listen on.
-    arm : str
-        CRTK name of the arm, the second part of every key.
-    namespace : str
-        zenoh namespace, the first part of every key.
-    queue_capacity : int
-        Requests that may wait for a worker; the next one is answered BUSY.
-    drain_seconds : float
-        How long stopping waits for the requests that are queued.
-    replica : str
-        Name of this process in replies; empty makes it from host and process number.
-    allow_remote : bool
-        Whether an address other than loopback may be listened on.
+    endpoint : str, address to listen on
+    arm : str, CRTK name of the arm, the second part of every key
+    namespace : str, zenoh namespace, the first part of every key
+    queue_capacity : int, requests that may wait for a worker; the next one is answered BUSY
+    drain_seconds : float, how long stopping waits for the requests that are queued
+    replica : str, name of this process in replies; empty makes it from host and process number
+    allow_remote : bool, whether an address other than loopback may be listened on
     config_file : Path or None
         A zenoh JSON5 configuration instead of `endpoint`; its `namespace`, where given, wins over the default.
-    bound : CorrectionBound
-        What no correction may exceed; the model's own bounds hold as well.
-    max_rate : float
-        Corrections a second that are answered; the others hear BUSY.
-    stream_key : str
-        The robot's joints come under this key of the arm.
-    stream_max_age : float
-        Seconds after which an estimate of the stream is called STALE.
-    stream_rate : float
-        Largest change of a streamed joint correction, rad/s and m/s.
-    strict : bool
-        Whether what lies outside the training region is refused instead of answered as EXTRAPOLATING.
-    frame : str
-        Name of the frame that ROS poses come in; empty for the model's own name of it.
-    metrics_port : int or None
-        Port of 127.0.0.1 where Prometheus finds `/metrics`; None for none.
+    bound : CorrectionBound, what no correction may exceed; the model's own bounds hold as well
+    max_rate : float, corrections a second that are answered; the others hear BUSY
+    stream_key : str, the robot's joints come under this key of the arm
+    stream_max_age : float, seconds after which an estimate of the stream is called STALE
+    stream_rate : float, largest change of a streamed joint correction, rad/s and m/s
+    strict : bool, whether what lies outside the training region is refused instead of answered as EXTRAPOLATING
+    frame : str, name of the frame that ROS poses come in; empty for the model's own name of it
+    metrics_port : int or None, port of 127.0.0.1 where Prometheus finds `/metrics`; None for none
     ros_domain : int or None
         ROS_DOMAIN_ID in which `correct` is a ROS 2 service too, on rmw_zenoh's keys; None for no ROS.
-    ros_distro : str
-        ROS distribution of the nodes there.
+    ros_distro : str, ROS distribution of the nodes there
     """
 
     endpoint: str = DEFAULT_ENDPOINT
@@ -117,18 +101,12 @@ class ClientSettings:
 
     Parameters
     ----------
-    endpoints : tuple of str
-        Addresses of the servers; all of them are connected to.
-    arm, namespace : str
-        As in :class:`ServerSettings`.
-    timeout : float
-        Seconds for one `correct`, `model` or `health`, its one retry included.
-    path_timeout : float
-        The same for `correct_path`.
-    connect_timeout : float
-        Seconds to wait for a server to appear, before the first query only.
-    config_file : Path or None
-        A zenoh JSON5 configuration instead of `endpoints` (through a router: mode "client").
+    endpoints : tuple of str, addresses of the servers; all of them are connected to
+    arm, namespace : str, as in :class:`ServerSettings`
+    timeout : float, seconds for one `correct`, `model` or `health`, its one retry included
+    path_timeout : float, the same for `correct_path`
+    connect_timeout : float, seconds to wait for a server to appear, before the first query only
+    config_file : Path or None, a zenoh JSON5 configuration instead of `endpoints` (through a router: mode "client")
     """
 
     endpoints: tuple[str, ...] = (DEFAULT_ENDPOINT,)
@@ -164,8 +142,7 @@ def refuse_two_places(config_file: Path | None, *, given: bool) -> None:
     Parameters
     ----------
     config_file : Path or None
-    given : bool
-        Whether an address was given, other than the default.
+    given : bool, whether an address was given, other than the default
     """
     if config_file is not None and given:
         raise DataError(f"an address and {config_file} both say where to go.", hint="Give one of them.")
@@ -191,29 +168,24 @@ def check_loopback(endpoint: str, *, allow_remote: bool) -> None:
     except ValueError:
         loopback = False
     if not loopback:
-        raise EndpointError(
-            endpoint,
-            "this address can be reached from other machines, and nothing would ask them who they are.",
-            hint="Listen on 127.0.0.1, or allow remote access on purpose, behind access control.",
-        )
+        cause = "this address can be reached from other machines, and nothing would ask them who they are."
+        hint = "Listen on 127.0.0.1, or allow remote access on purpose, behind access control."
+        raise EndpointError(endpoint, cause, hint=hint)
 
 
 def _parse_endpoint(endpoint: str) -> dict[str, str]:
     match = ENDPOINT.fullmatch(endpoint)
     if match is None or not int(match["port"]) < 65536:
-        raise EndpointError(
-            endpoint, "this is not an address.", hint="Write protocol/host:port, as tcp/127.0.0.1:7449."
-        )
+        hint = "Write protocol/host:port, as tcp/127.0.0.1:7449."
+        raise EndpointError(endpoint, "this is not an address.", hint=hint)
     return match.groupdict()
 
 
 def _check_names(arm: str, namespace: str) -> None:
     for what, text in (("arm", arm), *(("namespace", chunk) for chunk in namespace.split("/"))):
         if not CHUNK.fullmatch(text):
-            raise DataError(
-                f"{what} name {text!r} cannot be part of a key.",
-                hint="Use letters, digits, underscore, dot and hyphen.",
-            )
+            hint = "Use letters, digits, underscore, dot and hyphen."
+            raise DataError(f"{what} name {text!r} cannot be part of a key.", hint=hint)
 
 
 def _at_least(name: str, value: float, least: float) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gpcorrect.calibration import CommandCorrector, JointCorrector, load_with_hash
+from gpcorrect.calibration import CommandCorrector, Entry, JointCorrector, ModelStore, load_with_hash
 from gpcorrect.errors import ArtifactError
 from gpcorrect.types import FloatArray, PoseSignal
 from gpcorrect_service.protocol.errors import ServiceError
@@ -48,21 +48,15 @@ class Check:
 
 @dataclass(frozen=True)
 class Model:
-    """A model of poses with the name and the hash that every reply carries.
-
-    Attributes
-    ----------
-    limit : float
-        Distance from the origin, m, beyond which a position is taken for a mistake of units.
-    quick : bool
-        Whether it was fitted and answers a pose before a worker would have been woken for it. Anybody's own corrector
-        may wait for something.
-    """
+    """A model of poses with the name and the hash that every reply carries."""
 
     corrector: CommandCorrector
     id: str = "unnamed"
     hash: str = ""
+    # distance from the origin, m, beyond which a position is taken for a mistake of units
     limit: float = field(init=False)
+    # whether it was fitted and answers a pose before a worker would have been woken for it. Anybody's own corrector
+    # may wait for something.
     quick: bool = field(init=False)
     check: Check = field(init=False, repr=False)
 
@@ -120,45 +114,43 @@ class JointModel:
         object.__setattr__(self, "check", Check(self.corrector))
 
 
-def load_model(path: str | Path, name: str = "", expected: str = "") -> Model:
+def load_model(path: str | Path) -> Model:
     """Read and verify a model file of poses, once.
 
     Parameters
     ----------
-    path : path
-    name : str
-        What replies call it; the file's own name by default.
-    expected : str
-        SHA-256 that the file must have; any by default.
+    path : path, its name without the ending is what replies call it
 
     Raises
     ------
     ArtifactError
-        The file is missing, truncated, altered, of a newer schema, not the expected one, or no model file.
+        The file is missing, truncated, altered, of a newer schema, or no model file.
     """
     corrector, digest = load_with_hash(path, CommandCorrector)
-    return Model(corrector, name or Path(path).stem, _as_added(path, digest, expected))
+    return Model(corrector, Path(path).stem, digest)
 
 
-def load_joint_model(path: str | Path, name: str = "", expected: str = "") -> JointModel:
+def load_joint_model(path: str | Path) -> JointModel:
     """Read and verify a model file of joints, once; raises as :func:`load_model`.
 
     Parameters
     ----------
-    path, name, expected
-        As for :func:`load_model`.
+    path : path
     """
     corrector, digest = load_with_hash(path, JointCorrector)
-    return JointModel(corrector, name or Path(path).stem, _as_added(path, digest, expected))
+    return JointModel(corrector, Path(path).stem, digest)
 
 
-def _as_added(path: str | Path, digest: str, expected: str) -> str:
-    if expected and digest != expected:
-        raise ArtifactError(
-            f"model file {path} is refused: it is not the file that was added under this hash.",
-            hint="Add it again: gpcorrect models add",
-        )
-    return digest
+def load_entry(store: ModelStore, entry: Entry) -> Model | JointModel:
+    """Return a model of a store, verified and tried on its recorded check queries; ArtifactError if refused.
+
+    Parameters
+    ----------
+    store : ModelStore
+    entry : Entry
+    """
+    made = Model if entry.kind == "pose" else JointModel
+    return made(store.verified(entry), entry.id, entry.hash)
 
 
 def check_arm(arm: str, *models: Model | JointModel | None) -> None:
@@ -174,16 +166,12 @@ def check_arm(arm: str, *models: Model | JointModel | None) -> None:
     for model, name in learned:
         first, first_name = learned[0]
         if name != first_name:
-            raise ArtifactError(
-                f"model {first} was learned on {first_name}, model {model} on {name}: one server serves one arm.",
-                hint="Serve each arm by itself: gpcorrect serve --arm NAME",
-            )
+            cause = f"model {first} was learned on {first_name}, model {model} on {name}: one server serves one arm."
+            raise ArtifactError(cause, hint="Serve each arm by itself: gpcorrect serve --arm NAME")
         one, other = ONE_OF_SEVERAL.fullmatch(name), ONE_OF_SEVERAL.fullmatch(arm)
         if one and other and one[1] == other[1] and name != arm:
-            raise ArtifactError(
-                f"model {model} was learned on {name}, and the arm here is {arm}.",
-                hint=f"Name a model of {arm}, or the arm: --arm {name}",
-            )
+            hint = f"Name a model of {arm}, or the arm: --arm {name}"
+            raise ArtifactError(f"model {model} was learned on {name}, and the arm here is {arm}.", hint=hint)
 
 
 @dataclass(frozen=True)
@@ -278,17 +266,12 @@ class Active:
             return
         state = self.state
         if state == "PAUSED":
-            raise ServiceError(
-                "BUSY",
-                "this server is PAUSED by its operator.",
-                hint="Ask a replica, or: gpcorrect models state ENABLED",
-            )
+            hint = "Ask a replica, or: gpcorrect models state ENABLED"
+            raise ServiceError("BUSY", "this server is PAUSED by its operator.", hint=hint)
         if state == "FAULT":
-            raise ServiceError(
-                "INTERNAL",
-                f"this server is in FAULT: its model failed {FAULTS_IN_A_ROW} times in a row.",
-                hint="Activate another model, or look into the server's log and then: gpcorrect models state ENABLED",
-            )
+            cause = f"this server is in FAULT: its model failed {FAULTS_IN_A_ROW} times in a row."
+            hint = "Activate another model, or look into the server's log and then: gpcorrect models state ENABLED"
+            raise ServiceError("INTERNAL", cause, hint=hint)
 
 
 def _no_model(what: str, start: str) -> ServiceError:

@@ -15,9 +15,8 @@ from threadpoolctl import threadpool_limits
 
 from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.ops.metrics import Counters
-from gpcorrect_service.protocol.codec import JSON
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.messages import Kind
+from gpcorrect_service.protocol.messages import JSON, Kind
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.requests import Handler, Request, Response, refusal
 
@@ -32,14 +31,11 @@ class WorkerQueue(Generic[T]):
 
     Parameters
     ----------
-    name : str
-        For the thread and logs.
-    work : callable
-        What is done with an item, in the worker thread.
+    name : str, for the thread and logs
+    work : callable, what is done with an item, in the worker thread
     overflow : callable
         What is done, in the caller's thread, with an item that finds the queue full or closing; must not wait.
-    capacity : int
-        Items that may wait; threads that offer at the same instant may each pass the bound.
+    capacity : int, items that may wait; threads that offer at the same instant may each pass the bound
     logger : Logger
     at_once : callable
         Whether an item that finds nothing waiting is worked on by the thread that offers it, one at a time: waking the
@@ -117,8 +113,7 @@ class WorkerQueue(Generic[T]):
 
         Parameters
         ----------
-        until : float
-            Instant on the monotonic clock, s, at which waiting ends.
+        until : float, instant on the monotonic clock, s, at which waiting ends
         """
         self._thread.join(max(0.0, until - time.monotonic()))
         if done := self._offering.acquire(timeout=max(0.0, until - time.monotonic())):

@@ -10,10 +10,19 @@ import msgspec
 
 from gpcorrect.errors import DataError
 from gpcorrect_service.ops.logger import Logger
-from gpcorrect_service.protocol.cdr import CALL_ENCODING, CDR_ENCODING
-from gpcorrect_service.protocol.codec import JSON, MSGPACK, Codec, codec_of
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
-from gpcorrect_service.protocol.messages import SCHEMA_VERSION, ErrorAnswer, Kind, ReplyMeta, RequestMeta
+from gpcorrect_service.protocol.messages import (
+    JSON,
+    MSGPACK,
+    SCHEMA_VERSION,
+    Codec,
+    ErrorAnswer,
+    Kind,
+    ReplyMeta,
+    RequestMeta,
+    codec_of,
+)
+from gpcorrect_service.protocol.ros import CALL_ENCODING, CDR_ENCODING
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.models import Active, JointModel, Model
 
@@ -78,8 +87,7 @@ class RequestParser:
         Parameters
         ----------
         kind : str
-        work : callable
-            Answers a parsed request; may raise ServiceError and DataError.
+        work : callable, answers a parsed request; may raise ServiceError and DataError
         """
         return lambda request: self._answer(kind, work, request)
 
@@ -106,11 +114,8 @@ class RequestParser:
             meta = _read_meta(codec, request.attachment)
             age = started - request.arrived
             if meta.deadline is not None and age > meta.deadline:
-                raise ServiceError(
-                    "STALE",
-                    f"the request waited {age:.3f} s; its answer was wanted within {meta.deadline:.3f} s.",
-                    hint="Ask less often, allow more time, or add a replica.",
-                )
+                what = f"the request waited {age:.3f} s; its answer was wanted within {meta.deadline:.3f} s."
+                raise ServiceError("STALE", what, hint="Ask less often, allow more time, or add a replica.")
             response = work(Parsed(request, codec, meta, started))
         except ServiceError as error:
             if error.status == "INTERNAL":

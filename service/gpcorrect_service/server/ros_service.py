@@ -9,13 +9,10 @@ from contextlib import ExitStack
 import zenoh
 
 from gpcorrect_service.ops.logger import Logger
-from gpcorrect_service.protocol.cdr import CALL_ENCODING, CORRECT, write_refusal
-from gpcorrect_service.protocol.codec import JSON
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError
-from gpcorrect_service.protocol.messages import ErrorAnswer
-from gpcorrect_service.protocol.process import open_zenoh
-from gpcorrect_service.protocol.rmw import RmwNode, reply_attachment, rmw_key
-from gpcorrect_service.protocol.sessions import first_sentence, listen_endpoints, server_config
+from gpcorrect_service.protocol.messages import JSON, ErrorAnswer
+from gpcorrect_service.protocol.ros import CALL_ENCODING, CORRECT, RmwNode, reply_attachment, rmw_key, write_refusal
+from gpcorrect_service.protocol.sessions import first_sentence, listen_endpoints, open_zenoh, server_config
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.requests import Clock, Handler, Request, Response, refusal
 
@@ -25,8 +22,7 @@ def open_ros(settings: ServerSettings) -> zenoh.Session:
 
     Parameters
     ----------
-    settings : ServerSettings
-        Of a server that listens by now; or that is a client itself, of a router.
+    settings : ServerSettings, of a server that listens by now; or that is a client itself, of a router
 
     Raises
     ------
@@ -65,10 +61,8 @@ class RosService:
 
         Parameters
         ----------
-        session : zenoh.Session
-            Without a namespace.
-        receive : callable
-            Takes a query; must not wait.
+        session : zenoh.Session, without a namespace
+        receive : callable, takes a query; must not wait
         stack, logger
         """
         s = self._settings

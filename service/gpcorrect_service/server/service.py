@@ -26,12 +26,10 @@ from gpcorrect_service.ops.metrics import Counters, metrics_over_http
 from gpcorrect_service.protocol.bounds import Throttle
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import Kind
-from gpcorrect_service.protocol.process import wait_for
-from gpcorrect_service.protocol.sessions import live_key, open_server
+from gpcorrect_service.protocol.sessions import live_key, open_server, wait_for
 from gpcorrect_service.protocol.settings import ServerSettings
-from gpcorrect_service.server.admin import Admin, Health, load_entry
-from gpcorrect_service.server.corrections import Corrections
-from gpcorrect_service.server.models import Active, JointModel, Model, check_arm, load_joint_model, load_model
+from gpcorrect_service.server import models
+from gpcorrect_service.server.handlers import Admin, Corrections, Health
 from gpcorrect_service.server.queues import Dispatcher, Job, WorkerQueue
 from gpcorrect_service.server.requests import CORRECTIONS, Clock, Handler, Request, RequestParser, Response, refusal
 from gpcorrect_service.server.ros_service import RosService, open_ros
@@ -53,14 +51,11 @@ class Server:
 
     Parameters
     ----------
-    corrector : CommandCorrector, Model or None
-        What answers poses; None answers NO_MODEL.
+    corrector : CommandCorrector, Model or None, what answers poses; None answers NO_MODEL
     settings : ServerSettings, optional
     joints : JointModel, optional
-    store : ModelStore, optional
-        From where models can be activated.
-    logger : Logger, optional
-        Standard error by default.
+    store : ModelStore, optional, from where models can be activated
+    logger : Logger, optional, standard error by default
     clock : Clock, optional
 
     Raises
@@ -71,10 +66,10 @@ class Server:
 
     def __init__(
         self,
-        corrector: CommandCorrector | Model | None,
+        corrector: CommandCorrector | models.Model | None,
         settings: ServerSettings | None = None,
         *,
-        joints: JointModel | None = None,
+        joints: models.JointModel | None = None,
         store: ModelStore | None = None,
         logger: Logger | None = None,
         clock: Clock | None = None,
@@ -82,9 +77,9 @@ class Server:
         given = settings or ServerSettings()
         # Named here and not with the settings, which may have been written in another process.
         self.settings = replace(given, replica=given.replica or f"{socket.gethostname()}-{os.getpid()}")
-        model = corrector if isinstance(corrector, Model) or corrector is None else Model(corrector)
-        check_arm(self.settings.arm, model, joints)
-        self.active = Active(model, joints)
+        model = corrector if isinstance(corrector, models.Model) or corrector is None else models.Model(corrector)
+        models.check_arm(self.settings.arm, model, joints)
+        self.active = models.Active(model, joints)
         self._store = store
         self._paused = False
         self._clock = clock or Clock()
@@ -244,44 +239,40 @@ def serve(
 
     Parameters
     ----------
-    model_path : path or None
-        What `gpcorrect fit` wrote; None takes the active one of the store.
+    model_path : path or None, what `gpcorrect fit` wrote; None takes the active one of the store
     settings : ServerSettings, optional
     stop_event : threading.Event, optional
         Ends the service when set. Without it SIGTERM and SIGINT do, which needs the main thread.
     on_ready : callable, optional
     joint_path : path, optional
         What `gpcorrect joint fit` wrote; without it the active one of the store, where there is one.
-    store : path, optional
-        Folder of models that can be activated while serving.
+    store : path, optional, folder of models that can be activated while serving
 
     Raises
     ------
     ArtifactError, DataError, EndpointError
         A model file is refused; there is nothing to serve; the address is taken or cannot be used.
     """
-    models = None if store is None else ModelStore(store)
-    pose = load_model(model_path) if model_path is not None else _stored(models, "pose")
-    joints = load_joint_model(joint_path) if joint_path is not None else _stored(models, "joints")
-    if pose is None and joints is None and models is None:
+    folder = None if store is None else ModelStore(store)
+    pose = models.load_model(model_path) if model_path is not None else _stored(folder, "pose")
+    joints = models.load_joint_model(joint_path) if joint_path is not None else _stored(folder, "joints")
+    if pose is None and joints is None and folder is None:
         raise DataError("there is nothing to serve.", hint="Name a model, --joints JOINT_MODEL, or --store FOLDER.")
-    assert not isinstance(pose, JointModel)
-    assert not isinstance(joints, Model)
-    run(pose, settings, stop_event, on_ready, joints=joints, store=models)
+    run(pose, settings, stop_event, on_ready, joints=joints, store=folder)
 
 
-def _stored(store: ModelStore | None, kind: str) -> Model | JointModel | None:
+def _stored(store: ModelStore | None, kind: str) -> Any:
     entry = None if store is None else store.active(kind)
-    return None if store is None or entry is None else load_entry(store, entry)
+    return None if store is None or entry is None else models.load_entry(store, entry)
 
 
 def run(
-    corrector: CommandCorrector | Model | None,
+    corrector: CommandCorrector | models.Model | None,
     settings: ServerSettings | None = None,
     stop_event: threading.Event | None = None,
     on_ready: Callable[[Server], None] | None = None,
     *,
-    joints: JointModel | None = None,
+    joints: models.JointModel | None = None,
     store: ModelStore | None = None,
 ) -> None:
     """Serve models that are already loaded.

@@ -14,12 +14,10 @@ from gpcorrect.errors import DataError
 from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.protocol.answer import EstimateAnswer, pack
-from gpcorrect_service.protocol.bounds import RateBound
-from gpcorrect_service.protocol.clocks import StreamClock
-from gpcorrect_service.protocol.codec import codec_of
+from gpcorrect_service.protocol.bounds import RateBound, StreamClock
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.protocol.limits import check_inside, checked_joints, checked_rows, checked_stamp
-from gpcorrect_service.protocol.messages import JointState
+from gpcorrect_service.protocol.messages import JointState, codec_of
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.models import Active, JointModel
 from gpcorrect_service.server.queues import WorkerQueue
@@ -58,8 +56,7 @@ class Estimator:
 
         Parameters
         ----------
-        sample : Request
-            Bytes, zenoh encoding, and when it arrived.
+        sample : Request, bytes, zenoh encoding, and when it arrived
         """
         try:
             codec = codec_of(sample.encoding, "joint_state")
@@ -105,10 +102,8 @@ class Estimator:
             if self._bound is not None:
                 self._bound.reset()
         elif last is not None and state.stamp <= last.stamp:
-            raise bad_input(
-                f"a sample stamped {state.stamp:.6f} came after one stamped {last.stamp:.6f}.",
-                "Send every sample once, in order.",
-            )
+            hint = "Send every sample once, in order."
+            raise bad_input(f"a sample stamped {state.stamp:.6f} came after one stamped {last.stamp:.6f}.", hint)
         return self._stream
 
     def _refuse(self, error: ServiceError | DataError, arrived: float) -> None:
@@ -125,11 +120,9 @@ def _check_estimates(model: JointModel) -> None:
     direction, signal = info.get("direction", "estimate"), info.get("input", "measured_jp")
     if direction != "estimate" or signal != "measured_jp":
         what = "says what to command" if direction != "estimate" else f"was learned from {signal}"
-        raise ServiceError(
-            "NO_MODEL",
-            f"joint model {model.id} {what}, and measured_js holds what the robot reports.",
-            hint="Estimates need a model of reported joints: gpcorrect joint fit --input measured_jp",
-        )
+        cause = f"joint model {model.id} {what}, and measured_js holds what the robot reports."
+        hint = "Estimates need a model of reported joints: gpcorrect joint fit --input measured_jp"
+        raise ServiceError("NO_MODEL", cause, hint=hint)
 
 
 def stream_queue(

@@ -1,4 +1,7 @@
-"""The whole task: two arms that may not be in the middle together, and what became of every fragment."""
+"""The whole task: two arms that may not be in the middle together, what became of every fragment, and the comparison.
+
+Mahler 2014, Sec. V-D: the same fragments with pictures, and with a correction in open loop.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from gpcorrect import se3
+from gpcorrect.correction import Correction
+from gpcorrect.planning import Corrects, Margins, Mode
 from gpcorrect.types import FloatArray
 from gpcorrect_studies.debridement.robot import SimulatedRobot
 from gpcorrect_studies.debridement.scene import CLOSING, FINDING, OPENING, Scene, Station, catches, drops_in, grasps
-from gpcorrect_studies.debridement.strategies import Approach, Strategy
+from gpcorrect_studies.debridement.strategies import Approach, LookAndMove, OpenLoop, Strategy
 
 ATTEMPTS = 3  # most grasps at one fragment before it is given up
 SIGHT = 0.0005  # m; standard deviation of a fragment's place as the camera finds it, along each axis
@@ -20,50 +26,28 @@ MIDDLE = 0.015  # m to either side of the dividing plane, where one arm may be a
 
 @dataclass(frozen=True, eq=False)
 class Fetched:
-    """What became of one fragment.
-
-    Parameters
-    ----------
-    arm : str
-    fragment : (3,) array, where it lay, tracker frame
-    removed : bool
-    attempts : int
-    seconds : float, from finding it to having dropped it, or given it up
-    clock : float, task time at that end, s
-    misses_mm : tuple of float, how far the tool was from the fragment at each closing of the jaws
-    looks : int, pictures of the tool
-    replanned : int, grasps that were left because their correction was not sure enough
-    careful : bool, whether the arm went by pictures for want of a sure correction
-    """
+    """What became of one fragment."""
 
     arm: str
-    fragment: FloatArray
+    fragment: FloatArray  # (3,) where it lay, tracker frame
     removed: bool
     attempts: int
-    seconds: float
-    clock: float
-    misses_mm: tuple[float, ...]
-    looks: int
-    replanned: int
-    careful: bool
+    seconds: float  # from finding it to having dropped it, or given it up
+    clock: float  # task time at that end, s
+    misses_mm: tuple[float, ...]  # how far the tool was from the fragment at each closing of the jaws
+    looks: int  # pictures of the tool
+    replanned: int  # grasps that were left because their correction was not sure enough
+    careful: bool  # whether the arm went by pictures for want of a sure correction
 
 
 @dataclass(frozen=True, eq=False)
 class ArmRecord:
-    """Where one arm's tool went.
-
-    Parameters
-    ----------
-    name : str
-    trace : (n, 4) array, task time (s) and true tool position (m, tracker frame)
-    seconds : float, when the arm was done
-    waited : float, seconds of it in which the other arm had the middle
-    """
+    """Where one arm's tool went."""
 
     name: str
-    trace: FloatArray
-    seconds: float
-    waited: float
+    trace: FloatArray  # (n, 4) task time (s) and true tool position (m, tracker frame)
+    seconds: float  # when the arm was done
+    waited: float  # seconds of it in which the other arm had the middle
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,20 +93,12 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class Mission:
-    """The task.
-
-    Parameters
-    ----------
-    scene : Scene
-    stations : tuple of Station, one or two arms
-    fragments : (n, 3) array, tracker frame
-    start : float, session time at which it begins, s
-    """
+    """The task."""
 
     scene: Scene
-    stations: tuple[Station, ...]
-    fragments: FloatArray
-    start: float = 0.0
+    stations: tuple[Station, ...]  # one or two arms
+    fragments: FloatArray  # (n, 3) tracker frame
+    start: float = 0.0  # session time at which it begins, s
 
     def _fragments_of(self, station: Station) -> list[int]:
         """Return the numbers of the fragments on this arm's side."""
@@ -224,3 +200,117 @@ class _Worker:
         robot.wait(OPENING)
         removed = drops_in(robot.tool_pose, mission.scene.bowl(robot.station), up)
         return _Try(approach, miss_mm, caught=True, removed=removed)
+
+
+PAPER = {"seconds_per_fragment": 15.8, "times_faster": 3.8}  # Mahler 2014, with correction, and against replanning
+
+
+@dataclass(frozen=True, eq=False)
+class Condition:
+    """One way to do the task, and what came of it in each set of fragments."""
+
+    name: str
+    speed: float  # m/s
+    outcomes: tuple[Outcome, ...]  # one a set; pictures show the first
+
+    @property
+    def outcome(self) -> Outcome:
+        """Of the first set."""
+        return self.outcomes[0]
+
+    @classmethod
+    def joined(cls, sets: Sequence[Sequence[Condition]]) -> tuple[Condition, ...]:
+        """Return the ways to do the task over several sets.
+
+        Parameters
+        ----------
+        sets : sequence, from :func:`compare`, one a set
+        """
+        return tuple(
+            cls(ways[0].name, ways[0].speed, tuple(outcome for way in ways for outcome in way.outcomes))
+            for ways in zip(*sets, strict=True)
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures, plain: means over the sets, and what is counted in all of them; and each set's own."""
+        each = [outcome.to_dict() for outcome in self.outcomes]
+        whole = {
+            name: sum(one[name] for one in each)
+            if isinstance(value, int)
+            else float(np.mean([one[name] for one in each]))
+            for name, value in each[0].items()
+        }
+        whole["miss_mm_max"] = max(one["miss_mm_max"] for one in each)
+        return {"name": self.name, "speed_cm_s": 100 * self.speed, **whole, "sets": each}
+
+    def to_words(self) -> list[str]:
+        """Return name, cm/s, removed, at once, retries, replanned, looks, miss (mm), seconds a fragment and in all."""
+        row = self.to_dict()
+        return [
+            row["name"],
+            f"{row['speed_cm_s']:.0f}",
+            f"{100 * row['success_rate']:.0f} %",
+            f"{100 * row['first_attempt_rate']:.0f} %",
+            str(row["retries"]),
+            str(row["replanned"]),
+            str(row["looks"]),
+            f"{row['miss_mm_mean']:.1f}",
+            f"{row['seconds_per_fragment']:.1f}",
+            f"{row['seconds_in_all']:.0f}",
+        ]
+
+
+def compare(
+    mission: Mission,
+    correctors: Sequence[Corrects],
+    seed: int,
+    *,
+    fast: float = 0.06,
+    slow: float = 0.01,
+    margins: Margins | None = None,
+    mode: Mode = "full",
+) -> tuple[Condition, ...]:
+    """Do the task four times over the same fragments.
+
+    Parameters
+    ----------
+    mission : Mission
+    correctors : sequence of Corrects, one an arm, in the order of the stations
+    seed : int, of the camera's noise; the same for every condition
+    fast, slow : float, speeds of the open loop and with pictures, m/s
+    margins, mode : as of :class:`OpenLoop`
+
+    Returns
+    -------
+    tuple of Condition
+        Replanning without correction; correction in open loop, without a single picture; to see what the correction
+        does, the same without it; and correction with pictures where it is not sure enough.
+    """
+    sure, anything = margins or Margins(), Margins(np.inf, np.inf, 1.0)
+    ways: list[tuple[str, float, Sequence[Strategy]]] = [
+        ("no correction, replanning", slow, [LookAndMove(slow) for _ in correctors]),
+        ("corrected, open loop", fast, [OpenLoop(each, fast, sure, mode) for each in correctors]),
+        ("no correction, open loop", fast, [OpenLoop(_ByHand(s), fast, anything, mode) for s in mission.stations]),
+        (
+            "corrected, looking where unsure",
+            fast,
+            [OpenLoop(each, fast, sure, mode, LookAndMove(slow)) for each in correctors],
+        ),
+    ]
+    return tuple(
+        Condition(name, speed, (debride(mission, strategies, np.random.default_rng(seed)),))
+        for name, speed, strategies in ways
+    )
+
+
+class _ByHand:
+    """What a planner does that knows no correction: turns poses into the base frame as registered by hand."""
+
+    def __init__(self, station: Station) -> None:
+        self._T_base_tracker = se3.invert(station.T_tracker_base)
+
+    def correct_path(self, poses: FloatArray, times: FloatArray) -> Correction:
+        n = len(times)
+        T = se3.compose(self._T_base_tracker, se3.from_parts(poses[:, :3], poses[:, 3:]))
+        unknown = np.full((n, 6), np.nan)
+        return Correction(*se3.to_parts(T), None, unknown, unknown, np.zeros(n, dtype=np.int64))

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
-from gpcorrect.report.page import Page, Section, TableData, write_page
-from gpcorrect_studies.debridement.comparison import Condition
+from gpcorrect.report.page import Chart, Mark, Page, Panel, Role, Section, Series, TableData, write_page
+from gpcorrect_studies.debridement.mission import Condition
 from gpcorrect_studies.debridement.scene import Scene
 
 MOST_POINTS = 1500  # of one tool's path; chosen by hand

@@ -39,7 +39,7 @@ DRAWS = 50  # tries to find a place that the arm reaches
 def rehearsal_log(
     scene: Scene, station: Station, fragments: int, speed: float, rng: np.random.Generator, seed: int
 ) -> CalibrationLog:
-    """Rehearse the way to so many places and back to the bowl, and record it.
+    """Rehearse the way to so many places and back to the bowl, and record it; DataError where hardly any is reached.
 
     Parameters
     ----------
@@ -49,11 +49,6 @@ def rehearsal_log(
     speed : float, m/s, the task's own
     rng : numpy.random.Generator, of places and grasps
     seed : int, of the tracker's noise and faults
-
-    Raises
-    ------
-    DataError
-        The arm reaches hardly any place.
     """
     without_faults = replace(station.machine, faults=TrackerFaults())
     seen = simulate(without_faults, _plan(scene, station, REGISTERING, speed, rng, None), seed)

@@ -63,17 +63,12 @@ class SimulatedRobot:
         return np.array(self._seen).reshape(-1, 4)
 
     def follow(self, times: FloatArray, T: FloatArray) -> None:
-        """Follow tool poses; first go to where they begin.
+        """Go to where tool poses begin, and follow them; DataError for one that the joint limits do not let it reach.
 
         Parameters
         ----------
         times : (n,) array, seconds
         T : (n, 4, 4) array, base frame
-
-        Raises
-        ------
-        DataError
-            A pose cannot be reached within the joint limits.
         """
         joining = reach(np.stack([self.command_pose, T[0]]), JOINING)
         for at, poses in ((joining.times, joining.T), (times, T)):
@@ -96,8 +91,7 @@ class SimulatedRobot:
         """Return the tool's pose as the tracker sees it, (4, 4), tracker frame."""
         here = self._live.moment
         assert here.tip is not None
-        seen: FloatArray = self._sensors.track(here.motion.time, here.tip)[0, 0]
-        return seen
+        return np.asarray(self._sensors.track(here.motion.time, here.tip)[0, 0])
 
     def _drive(self, desired: FloatArray) -> None:
         while len(desired):
@@ -114,9 +108,6 @@ class SimulatedRobot:
         begins = np.abs(found.q[0] - self._q).max(axis=-1)
         usable = np.flatnonzero(found.within_limits.all(axis=0) & (steps < CONTINUOUS) & (begins < CONTINUOUS))
         if not len(usable):
-            raise DataError(
-                f"{self.station.name} cannot follow this path within its joint limits.",
-                hint="Choose fragments nearer to the middle of the workspace.",
-            )
-        q: FloatArray = found.q[:, usable[np.argmin(begins[usable])]]
-        return q
+            hint = "Choose fragments nearer to the middle of the workspace."
+            raise DataError(f"{self.station.name} cannot follow this path within its joint limits.", hint=hint)
+        return np.asarray(found.q[:, usable[np.argmin(begins[usable])]])

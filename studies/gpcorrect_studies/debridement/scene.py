@@ -67,22 +67,13 @@ def drops_in(T_tool: FloatArray, bowl: FloatArray, up: FloatArray) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Station:
-    """One arm at its place.
+    """One arm at its place."""
 
-    Parameters
-    ----------
-    name : str, CRTK name
-    machine : Machine, as it really is; its base in the tracker's frame included
-    T_tracker_base : (4, 4) array, its base as registered by hand: what a planner without correction goes by
-    R_tool : (3, 3) array, the tool's middle orientation, tracker frame
-    side : float, +1 or -1: the arm's side along the box's first axis; 0 for an arm that works alone
-    """
-
-    name: str
-    machine: Machine
-    T_tracker_base: FloatArray
-    R_tool: FloatArray
-    side: float
+    name: str  # CRTK name
+    machine: Machine  # as it really is; its base in the tracker's frame included
+    T_tracker_base: FloatArray  # (4, 4) its base as registered by hand: what a planner without correction goes by
+    R_tool: FloatArray  # (3, 3) the tool's middle orientation, tracker frame
+    side: float  # +1 or -1: the arm's side along the box's first axis; 0 for an arm that works alone
 
     @property
     def arm(self) -> RemoteCentreArm:
@@ -92,16 +83,10 @@ class Station:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """The box, in the tracker's frame.
+    """The box, in the tracker's frame."""
 
-    Parameters
-    ----------
-    T_tracker_box : (4, 4) array, centre and axes
-    size : (3,) array, m
-    """
-
-    T_tracker_box: FloatArray
-    size: FloatArray
+    T_tracker_box: FloatArray  # (4, 4) centre and axes
+    size: FloatArray  # (3,) m
 
     def fragments(self, count: int, rng: np.random.Generator) -> FloatArray:
         """Draw positions `(count, 3)` evenly in the box, tracker frame.
@@ -120,8 +105,7 @@ class Scene:
         ----------
         box : (..., 3) array, m
         """
-        position: FloatArray = box @ self.T_tracker_box[:3, :3].T + self.T_tracker_box[:3, 3]
-        return position
+        return np.asarray(box @ self.T_tracker_box[:3, :3].T + self.T_tracker_box[:3, 3])
 
     def along(self, position: FloatArray) -> FloatArray:
         """Return positions along the box's axes of tracker positions.
@@ -130,8 +114,7 @@ class Scene:
         ----------
         position : (..., 3) array, m
         """
-        box: FloatArray = (position - self.T_tracker_box[:3, 3]) @ self.T_tracker_box[:3, :3]
-        return box
+        return np.asarray((position - self.T_tracker_box[:3, 3]) @ self.T_tracker_box[:3, :3])
 
     def bowl(self, station: Station) -> FloatArray:
         """Return the centre `(3,)` of the station's bowl, at the height of its rim, tracker frame.
@@ -145,19 +128,14 @@ class Scene:
     @property
     def up(self) -> FloatArray:
         """(3,) direction away from the floor, tracker frame."""
-        upwards: FloatArray = self.T_tracker_box[:3, 2]
-        return upwards
+        return np.asarray(self.T_tracker_box[:3, 2])
 
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """One way to fetch one fragment: tool poses in the tracker's frame.
+    """One way to fetch one fragment: tool poses in the tracker's frame."""
 
-    Parameters
-    ----------
-    T_above, T_grasp, T_bowl : (4, 4) arrays, over the fragment, at it, and over the bowl
-    """
-
+    # (4, 4) over the fragment, at it, and over the bowl
     T_above: FloatArray
     T_grasp: FloatArray
     T_bowl: FloatArray

@@ -27,20 +27,12 @@ MOST_LOOKS = 6  # pictures at one place before the arm stops improving
 
 @dataclass(frozen=True)
 class Approach:
-    """How a fragment was approached.
+    """How a fragment was approached."""
 
-    Parameters
-    ----------
-    grasp : Grasp, the one that was chosen
-    looks : int, pictures of the tool that were taken
-    doubts : tuple of Doubt, why others were not chosen
-    careful : bool, whether no correction was sure enough, so that the arm went by pictures
-    """
-
-    grasp: Grasp
-    looks: int = 0
-    doubts: tuple[Doubt, ...] = ()
-    careful: bool = False
+    grasp: Grasp  # the one that was chosen
+    looks: int = 0  # pictures of the tool that were taken
+    doubts: tuple[Doubt, ...] = ()  # why others were not chosen
+    careful: bool = False  # whether no correction was sure enough, so that the arm went by pictures
 
 
 class Strategy(Protocol):
@@ -76,14 +68,9 @@ class Strategy(Protocol):
 
 @dataclass
 class LookAndMove:
-    """No correction: go a little, stop, take a picture, and subtract the miss from what is commanded next.
+    """No correction: go a little, stop, take a picture, and subtract the miss from what is commanded next."""
 
-    Parameters
-    ----------
-    speed : float, m/s
-    """
-
-    speed: float = 0.01
+    speed: float = 0.01  # m/s
     _shift: FloatArray = field(default_factory=lambda: np.zeros(3), init=False)
     _turn: FloatArray = field(default_factory=lambda: np.eye(3), init=False)
     _at: FloatArray = field(default_factory=lambda: np.eye(4), init=False)
@@ -139,22 +126,14 @@ class LookAndMove:
 
 @dataclass
 class OpenLoop:
-    """With correction: plan all the way to the fragment, ask what to command, and go without a picture.
+    """With correction: plan all the way to the fragment, ask what to command, and go without a picture."""
 
-    Parameters
-    ----------
-    corrector : Corrects, of this arm
-    speed : float, m/s
-    margins : Margins, how sure the correction must be at the fragment; otherwise another tilt is planned
-    mode : "full" or "endpoints"
-    careful : LookAndMove or None
-        What to do where no grasp is sure enough; without it the last one is taken all the same.
-    """
-
-    corrector: Corrects
-    speed: float = 0.06
+    corrector: Corrects  # of this arm
+    speed: float = 0.06  # m/s
+    # how sure the correction must be at the fragment; otherwise another tilt is planned
     margins: Margins = field(default_factory=Margins)
     mode: Mode = "full"
+    # what to do where no grasp is sure enough; without it the last one is taken all the same
     careful: LookAndMove | None = None
     _at: FloatArray = field(default_factory=lambda: np.eye(4), init=False)
 

@@ -30,14 +30,9 @@ AFTER_TRAINING = 60.0  # s between the recording's end and the first repetition,
 
 @dataclass(frozen=True, eq=False)
 class Reached:
-    """How far from a desired pose the tool came to rest.
+    """How far from a desired pose the tool came to rest."""
 
-    Parameters
-    ----------
-    error : (repetitions, places, 6) array, desired minus reached pose, m and rad, tracker frame
-    """
-
-    error: FloatArray
+    error: FloatArray  # (repetitions, places, 6) desired minus reached pose, m and rad, tracker frame
 
     def to_dict(self) -> dict[str, dict[str, float]]:
         """Mean and SD of the components of position and of both errors' lengths, mm and degrees.
@@ -68,7 +63,7 @@ class Landing:
 
 
 def places_to_visit(experiment: Experiment, count: int, rng: np.random.Generator) -> FloatArray:
-    """Draw end poses of held-out reaches as the tracker saw them.
+    """Draw end poses of held-out reaches as the tracker saw them; LogError where too few are held out.
 
     Parameters
     ----------
@@ -80,11 +75,6 @@ def places_to_visit(experiment: Experiment, count: int, rng: np.random.Generator
     -------
     (count + 1, 4, 4) array
         Tracker frame; the first is where each run starts.
-
-    Raises
-    ------
-    LogError
-        Too few reaches are held out.
     """
     assert experiment.test is not None
     assert experiment.evaluation is not None
@@ -93,9 +83,8 @@ def places_to_visit(experiment: Experiment, count: int, rng: np.random.Generator
     assert log.tracker_cp.quaternion is not None
     ends = passed[np.flatnonzero(np.diff(log.trajectory[passed], append=-1) != 0)]
     if len(ends) <= count:
-        raise LogError(
-            f"{count} places need {count + 1} held-out reaches, there are {len(ends)}.", hint="Simulate more reaches."
-        )
+        hint = "Simulate more reaches."
+        raise LogError(f"{count} places need {count + 1} held-out reaches, there are {len(ends)}.", hint=hint)
     rows = rng.permutation(ends)[: count + 1]
     return se3.from_parts(log.tracker_cp.position[rows], log.tracker_cp.quaternion[rows])
 

@@ -10,10 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
-from gpcorrect.report.page import Section, TableData
-from gpcorrect.report.paths import Shown
-from gpcorrect.report.trajectories import trajectories_section
+from gpcorrect.report.page import Chart, Mark, Panel, Role, Section, Series, TableData
+from gpcorrect.report.paths import Shown, trajectories_section
 from gpcorrect.types import FloatArray
 from gpcorrect_studies.claims_page import paired, write_study_page
 from gpcorrect_studies.mahler2014.regressions import TrainingSize
@@ -186,7 +184,7 @@ def _table2(result: Mahler2014) -> Section:
     words = [
         f"{result.scope.places} places, {result.scope.repetitions} visits each, in another order every time. "
         "The command is sent through the inverse kinematics, the servo loop and the transmission of the simulated arm, "
-        "and the tool's true pose is compared with the desired one: no tracker noise is in these figures.",
+        "and the tool's true pose is compared with the desired one: no tracker noise is in these figures."
     ]
     chart = _visits({name: landing.at_rest.error for name, landing in result.table2.items()})
     return Section("Table II: the corrected command really sent", words, (as_printed, ours), (chart,))
@@ -210,7 +208,7 @@ def _limits(result: Mahler2014) -> Section:
     )
     words = [
         "Two things cannot be learned from pose and velocity: the tracker's own noise, which is in the pose that is "
-        "asked for, and the memory of the transmission: play and dry friction leave the arm where its past put it.",
+        "asked for, and the memory of the transmission: play and dry friction leave the arm where its past put it."
     ]
     return Section("What limits it", words, (table,))
 

@@ -121,11 +121,7 @@ def training_sizes(
 
 
 def _training_size(
-    groups: Sequence[Sequence[int]],
-    train: _Samples,
-    test: _Samples,
-    settings: FitSettings,
-    task: tuple[str, IntArray],
+    groups: Sequence[Sequence[int]], train: _Samples, test: _Samples, settings: FitSettings, task: tuple[str, IntArray]
 ) -> dict[str, Any]:
     """Return the fields of a :class:`TrainingSize`."""
     method, rows = task

@@ -62,32 +62,23 @@ NOT_COMPARABLE = (
 
 @dataclass(frozen=True)
 class Scope:
-    """How much is done.
+    """How much is done."""
 
-    Parameters
-    ----------
-    reaches : int, reaches of the recording; the paper had 303
-    places, repetitions : int, of Table II
-    sets : int, of fragments, in the debridement task
-    fractions : tuple of float, fractions of the training states for Fig. 5
-    settings : FitSettings, what all fits have in common; their features are those of the columns
-    ablations : tuple of str, which are done
-    """
-
-    reaches: int = 303
+    reaches: int = 303  # reaches of the recording; the paper had 303
+    # of Table II
     places: int = 10
     repetitions: int = 10
-    sets: int = 5
+    sets: int = 5  # of fragments, in the debridement task
+    # fractions of the training states for Fig. 5
     fractions: tuple[float, ...] = (0.006, 0.012, PAPERS_FRACTION, 0.05, 0.1, 0.25, 0.5, 1.0)
+    # what all fits have in common; their features are those of the columns
     settings: FitSettings = field(default_factory=FitSettings)
-    ablations: tuple[str, ...] = tuple(ABLATIONS)
+    ablations: tuple[str, ...] = tuple(ABLATIONS)  # which are done
 
     def __post_init__(self) -> None:
         if self.reaches < FEWEST_REACHES:
-            raise DataError(
-                f"at least {FEWEST_REACHES} reaches are needed, got {self.reaches}.",
-                hint="A fifth is held out, and the places to visit are taken from it.",
-            )
+            hint = "A fifth is held out, and the places to visit are taken from it."
+            raise DataError(f"at least {FEWEST_REACHES} reaches are needed, got {self.reaches}.", hint=hint)
 
     @classmethod
     def short(cls) -> Scope:
@@ -108,18 +99,7 @@ class Scope:
 
 @dataclass(frozen=True, eq=False)
 class Mahler2014(StudyResult):
-    """All parts of the study, measured.
-
-    Parameters
-    ----------
-    samples : int
-    table1 : TableOne
-    fig5 : tuple of TrainingSize, error and fitting time by number of training states
-    table2 : mapping from command to Landing, where the robot really came to rest
-    task : mapping, figures of the debridement task
-    limits : tuple of Limit, what is left under each assumption
-    ablations : mapping, figures of the ablations, by name
-    """
+    """All parts of the study, measured."""
 
     CLAIMS = CLAIMS
     NOTES: ClassVar = {"comparable": COMPARABLE, "not_comparable": NOT_COMPARABLE}
@@ -127,11 +107,11 @@ class Mahler2014(StudyResult):
     scope: Scope
     samples: int
     table1: TableOne
-    fig5: tuple[TrainingSize, ...]
-    table2: Mapping[str, Landing]
-    task: Mapping[str, float]
-    limits: tuple[Limit, ...]
-    ablations: Mapping[str, Any]
+    fig5: tuple[TrainingSize, ...]  # error and fitting time by number of training states
+    table2: Mapping[str, Landing]  # by command, where the robot really came to rest
+    task: Mapping[str, float]  # figures of the debridement task
+    limits: tuple[Limit, ...]  # what is left under each assumption
+    ablations: Mapping[str, Any]  # figures of the ablations, by name
 
     def targets(self) -> dict[str, dict[str, Any]]:
         """Return each target with what was measured on the dirty set, and whether it is met."""
@@ -209,7 +189,7 @@ class Mahler2014(StudyResult):
 def reproduce_mahler2014(
     scope: Scope, seed: int = 0, progress: Progress | None = None, parts: Parts | None = None
 ) -> Mahler2014:
-    """Do the whole study on a simulated recording.
+    """Do the whole study on a simulated recording; GpCorrectError for a scope too small to measure its parts.
 
     Parameters
     ----------
@@ -217,11 +197,6 @@ def reproduce_mahler2014(
     seed : int, of the recording and of everything random
     progress : Progress, optional
     parts : Parts, optional
-
-    Raises
-    ------
-    GpCorrectError
-        The scope is too small for the parts to be measured.
     """
     start, progress, parts = time.perf_counter(), progress or Progress(), parts or Parts()
     settings = replace(scope.settings, seed=seed, features=PAPERS_FEATURES)

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gpcorrect import se3
-from gpcorrect.calibration import Experiment, FitSettings, Measured, run_experiment, spread
+from gpcorrect.calibration import Experiment, FitSettings, run_experiment, spread
 from gpcorrect.errors import LogError
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, Progress
 from gpcorrect_studies.parts import Parts
@@ -45,20 +45,14 @@ Errors = dict[str, dict[str, float]]
 
 @dataclass(frozen=True, eq=False)
 class TableOne:
-    """Errors of the paper's six methods in its order, of GPR without an offset, and of ours with memory.
+    """Errors of the paper's six methods in its order, of GPR without an offset, and of ours with memory."""
 
-    Parameters
-    ----------
-    errors : mapping
-        By set ("clean": samples that pass cleaning, "dirty": all), then by method: mean and SD of the absolute error of
-        each component, of the position error's length (`position_mm`) and the rotation error's angle (`rotation_deg`).
-    seconds : mapping from method to s, of the whole experiment: cleaning, fit, intervals, measurement
-    full : Experiment, the experiment of the paper's last column, for further figures
-    """
-
+    # by set ("clean": samples that pass cleaning, "dirty": all), then by method: mean and SD of the absolute error of
+    # each component, of the position error's length (`position_mm`) and the rotation error's angle (`rotation_deg`)
     errors: Mapping[str, Mapping[str, Errors]]
+    # by method, s of the whole experiment: cleaning, fit, intervals, measurement
     seconds: Mapping[str, float]
-    full: Experiment
+    full: Experiment  # the experiment of the paper's last column, for further figures
 
     def percent_of_raw(self, which: str, method: str = FULL) -> dict[str, float]:
         """Mean length of a method's error as a percentage of the uncorrected one.
@@ -142,15 +136,13 @@ def fitted_columns(log: CalibrationLog, settings: FitSettings) -> dict[str, Any]
 
 
 def _columns(experiment: Experiment) -> dict[str, Any]:
-    errors = {which: {kind: _errors(experiment, which, kind) for kind in KINDS} for which in SETS}
-    return {**errors, "seconds": experiment.seconds}
-
-
-def _errors(experiment: Experiment, which: str, kind: str) -> Errors:
-    if experiment.evaluation is None or experiment.test is None:
+    evaluation, test = experiment.evaluation, experiment.test
+    if evaluation is None or test is None:
         raise LogError("nothing was held out to measure on.")
-    measured: Measured = getattr(experiment.evaluation, which)
-    return component_errors(measured.of(kind), experiment.test, measured.rows)
+    columns: dict[str, Any] = {"seconds": experiment.seconds}
+    for which, measured in zip(SETS, (evaluation.clean, evaluation.dirty), strict=True):
+        columns[which] = {kind: component_errors(measured.of(kind), test, measured.rows) for kind in KINDS}
+    return columns
 
 
 def component_errors(residual: FloatArray, test: CalibrationLog, rows: IntArray) -> Errors:

@@ -45,22 +45,13 @@ CLAIMS = ClaimTable.of_study("peng2020")
 
 @dataclass(frozen=True)
 class Peng2020Scope:
-    """How much to do.
+    """How much to do."""
 
-    Parameters
-    ----------
-    frames : int, of each rendered sequence
-    reaches : int, of the simulated robot; the last fifth is held out, whole
-    layers : tuple of int, of the network
-    epochs : int, of the network
-    inducing : int, points of the Gaussian process
-    """
-
-    frames: int = 120
-    reaches: int = 150
-    layers: tuple[int, ...] = (600, 500, 400)
-    epochs: int = 60
-    inducing: int = 400
+    frames: int = 120  # of each rendered sequence
+    reaches: int = 150  # of the simulated robot; the last fifth is held out, whole
+    layers: tuple[int, ...] = (600, 500, 400)  # of the network
+    epochs: int = 60  # of the network
+    inducing: int = 400  # points of the Gaussian process
 
     @classmethod
     def short(cls) -> Peng2020Scope:
@@ -75,25 +66,17 @@ class Peng2020Scope:
 
 @dataclass(frozen=True, eq=False)
 class Peng2020(StudyResult):
-    """Both halves of the study, measured.
-
-    Parameters
-    ----------
-    samples : int, of the simulated robot's recording
-    table1 : mapping
-        By what is seen (single ball; end effector; the latter with a camera hidden a third of the time): RMS and SD of
-        each component of the error and of its length, mm, and rotation, deg.
-    cameras_mm : sequence of float, errors of the cameras' positions, mm
-    estimator : mapping, by method: errors on held-out reaches, and what they are less than the reported ones
-    """
+    """Both halves of the study, measured."""
 
     CLAIMS = CLAIMS
 
     scope: Peng2020Scope
-    samples: int
+    samples: int  # of the simulated robot's recording
+    # by what is seen (single ball; end effector; the latter with a camera hidden a third of the time): RMS and SD of
+    # each component of the error and of its length, mm, and rotation, deg
     table1: Mapping[str, Any]
-    cameras_mm: Sequence[float]
-    estimator: Mapping[str, Any]
+    cameras_mm: Sequence[float]  # errors of the cameras' positions, mm
+    estimator: Mapping[str, Any]  # by method: errors on held-out reaches, and what they are less than the reported ones
 
     def setup(self) -> dict[str, float]:
         """Return the numbers of the set-up, under the names of the printed ones."""

@@ -35,17 +35,12 @@ TIMED, LOOPS = 20, 100  # the median of so many loops of calls; chosen by hand
 
 
 def ablations(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Any]]:
-    """Return the figures of the scope's ablations by name.
+    """Return the figures of the scope's ablations by name; KeyError for an unknown one.
 
     Parameters
     ----------
     fits : StudyFits
     test : CalibrationLog
-
-    Raises
-    ------
-    KeyError
-        The scope names an unknown one.
     """
     names = tuple(ABLATIONS) if fits.scope.ablations is None else fits.scope.ablations
     return fits.over("ablations", names, lambda name: ABLATIONS[name](fits, test))

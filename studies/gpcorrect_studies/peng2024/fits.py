@@ -23,37 +23,23 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class PengScope:
-    """How much is done.
+    """How much is done."""
 
-    Parameters
-    ----------
-    directions : tuple of str, Zig-zags of Table I
-    sparsities : tuple of int, n of the sparsities 1/n of Fig. 5, rising; Table I has the one in the middle
-    minutes : float, of a test run
-    hours : tuple of float, of Fig. 6
-    homings : int, of Fig. 9, after the first
-    repeats, network_repeats : int
-        Training recordings with other noise and other seeds, for every method and for the network.
-    inducing : int, points of the Gaussian process
-    search_samples : int or None
-        That the Gaussian process learns its hyperparameters from; its own number when None.
-    epochs : int, of the network; the paper's by default
-    later : str, direction of the zig-zag of all parts after Table I; the paper's is J2-J3
-    ablations : tuple of str or None, which are done; None does all
-    """
-
-    directions: tuple[str, ...] = DIRECTIONS
+    directions: tuple[str, ...] = DIRECTIONS  # zig-zags of Table I
+    # n of the sparsities 1/n of Fig. 5, rising; Table I has the one in the middle
     sparsities: tuple[int, ...] = (2, 3, 4, 5, 6)
-    minutes: float = 4.0
-    hours: tuple[float, ...] = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
-    homings: int = 5
+    minutes: float = 4.0  # of a test run
+    hours: tuple[float, ...] = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)  # of Fig. 6
+    homings: int = 5  # of Fig. 9, after the first
+    # training recordings with other noise and other seeds, for every method and for the network
     repeats: int = 2
     network_repeats: int = 5
-    inducing: int = 300
+    inducing: int = 300  # points of the Gaussian process
+    # samples that the Gaussian process learns its hyperparameters from; its own number when None
     search_samples: int | None = None
-    epochs: int = FitSettings().epochs
-    later: Direction = "J2-J3"
-    ablations: tuple[str, ...] | None = None
+    epochs: int = FitSettings().epochs  # of the network; the paper's by default
+    later: Direction = "J2-J3"  # direction of the zig-zag of all parts after Table I; the paper's is J2-J3
+    ablations: tuple[str, ...] | None = None  # which are done; None does all
 
     def __post_init__(self) -> None:
         if len(self.sparsities) < 2 or min(self.repeats, self.network_repeats) < 1 or self.minutes < 1:
@@ -83,35 +69,18 @@ class PengScope:
 
 @dataclass(frozen=True)
 class Run:
-    """A training recording, and how a model learns from it.
+    """A training recording, and how a model learns from it."""
 
-    Parameters
-    ----------
-    direction : str, of the zig-zag
-    sparsity : int, n of its sparsity 1/n
-    homings_seen : int, how many homings after the first are in the training, a zig-zag each
-    state : bool, whether the model sees the whole state instead of positions and efforts
-    end_to_end : bool, whether it learns positions themselves, not their error
-    """
-
-    direction: str
-    sparsity: int
-    homings_seen: int = 0
-    state: bool = False
-    end_to_end: bool = False
+    direction: str  # of the zig-zag
+    sparsity: int  # n of its sparsity 1/n
+    homings_seen: int = 0  # how many homings after the first are in the training, a zig-zag each
+    state: bool = False  # whether the model sees the whole state instead of positions and efforts
+    end_to_end: bool = False  # whether it learns positions themselves, not their error
 
 
 @dataclass(eq=False)
 class StudyFits:
-    """Makes each recording and each fit of the study once.
-
-    Parameters
-    ----------
-    study : RavenStudy
-    scope : PengScope
-    progress : Progress
-    parts : Parts
-    """
+    """Makes each recording and each fit of the study once."""
 
     study: RavenStudy
     scope: PengScope

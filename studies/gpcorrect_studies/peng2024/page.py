@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gpcorrect.report.charts import Chart, Mark, Panel, Role, Series
-from gpcorrect.report.page import Section, TableData
+from gpcorrect.report.page import Chart, Mark, Panel, Role, Section, Series, TableData
 from gpcorrect_studies.claims_page import paired, setup_section, write_study_page
 from gpcorrect_studies.peng2024.study import CLAIMS, PENG_COMPARABLE, PENG_NOT_COMPARABLE, Peng2024
 
@@ -135,7 +134,7 @@ def _fig6(result: Peng2024) -> Section:
     )
     words = [
         "How fast joint 1 drifts was chosen, with and without the load. No model was trained under load: what it does "
-        "at once is seen at 0 h.",
+        "at once is seen at 0 h."
     ]
     return Section("Fig. 6: six hours idle, unloaded and loaded", words, (table,), (chart,))
 
@@ -149,7 +148,7 @@ def _fig8(result: Peng2024) -> Section:
     ]
     words = [
         f"The paper had 16 and 138; here {part['few']} (positions and efforts of the three moving joints) and "
-        f"{part['whole']} (all that the simulation fills of the state message).",
+        f"{part['whole']} (all that the simulation fills of the state message)."
     ]
     return Section("Fig. 8: few features against the whole state", words, (TableData(["", *JOINTS], rows, RMSE),))
 
@@ -218,7 +217,7 @@ def _table4(result: Peng2024) -> Section:
     )
     words = [
         "Estimated joints through the kinematics to the tip, the tool's own joints at rest, RMSE; the UKF, which needs "
-        "no training but its noises and gaps, beside the others.",
+        "no training but its noises and gaps, beside the others."
     ]
     table = TableData(["", *heads], paired(rows, printed), "Trained on the longest zig-zag, unloaded.")
     return Section("Table IV: from joints to the tip", words, (table,))

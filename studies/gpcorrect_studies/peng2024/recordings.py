@@ -39,20 +39,12 @@ RESTING_JITTER = 1e-5  # of a resting arm's readings, chosen by hand: the last d
 
 @dataclass(frozen=True)
 class RavenStudy:
-    """The simulated arm and its seed.
+    """The simulated arm and its seed."""
 
-    Parameters
-    ----------
-    seed : int, of noise, homings and random motion
-    homings : int, homings after the first
-    as_published : bool, drive the zig-zag along J1-J2-J3 as the study's files do, not as its Eq. (3) says
-    machine : Model, optional, another than the packaged one
-    """
-
-    seed: int = 0
-    homings: int = 5
-    as_published: bool = False
-    machine: Model | None = None
+    seed: int = 0  # of noise, homings and random motion
+    homings: int = 5  # homings after the first
+    as_published: bool = False  # drive the zig-zag along J1-J2-J3 as the study's files do, not as its Eq. (3) says
+    machine: Model | None = None  # another than the packaged one
 
     def zigzags(
         self, direction: str, sparsity: int, *, sessions: Sequence[int] = (0,), repeat: int = 0

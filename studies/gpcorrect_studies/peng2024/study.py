@@ -10,21 +10,10 @@ from typing import Any, ClassVar
 from gpcorrect.types import Progress
 from gpcorrect_studies.claims import ClaimTable, StudyResult
 from gpcorrect_studies.parts import Parts
+from gpcorrect_studies.peng2024 import tables
 from gpcorrect_studies.peng2024.ablations import HOURS, ablations
 from gpcorrect_studies.peng2024.fits import PengScope, StudyFits
 from gpcorrect_studies.peng2024.recordings import RavenStudy
-from gpcorrect_studies.peng2024.tables import (
-    LOAD,
-    figure_5,
-    figure_6,
-    figure_8,
-    figure_9,
-    table_1,
-    table_2,
-    table_3,
-    table_4,
-    table_5,
-)
 
 CLAIMS = ClaimTable.of_study("peng2024")
 PENG_COMPARABLE = (
@@ -55,36 +44,30 @@ def _percent_of_offset(row: Mapping[str, Any], method: str) -> list[float]:
 
 @dataclass(frozen=True, eq=False)
 class Peng2024(StudyResult):
-    """All parts of the study, measured; RMSE in deg, deg and mm.
-
-    Parameters
-    ----------
-    table1, table2, table4, table5 : mappings, by direction; by method; by test run; by method
-    fig5, fig9 : lists, A sparsity, and a number of homings, an entry
-    fig6, fig8 : mappings, by use; few features and the whole state
-    ablations : mapping, figures of the ablations, by name
-    as_published : bool, whether the zig-zag along J1-J2-J3 was that of the study's files
-    """
+    """All parts of the study, measured; RMSE in deg, deg and mm."""
 
     CLAIMS = CLAIMS
     NOTES: ClassVar = {"comparable": PENG_COMPARABLE, "not_comparable": PENG_NOT_COMPARABLE}
 
     scope: PengScope
+    # by direction, by method, by test run, by method
     table1: Mapping[str, Any]
     table2: Mapping[str, Any]
     table4: Mapping[str, Any]
     table5: Mapping[str, Any]
+    # an entry a sparsity, and a number of homings
     fig5: list[dict[str, Any]]
+    # by use; few features and the whole state
     fig6: Mapping[str, Any]
     fig8: Mapping[str, Any]
     fig9: list[dict[str, Any]]
-    ablations: Mapping[str, Any]
-    as_published: bool = False
+    ablations: Mapping[str, Any]  # figures of the ablations, by name
+    as_published: bool = False  # whether the zig-zag along J1-J2-J3 was that of the study's files
 
     @property
     def table3(self) -> dict[str, Any]:
         """RMSE by use, hour and method: Fig. 6 as the paper's Table III has it."""
-        return table_3(self.fig6)
+        return tables.table_3(self.fig6)
 
     def percent_of_offset(self, method: str) -> list[float]:
         """Percentage of the fixed offset's error that a method leaves after the longest zig-zag, by joint.
@@ -159,20 +142,20 @@ def reproduce_peng2024(
     study = RavenStudy(seed, scope.homings, as_published)
     fits = StudyFits(study, scope, progress or Progress(), parts)
     test = study.random_run(scope.minutes)
-    tests = {"unloaded": test, "loaded 500 g": study.after_hours((0.0,), scope.minutes, LOAD, idle=False)}
+    tests = {"unloaded": test, "loaded 500 g": study.after_hours((0.0,), scope.minutes, tables.LOAD, idle=False)}
     if HOURS in scope.hours:
         tests["unloaded 5 h"] = study.after_hours((HOURS,), scope.minutes, None, idle=False)
     return Peng2024(
         scope=scope,
         seed=seed,
-        table1=table_1(fits, test),
-        fig5=figure_5(fits, test),
-        fig6=figure_6(fits),
-        fig8=figure_8(fits, test),
-        fig9=figure_9(fits),
-        table2=table_2(fits, test),
-        table4=table_4(fits, tests),
-        table5=table_5(fits, test),
+        table1=tables.table_1(fits, test),
+        fig5=tables.figure_5(fits, test),
+        fig6=tables.figure_6(fits),
+        fig8=tables.figure_8(fits, test),
+        fig9=tables.figure_9(fits),
+        table2=tables.table_2(fits, test),
+        table4=tables.table_4(fits, tests),
+        table5=tables.table_5(fits, test),
         ablations=ablations(fits, test),
         as_published=as_published,
         seconds=parts.seconds_before + time.perf_counter() - begun,

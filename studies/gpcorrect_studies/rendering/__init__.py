@@ -4,15 +4,8 @@ Independent of `gpcorrect.vision` on purpose: own lens model, own inversion of t
 is installed, and no part of the tests, because `gpcorrect reproduce peng2020` draws all its pictures with it.
 """
 
-from gpcorrect_studies.rendering.lens import Lens, looking_at
-from gpcorrect_studies.rendering.picture import Ball, Card, Light, Studio, backdrop
-from gpcorrect_studies.rendering.stage import (
-    Stage,
-    four_cameras,
-    marker_points,
-    random_motion,
-    single_ball,
-)
+from gpcorrect_studies.rendering.picture import Ball, Card, Lens, Light, Studio, backdrop, looking_at
+from gpcorrect_studies.rendering.stage import Stage, four_cameras, marker_points, random_motion, single_ball
 
 __all__ = [
     "Ball",

@@ -1,4 +1,4 @@
-"""Shaded balls in front of clutter, seen through a lens: supersampled, blurred, noisy, eight bits."""
+"""Shaded balls in front of clutter, seen through a lens with distortion: supersampled, blurred, noisy, eight bits."""
 
 from __future__ import annotations
 
@@ -11,7 +11,73 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from gpcorrect.types import FloatArray
-from gpcorrect_studies.rendering.lens import Lens
+
+INVERSIONS = 10  # fixed-point steps: 1e-7 px for a webcam's distortion
+
+
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """One camera of the rendered world."""
+
+    position: FloatArray  # (3,) optical centre, world frame, m
+    axes: FloatArray  # (3, 3) columns: the camera's right, down and forward directions in the world frame
+    focal: tuple[float, float] = (600.0, 600.0)  # pixels along u and v
+    middle: tuple[float, float] = (319.5, 239.5)  # principal point; the centre of the first pixel is at (0, 0)
+    # k1, k2, p1, p2, k3 of Brown's model
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    size: tuple[int, int] = (640, 480)  # width and height in pixels
+
+    def pixels(self, points: FloatArray) -> FloatArray:
+        """Pixels `(..., 2)` at which points of the world appear.
+
+        Parameters
+        ----------
+        points : (..., 3) array, world frame, m
+        """
+        local = (np.asarray(points) - self.position) @ self.axes
+        x, y = self._bent(local[..., 0] / local[..., 2], local[..., 1] / local[..., 2])
+        return np.stack([self.focal[0] * x + self.middle[0], self.focal[1] * y + self.middle[1]], axis=-1)
+
+    def directions(self, u: FloatArray, v: FloatArray) -> FloatArray:
+        """World directions `(..., 3)`, not normalised, of the rays through pixels.
+
+        Parameters
+        ----------
+        u, v : arrays of one shape, pixels to the right and down
+        """
+        u_flat, v_flat = (u - self.middle[0]) / self.focal[0], (v - self.middle[1]) / self.focal[1]
+        x, y = u_flat, v_flat
+        for _ in range(INVERSIONS):
+            bent_x, bent_y = self._bent(x, y)
+            x, y = x + u_flat - bent_x, y + v_flat - bent_y
+        return np.stack([x, y, np.ones_like(x)], axis=-1) @ self.axes.T
+
+    def _bent(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        k1, k2, p1, p2, k3 = self.distortion
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        return (
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        )
+
+
+def looking_at(position: FloatArray, goal: FloatArray, roll: float = 0.0) -> FloatArray:
+    """Axes `(3, 3)` of a camera whose optical axis goes through a point.
+
+    Parameters
+    ----------
+    position, goal : (3,) arrays, optical centre and the point, world frame, m
+    roll : float, rad about the optical axis
+    """
+    forward = np.asarray(goal, dtype=np.float64) - position
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right = right / np.linalg.norm(right)
+    down = np.cross(forward, right)
+    c, s = np.cos(roll), np.sin(roll)
+    return np.stack([c * right + s * down, c * down - s * right, forward], axis=1)
+
 
 Picture = NDArray[np.uint8]
 Raster = NDArray[np.floating[Any]]
@@ -52,26 +118,15 @@ class Light:
 
 @dataclass(eq=False)
 class Studio:
-    """One camera and what stands still before it.
-
-    Parameters
-    ----------
-    lens : Lens
-    background : (height, width, 3) array, what is behind the balls, red green blue, 0 to 255
-    light : Light, of the balls
-    blur : float, standard deviation of the lens' blur, px
-    noise : float, standard deviation of the sensor's noise, grey levels
-    rng : Generator, of the noise
-    samples : int, rays along each side of a pixel
-    """
+    """One camera and what stands still before it."""
 
     lens: Lens
-    background: Raster
-    light: Light = field(default_factory=Light)
-    blur: float = 0.7
-    noise: float = 2.0
-    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
-    samples: int = 3
+    background: Raster  # (height, width, 3) what is behind the balls, red green blue, 0 to 255
+    light: Light = field(default_factory=Light)  # of the balls
+    blur: float = 0.7  # standard deviation of the lens' blur, px
+    noise: float = 2.0  # standard deviation of the sensor's noise, grey levels
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))  # of the noise
+    samples: int = 3  # rays along each side of a pixel
 
     def __post_init__(self) -> None:
         self.background = np.asarray(self.background, dtype=np.float32)
@@ -215,5 +270,4 @@ def backdrop(
         inside = (np.abs(p) < a) & (np.abs(q) < b) if rng.random() < 0.6 else (p / a) ** 2 + (q / b) ** 2 < 1
         grey = rng.uniform(20, 230)
         part[inside] = (1 - colourful) * grey + colourful * rng.uniform(0, 255, 3)
-    clipped: FloatArray = np.clip(image, 0, 255)
-    return clipped
+    return np.asarray(np.clip(image, 0, 255))

@@ -9,8 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gpcorrect.types import FloatArray
-from gpcorrect_studies.rendering.lens import Lens, looking_at
-from gpcorrect_studies.rendering.picture import Ball, Card, Light, Studio, backdrop
+from gpcorrect_studies.rendering.picture import Ball, Card, Lens, Light, Studio, backdrop, looking_at
 
 WORKSPACE = np.array([0.0, 0.0, 0.2])  # m, world frame
 ARM = 0.038  # m from the holder's centre to each ball's (the fixture of Peng et al. 2020)
@@ -92,22 +91,13 @@ def random_motion(count: int, rate_hz: float, rng: np.random.Generator) -> Float
 
 @dataclass(eq=False)
 class Stage:
-    """Cameras, their backgrounds, and the balls of a target.
-
-    Parameters
-    ----------
-    lenses : sequence of Lens
-    studios : sequence of Studio, one a camera
-    places : mapping of name to (3,), balls in the tool frame, m
-    radius : float, of each ball, m
-    colours : mapping of name to (3,), red, green, blue
-    """
+    """Cameras, their backgrounds, and the balls of a target."""
 
     lenses: tuple[Lens, ...]
-    studios: tuple[Studio, ...]
-    places: Mapping[str, Sequence[float]]
-    radius: float = RADIUS
-    colours: Mapping[str, tuple[float, float, float]] | None = None
+    studios: tuple[Studio, ...]  # one a camera
+    places: Mapping[str, Sequence[float]]  # balls by name, in the tool frame, m
+    radius: float = RADIUS  # of each ball, m
+    colours: Mapping[str, tuple[float, float, float]] | None = None  # by name: red, green, blue
 
     @classmethod
     def standard(

@@ -1,7 +1,13 @@
-"""CDR for ROS users, through rosbags' types; and `correct` as PoseStamped for PoseStamped, and as a ROS service."""
+"""What ROS 2 nodes see: messages in CDR, and the keys, attachments and tokens of rmw_zenoh.
+
+CDR goes through rosbags' types; `correct` is PoseStamped for PoseStamped, and a ROS service. Keys are after the design
+document and the released sources of rmw_zenoh_cpp (0.2.4 in Jazzy and newer; Humble, Kilted, Rolling).
+"""
 
 from __future__ import annotations
 
+import hashlib
+import struct
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
@@ -14,6 +20,7 @@ from gpcorrect.errors import MissingExtraError
 from gpcorrect_service.protocol.answer import PoseAnswer
 from gpcorrect_service.protocol.errors import bad_input
 from gpcorrect_service.protocol.messages import Numbers
+from gpcorrect_service.protocol.settings import RosDistro
 
 POSE_STAMPED = "geometry_msgs/msg/PoseStamped"  # this and the next are names of ROS types
 OPERATING_STATE = "crtk_msgs/msg/OperatingState"  # crtk_msgs, ROS 2
@@ -83,10 +90,8 @@ def decode_cdr(data: bytes, ros_type: str) -> Any:
 
     Parameters
     ----------
-    data : bytes
-        CDR with its 4-byte header.
-    ros_type : str
-        As `geometry_msgs/msg/PoseStamped`.
+    data : bytes, CDR with its 4-byte header
+    ros_type : str, as `geometry_msgs/msg/PoseStamped`
     """
     try:
         store = ros_types()
@@ -97,10 +102,8 @@ def decode_cdr(data: bytes, ros_type: str) -> Any:
     try:
         return store.deserialize_cdr(data, ros_type)
     except (SerdeError, ValueError, IndexError) as error:
-        raise bad_input(
-            f"{len(data)} bytes are not a {ros_type} in CDR ({error}).",
-            "Send the message as ROS 2 serialises it, with its 4-byte header.",
-        ) from error
+        hint = "Send the message as ROS 2 serialises it, with its 4-byte header."
+        raise bad_input(f"{len(data)} bytes are not a {ros_type} in CDR ({error}).", hint) from error
 
 
 def ros_pose(pose: tuple[float, ...], sec: int, nanosec: int, frame_id: str) -> Any:
@@ -108,8 +111,7 @@ def ros_pose(pose: tuple[float, ...], sec: int, nanosec: int, frame_id: str) -> 
 
     Parameters
     ----------
-    pose : 7 float
-        x y z in m, then the quaternion w x y z.
+    pose : 7 float, x y z in m, then the quaternion w x y z
     sec, nanosec : int
     frame_id : str
     """
@@ -128,8 +130,7 @@ def read_pose(data: bytes) -> StampedPose:
 
     Parameters
     ----------
-    data : bytes
-        A PoseStamped in CDR.
+    data : bytes, a PoseStamped in CDR
     """
     return _stamped(decode_cdr(data, POSE_STAMPED))
 
@@ -158,8 +159,7 @@ def read_call(data: bytes) -> tuple[StampedPose, Numbers | None]:
 
     Parameters
     ----------
-    data : bytes
-        A Correct_Request in CDR.
+    data : bytes, a Correct_Request in CDR
     """
     message = decode_cdr(data, f"{CORRECT}_Request")
     v, w = message.twist.linear, message.twist.angular
@@ -173,8 +173,7 @@ def write_answer(command: StampedPose, answer: PoseAnswer, model_hash: str) -> b
     Parameters
     ----------
     command : StampedPose
-    answer : PoseAnswer
-        How sure the command is.
+    answer : PoseAnswer, how sure the command is
     model_hash : str
     """
     std, interval = (np.array(row, dtype=np.float64) for row in (answer.std, answer.interval95))
@@ -187,8 +186,7 @@ def write_refusal(status: str, message: str) -> bytes:
 
     Parameters
     ----------
-    status, message : str
-        Why there is no command, and what to do.
+    status, message : str, why there is no command, and what to do
     """
     unknown = np.full(6, np.nan)
     return _response(False, status, message, ros_pose((np.nan,) * 7, 0, 0, ""), unknown, unknown, False, "")
@@ -197,3 +195,102 @@ def write_refusal(status: str, message: str) -> bytes:
 def _response(*fields: Any) -> bytes:
     kind = f"{CORRECT}_Response"
     return bytes(ros_types().serialize_cdr(ros_types().types[kind](*fields), kind))
+
+
+GID_BYTES = 16  # length of a sender's name
+ATTACHMENT = struct.Struct("<qqB16s")
+DEFAULT_QOS = "::,10:,:,:,,"  # reliable, volatile, keep last 10
+LATCHED_QOS = ":1:,1:,:,:,,"  # reliable, transient local, keep last 1: who comes late hears the last one
+NO_HASH = "TypeHashNotSupported"  # rmw_zenoh, branch humble (pull request 388): stands where a hash would
+
+
+def rmw_key(domain: int, topic: str, ros_type: str, distro: RosDistro) -> str:
+    """Return the zenoh key of a ROS topic or service: `domain/topic/type/hash`.
+
+    Parameters
+    ----------
+    domain : int, ROS_DOMAIN_ID
+    topic, ros_type : str, as `arm1/servo_cp` and `geometry_msgs/msg/PoseStamped`, or a service's name and type
+    distro : str, ROS distribution of the nodes that use it
+    """
+    return f"{domain}/{topic.strip('/')}/{_type_and_hash(ros_type, distro)}"
+
+
+def dds_name(ros_type: str) -> str:
+    """Return the name of a type as keys have it: `geometry_msgs::msg::dds_::PoseStamped_`.
+
+    Parameters
+    ----------
+    ros_type : str, as `geometry_msgs/msg/PoseStamped`
+    """
+    package, kind, name = ros_type.split("/")
+    return f"{package}::{kind}::dds_::{name}_"
+
+
+def attachment(sequence: int, stamp_ns: int, gid: bytes) -> bytes:
+    """Return what rmw_zenoh expects beside every message.
+
+    Parameters
+    ----------
+    sequence, stamp_ns : int, its number, from 1, and its time, ns since 1970
+    gid : 16 bytes
+    """
+    return ATTACHMENT.pack(sequence, stamp_ns, GID_BYTES, gid)
+
+
+def reply_attachment(asked: bytes, stamp_ns: int) -> bytes:
+    """Return what belongs beside the answer of a service: the question's number and sender; empty without one.
+
+    Parameters
+    ----------
+    asked : bytes, what came beside the question
+    stamp_ns : int, time of the answer, ns since 1970
+    """
+    if len(asked) != ATTACHMENT.size:
+        return b""
+    sequence, _, _, gid = ATTACHMENT.unpack(asked)
+    return attachment(sequence, stamp_ns, gid)
+
+
+@dataclass(frozen=True)
+class RmwNode:
+    """A node as the ROS graph shows it."""
+
+    domain: int  # ROS_DOMAIN_ID
+    # of the zenoh session, and of the node
+    zid: str
+    name: str
+    distro: RosDistro  # ROS distribution of the nodes that see it
+
+    def node_token(self) -> str:
+        """Return the liveliness key that shows the node."""
+        return f"@ros2_lv/{self.domain}/{self.zid}/0/0/NN/%/%/{self.name}"
+
+    def topic_token(self, number: int, kind: str, topic: str, ros_type: str, qos: str = DEFAULT_QOS) -> str:
+        """Return the liveliness key of a publisher, a subscription or a service.
+
+        Parameters
+        ----------
+        number : int, which one of the node
+        kind : str, "MP" for a publisher, "MS" for a subscription, "SS" for a service's server
+        topic, ros_type : str, as for :func:`rmw_key`
+        qos : str, quality of service in rmw_zenoh's short form
+        """
+        mangled = "%" + topic.strip("/").replace("/", "%")
+        described = f"{mangled}/{_type_and_hash(ros_type, self.distro)}/{qos}"
+        return f"@ros2_lv/{self.domain}/{self.zid}/0/{number}/{kind}/%/%/{self.name}/{described}"
+
+
+def gid_of(token: str) -> bytes:
+    """Return a sender's 16 bytes: only that they differ from others' matters.
+
+    Parameters
+    ----------
+    token : str
+    """
+    return hashlib.blake2b(token.encode(), digest_size=GID_BYTES).digest()
+
+
+def _type_and_hash(ros_type: str, distro: RosDistro) -> str:
+    hashed = NO_HASH if distro == "humble" else ros_types().hash_rihs01(ros_type)
+    return f"{dds_name(ros_type)}/{hashed}"
