@@ -44,6 +44,27 @@ SLACK_BYTES = 1 << 20
 
 BEGINS = rb"PK\x03\x04.{26}header\.npy"  # an archive whose first entry is the header
 
+Three = tuple[float, float, float]
+PARTS: dict[str, Any] = {
+    "robot": str | None,
+    "arm": str | None,
+    "method": str,
+    "features": Sequence[str],
+    "remarks": Sequence[str],
+    "baseline": Sequence[float],
+    "data": {"source": str, "sha256": str, "recordings": Sequence[str]},
+    "fit": {"n_train": int, "n_trajectories": int, "dropped": Mapping[str, int], "seed": int},
+}
+"""Parts of a description that every fit writes, with their types."""
+OPTIONAL: dict[str, Any] = {
+    "frames": {"input": str, "output": str},
+    "training_region": {"position_min": Three, "position_max": Three},
+}
+"""Parts that are written of some tasks."""
+KNOWN = {"contents": Sequence[str], "marks": str}  # of data and updates, in models of this version
+UPDATE: dict[str, Any] = {"source": str, "sha256": str, "recordings": Sequence[str], "n_added": int, "keep": float}
+"""Of each of the `updates`, where there are any."""
+
 C = TypeVar("C", bound=Corrector)
 Arrays = dict[str, FloatArray]
 Header = dict[str, Any]
@@ -290,28 +311,6 @@ def _unpacked(path: str | Path, content: bytes, only: str | None = None) -> dict
 def _digest(array: FloatArray) -> str:
     layout = f"{array.dtype.str}{array.shape}".encode()
     return hashlib.sha256(layout + np.ascontiguousarray(array).tobytes()).hexdigest()
-
-
-Three = tuple[float, float, float]
-PARTS: dict[str, Any] = {
-    "robot": str | None,
-    "arm": str | None,
-    "method": str,
-    "features": Sequence[str],
-    "remarks": Sequence[str],
-    "baseline": Sequence[float],
-    "data": {"source": str, "sha256": str, "recordings": Sequence[str]},
-    "fit": {"n_train": int, "n_trajectories": int, "dropped": Mapping[str, int], "seed": int},
-}
-"""Parts of a description that every fit writes, with their types."""
-OPTIONAL: dict[str, Any] = {
-    "frames": {"input": str, "output": str},
-    "training_region": {"position_min": Three, "position_max": Three},
-}
-"""Parts that are written of some tasks."""
-KNOWN = {"contents": Sequence[str], "marks": str}  # of data and updates, in models of this version
-UPDATE: dict[str, Any] = {"source": str, "sha256": str, "recordings": Sequence[str], "n_added": int, "keep": float}
-"""Of each of the `updates`, where there are any."""
 
 
 def _check_summary(summary: Mapping[str, Any]) -> None:

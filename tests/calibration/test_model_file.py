@@ -65,7 +65,8 @@ def test_the_hash_is_that_of_the_model_that_was_read(
     save(replace(small_corrector, history=()), other)
 
     def _replaced(*given: object) -> object:
-        other.replace(model)
+        if other.exists():  # once: parts of what is read are unpacked too
+            other.replace(model)
         return unpacked(*given)
 
     with monkeypatch.context() as patched:
