@@ -24,8 +24,8 @@ class FrictionLaw(NamedTuple):
     With a `slope` it is soft instead: `slope v + inertia v'`, up to that limit, and the damping (the friction loss of
     MuJoCo: its documentation, Computation, constraint model).
 
-    With a `bristle` it is a force F that bends before it slips, F' = bristle (v - |v| F / limit): Dahl's, or with a
-    static limit LuGre's without its micro-damping (Canudas de Wit et al. 1995, IEEE TAC 40(3)).
+    With a `bristle` it is a force F that bends before it slips, F' = bristle (v - |v| F / limit): Dahl's, or
+    LuGre's without its micro-damping (Canudas de Wit et al. 1995, IEEE TAC 40(3)).
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ TORQUE = Range("N m", 0.0, 20.0, 0.3), Range("N", 0.0, 500.0, 3.0)
 DAMPING = Range("N m s/rad", 0.0, 300.0, 0.5), Range("N s/m", 0.0, 2e4, 20.0)
 STATIC = Range("N m", 0.0, 30.0, 0.5), Range("N", 0.0, 600.0, 5.0)
 SPEED = Range("rad/s", 1e-4, 2.0, 0.05), Range("m/s", 1e-5, 0.2, 0.005)
-RESTS = ("dry", "soft", "elastic")  # it sticks, creeps, or bends
+RESTS = ("dry", "soft", "elastic")  # it sticks, creeps, or bends; Coulomb's alone bends, for the time of a search
 ONSET = Range("rad/s", 0.0, 0.5, 0.05), Range("m/s", 0.0, 0.05, 0.005)
 MUJOCO_TIME = 0.0095  # s: half of MuJoCo's default time constant times the largest impedance that is its default
 CREEP = Parameter("onset", "speed over which it grows", *ONSET, ladder=Ladder(Per.PRIOR, (0.1,)), only=("rest", "soft"))
@@ -74,7 +74,7 @@ class _RestingFriction(FrictionEffect):
     Of one that creeps before it slips, as in a greased bearing and in simulators that regularise friction, the rest is
     "soft", and `onset` the speed over which it grows. It is MuJoCo's: what it can hold it brings to rest, or to its
     creep, with a time constant of `onset_time`, which is no parameter to be found: by default that of MuJoCo. Of one
-    that bends before it slips, as cables and gears do, the rest is "elastic": the law of Dahl or LuGre.
+    that bends before it slips, as cables and gears do, the rest is "elastic": Dahl's law.
     """
 
     onset: float = field(default=0.0, kw_only=True)
@@ -160,7 +160,7 @@ class ViscousFriction(FrictionEffect):
 class StribeckFriction(_RestingFriction):
     """Friction that falls from a static to a kinetic value as the joint picks up speed.
 
-    Dry, soft or elastic at rest: :class:`_RestingFriction`.
+    Dry or soft at rest: :class:`_RestingFriction`.
     """
 
     torque: float = field(kw_only=True)
@@ -171,7 +171,7 @@ class StribeckFriction(_RestingFriction):
         name="stribeck_friction",
         number=17,
         family=Family.REVERSAL,
-        equation="F = (torque + (static_torque - torque) exp(-(v / speed)^2)) sign v; at rest as Coulomb's",
+        equation="F = (torque + (static_torque - torque) exp(-(v / speed)^2)) sign v; soft: as of Coulomb's",
         source="Bo and Pavelescu 1982, Wear 82(3); Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
         parameters=(
             Parameter("torque", "friction at speed", *TORQUE),
@@ -180,12 +180,11 @@ class StribeckFriction(_RestingFriction):
                 "speed", "speed over which the one becomes the other", *SPEED, ladder=Ladder(Per.PRIOR, (0.2, 1.0, 5.0))
             ),
             CREEP,
-            BEND,
         ),
         needs=TORQUES,
         neighbours=("coulomb_friction", "viscous_friction"),
         separating_runs=(Run.SPEED_LADDER, Run.GAIN_CHANGE),
-        choices=(("side", SIDES), ("rest", RESTS)),
+        choices=(("side", SIDES), ("rest", RESTS[:2])),
     )
 
     def law(self) -> FrictionLaw:
