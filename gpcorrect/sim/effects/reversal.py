@@ -69,17 +69,15 @@ class Backlash(JointEffect):
 
 @dataclass(frozen=True)
 class _RestingFriction(FrictionEffect):
-    """Friction that sticks at rest, creeps or bends.
+    """Friction that sticks at rest, or creeps.
 
     Of one that creeps before it slips, as in a greased bearing and in simulators that regularise friction, the rest is
     "soft", and `onset` the speed over which it grows. It is MuJoCo's: what it can hold it brings to rest, or to its
-    creep, with a time constant of `onset_time`, which is no parameter to be found: by default that of MuJoCo. Of one
-    that bends before it slips, as cables and gears do, the rest is "elastic": Dahl's law.
+    creep, with a time constant of `onset_time`, which is no parameter to be found: by default that of MuJoCo.
     """
 
     onset: float = field(default=0.0, kw_only=True)
     onset_time: float = field(default=MUJOCO_TIME, kw_only=True)
-    bristle: float = field(default=0.0, kw_only=True)
     rest: str = field(default="dry", kw_only=True)
 
     def __post_init__(self) -> None:
@@ -87,26 +85,19 @@ class _RestingFriction(FrictionEffect):
         if not self.onset_time >= 0:
             raise DataError(f"effect {self.about.name}: onset_time must be >= 0, got {self.onset_time!r}.")
 
-    def forgets_after(self) -> dict[int, float]:
-        """Return the way on which it bends over, or that any move will do where it does not bend."""
-        law = self.law()
-        way = 2.0 * max(law.torque, law.static) / law.bristle if law.bristle else 0.0
-        return dict.fromkeys(self.joints, way)
-
     def _at_rest(self, law: FrictionLaw) -> FrictionLaw:
-        if self.rest == "elastic":
-            return law._replace(bristle=self.bristle)
-        return law if self.rest == "dry" else law.softened(self.onset, self.onset_time)
+        return law.softened(self.onset, self.onset_time) if self.rest == "soft" else law
 
 
 @dataclass(frozen=True)
 class CoulombFriction(_RestingFriction):
     """Friction of fixed size: by a proportional gain an error of torque / kp that changes sign at reversals.
 
-    Dry, soft or elastic at rest: :class:`_RestingFriction`.
+    Dry, or soft at rest: :class:`_RestingFriction`; or elastic, where it bends before it slips as cables and gears do.
     """
 
     torque: float = field(kw_only=True)
+    bristle: float = field(default=0.0, kw_only=True)
 
     about = Description(
         name="coulomb_friction",
@@ -129,7 +120,13 @@ class CoulombFriction(_RestingFriction):
 
     def law(self) -> FrictionLaw:
         """Return the limit, and what it is approached by."""
-        return self._at_rest(FrictionLaw(torque=self.torque))
+        bristle = self.bristle if self.rest == "elastic" else 0.0
+        return self._at_rest(FrictionLaw(torque=self.torque, bristle=bristle))
+
+    def forgets_after(self) -> dict[int, float]:
+        """Return the way on which it bends over; any move will do where it does not bend."""
+        law = self.law()
+        return dict.fromkeys(self.joints, 2.0 * law.torque / law.bristle if law.bristle else 0.0)
 
 
 @dataclass(frozen=True)
