@@ -327,7 +327,7 @@ def _on_joint(edit: RobotEdit, effect: Effect, joint: int) -> bool:
     match effect:
         case CoulombFriction(rest="soft", torque=torque, onset=onset, onset_time=time) if onset > 0.0:
             return edit.add_soft_friction(joint, torque, onset, time)
-        case CoulombFriction(rest="elastic", bristle=bristle) if bristle > 0.0:
+        case CoulombFriction() if effect.law().bristle > 0.0:
             return False  # MuJoCo's friction does not bend
         case CoulombFriction(torque=torque):
             edit.add_friction(joint, torque)

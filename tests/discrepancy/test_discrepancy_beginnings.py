@@ -42,6 +42,7 @@ def test_a_play_that_begins_at_an_end_of_its_gap_leaves_nothing_unknown() -> Non
         (Backlash(1, 0.02), {1: 0.04}),
         (Hysteresis(1, 0.02, depth=0.5), {1: 0.08}),
         (CoulombFriction(1, torque=0.3), {1: 0.0}),
+        (CoulombFriction(1, torque=0.3, rest="elastic", bristle=60.0), {1: 0.01}),
         (CableCoupling(2, source=1, coefficient=0.1, drag=0.2, drag_radius=0.05), {1: 0.1}),
         (CableCoupling(2, source=1, coefficient=0.1), {}),
         (HomingOffset(1, 0.1), {}),

@@ -204,6 +204,15 @@ def test_friction_behind_a_soft_transmission_stays_beside_the_file(tmp_path):
     ]
 
 
+def test_friction_that_bends_stays_beside_the_file(tmp_path):
+    """MuJoCo's friction does not bend before it slips: written as a frictionloss it would be another one."""
+    friction = {"name": "coulomb_friction", "joint": 1, "torque": 2.0, "rest": "elastic", "bristle": 100.0}
+    model = small(tmp_path).with_effects(effect_from_dict(friction))
+    (tmp_path / "study").mkdir()
+    again = read_model(write_completed(model, tmp_path / "study" / "model.toml").model)
+    assert again.effects == model.effects
+
+
 def test_what_a_controller_would_feed_forward_stays_beside_the_file(tmp_path):
     """A payload in the robot file would be known to a controller that computes torques from it, as it was not."""
     gains = {"kp": [900.0, 800.0, 4000.0, 60.0], "kd": [60.0, 60.0, 320.0, 4.0], "feedforward": "rigid-body"}

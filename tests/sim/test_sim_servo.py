@@ -297,3 +297,13 @@ def test_a_bristle_behind_the_transmission_loads_it():
     assert np.abs(path.joint_friction[:, 0, 0]).max() == 0.0
     assert 0.4 < np.abs(path.joint_friction[:, 0, 1]).max() <= 0.5
     np.testing.assert_array_equal(path.position[..., 0], path.position[..., 1])
+
+
+@pytest.mark.parametrize("bristle", [0.0, np.inf])
+def test_friction_without_a_bristle_is_dry(bristle):
+    """What has none, or one that does not give, sticks; nothing comes of it that is no number."""
+    elastic, dry = (
+        released(CoulombFriction(joint=1, torque=0.5, **rest), kd=0.2).position
+        for rest in ({"rest": "elastic", "bristle": bristle}, {})
+    )
+    np.testing.assert_array_equal(elastic, dry)
