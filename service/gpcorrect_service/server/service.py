@@ -258,10 +258,12 @@ def serve(
     joints = models.load_joint_model(joint_path) if joint_path is not None else _stored(folder, "joints")
     if pose is None and joints is None and folder is None:
         raise DataError("there is nothing to serve.", hint="Name a model, --joints JOINT_MODEL, or --store FOLDER.")
+    assert not isinstance(pose, models.JointModel)
+    assert not isinstance(joints, models.Model)
     run(pose, settings, stop_event, on_ready, joints=joints, store=folder)
 
 
-def _stored(store: ModelStore | None, kind: str) -> Any:
+def _stored(store: ModelStore | None, kind: str) -> models.Model | models.JointModel | None:
     entry = None if store is None else store.active(kind)
     return None if store is None or entry is None else models.load_entry(store, entry)
 
