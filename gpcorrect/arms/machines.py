@@ -60,6 +60,11 @@ CENTRES = {
     "left": ((0.0065, 0.09775, -0.13771), (-0.002, -0.18274, -0.23053), (0.0, 0.0, 0.0)),
     "right": ((-0.0065, -0.09775, 0.13771), (-0.002, -0.18274, 0.23053), (0.0, 0.0, 0.0)),
 }
+L_RCC = 0.4318  # m, remote centre to carriage
+L_TOOL = 0.4162  # m, tool shaft
+L_PITCH_YAW = 0.0091  # m
+L_YAW_TIP = 0.0102  # m
+QUARTER_TURN = np.pi / 2  # rad
 
 
 @dataclass(frozen=True)
@@ -146,13 +151,6 @@ def _radians(values: ArrayLike) -> FloatArray:
     """Degrees to radians, except the third joint's metres."""
     numbers = np.asarray(values, dtype=np.float64)
     return np.where(np.arange(6) == 2, numbers, np.deg2rad(numbers))
-
-
-L_RCC = 0.4318  # m, remote centre to carriage
-L_TOOL = 0.4162  # m, tool shaft
-L_PITCH_YAW = 0.0091  # m
-L_YAW_TIP = 0.0102  # m
-QUARTER_TURN = np.pi / 2  # rad
 
 
 def dvrk_psm() -> RemoteCentreArm:

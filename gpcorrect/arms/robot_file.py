@@ -32,6 +32,12 @@ from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray
 
 LONGEST = 50.0  # m that an arm's links come to: a crane's; in millimetres the shortest arm is longer
+SUFFIXES = (".xml", ".mjcf", ".urdf")
+HOME = "home"  # key frame of the rest position, as MuJoCo's own models call it
+TURN = np.pi  # rad to either side of its zero that a joint without limits may turn
+COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+FIRST_ELEMENT = re.compile(r"<\s*([A-Za-z_][\w:.-]*)")
+NO_MASS = "mass and inertia of moving bodies"  # how MuJoCo's message begins
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,14 +111,6 @@ class Robot:
         numbers += [np.array([(j.theta, j.d) for j in chain.joints])]
         numbers += [np.concatenate([[link.mass], link.com, link.inertia.ravel()]) for link in links]
         return hashlib.sha256(b"".join(np.ascontiguousarray(n).tobytes() for n in numbers)).hexdigest()
-
-
-SUFFIXES = (".xml", ".mjcf", ".urdf")
-HOME = "home"  # key frame of the rest position, as MuJoCo's own models call it
-TURN = np.pi  # rad to either side of its zero that a joint without limits may turn
-COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
-FIRST_ELEMENT = re.compile(r"<\s*([A-Za-z_][\w:.-]*)")
-NO_MASS = "mass and inertia of moving bodies"  # how MuJoCo's message begins
 
 
 def is_robot_file(path: str | Path) -> bool:

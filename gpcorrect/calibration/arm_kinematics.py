@@ -31,6 +31,13 @@ LEAST_SHARE = 0.01
 and a correction in joints is as good as any other; chosen by hand."""
 HEADROOM = 2.0  # by how much further from the arm's reach than in training a pose may lie; chosen by hand
 NOISE_FLOOR = 1e-6  # rad: what the inverse leaves of a pose that it reaches, with plenty to spare
+SAMPLES = 1000  # postures in the registration, two dozen unknowns of which need no more, and that are looked at
+STEPS = 20  # Gauss-Newton steps of the registration; those of well-determined ones end after five
+AT_REST = 1e-8  # rad: a step that is smaller ends the registration
+FAR = 4.0
+"""Median errors beyond which a sample does not count: no noise of six numbers lies there, outliers do. By hand."""
+ZERO_WEIGHT = 1e-3
+"""Weight of a zero (rad, m) against a sample: it decides only where the motion does not tell zeros from other moves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,15 +177,6 @@ def _pose_matrices(poses: PoseSignal) -> FloatArray:
     rotations = rotations_of(poses)
     assert rotations is not None
     return se3.pose(rotations, poses.position)
-
-
-SAMPLES = 1000  # postures in the registration, two dozen unknowns of which need no more, and that are looked at
-STEPS = 20  # Gauss-Newton steps of the registration; those of well-determined ones end after five
-AT_REST = 1e-8  # rad: a step that is smaller ends the registration
-FAR = 4.0
-"""Median errors beyond which a sample does not count: no noise of six numbers lies there, outliers do. By hand."""
-ZERO_WEIGHT = 1e-3
-"""Weight of a zero (rad, m) against a sample: it decides only where the motion does not tell zeros from other moves."""
 
 
 def with_poses(log: CalibrationLog, chain: Chain) -> CalibrationLog:

@@ -22,6 +22,9 @@ DIRECTIONS: tuple[Direction, ...] = get_args(Direction)
 RAMP_SECONDS = 0.2  # to speed up and to slow down at each corner; chosen by hand
 SIDE = 1.0 / np.sqrt(3.0)  # of a cube whose diagonal is 1
 PUBLISHED_REACH = 0.09093521, 0.90824829  # of joint 1's range, before the study's files are stretched along it
+SINES = 4  # of each joint; chosen by hand
+NEAR_LIMIT = 0.2  # fraction of the range, from its ends, in which a sweep ends; chosen by hand
+TURN_SECONDS = 1.0  # over which a turn is rounded off; chosen by hand
 
 
 def direction_named(name: str) -> Direction:
@@ -162,11 +165,6 @@ def _progress(t: FloatArray, cruise: FloatArray, ramp: float) -> FloatArray:
     cruised = np.clip(t, rise, total - rise) - rise
     fallen = 0.5 * (rise**2 - left**2) / rise
     return np.asarray((risen + cruised + fallen) / (total - rise))
-
-
-SINES = 4  # of each joint; chosen by hand
-NEAR_LIMIT = 0.2  # fraction of the range, from its ends, in which a sweep ends; chosen by hand
-TURN_SECONDS = 1.0  # over which a turn is rounded off; chosen by hand
 
 
 def random_sinusoids(

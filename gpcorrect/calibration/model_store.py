@@ -31,6 +31,9 @@ HASH = re.compile("[0-9a-f]{64}")
 SHORTEST_PREFIX = 4
 """Hexadecimal digits of a hash that may stand for a model: 65,536 beginnings separate the models of one arm."""
 
+SAME = ("robot", "arm", "frames", "types", "direction", "input")
+"""What a description must not say otherwise where both say it."""
+
 
 @dataclass(frozen=True)
 class Entry:
@@ -307,10 +310,6 @@ def _writing(path: Path) -> Iterator[None]:
         raise GpCorrectError(
             f"cannot write {path}: {error.strerror}. The active model stays.", hint="Make room, or change the rights."
         ) from error
-
-
-SAME = ("robot", "arm", "frames", "types", "direction", "input")
-"""What a description must not say otherwise where both say it."""
 
 
 def refuse_other_use(name: str, new: Mapping[str, Any], old: Mapping[str, Any]) -> None:

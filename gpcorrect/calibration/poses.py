@@ -22,6 +22,8 @@ WIDEST = 0.06  # s: a wider stencil blurs reversals, where friction acts; chosen
 STENCIL_GAIN = np.sqrt(130.0) / 12.0  # five-point stencil: standard deviation of a derivative, times step over noise
 THIRD_DIFFERENCE_GAIN = np.sqrt(20.0)  # 1 + 9 + 9 + 1: standard deviation of third differences of unit white noise
 STRIDE = 5  # samples over which a speed is measured: noise counts little, curvature too; chosen by hand
+CHECK_QUERIES = 8  # training queries that a model file asks again at load; chosen by hand
+WORTH_IT = 0.02  # least fraction of the error that memory must take away not to be called useless; chosen by hand
 
 
 def rotations_of(signal: PoseSignal) -> FloatArray | None:
@@ -157,10 +159,6 @@ def stencil_step(log: CalibrationLog) -> float | None:
 
 def _median(values: FloatArray) -> float:
     return float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else 0.0
-
-
-CHECK_QUERIES = 8  # training queries that a model file asks again at load; chosen by hand
-WORTH_IT = 0.02  # least fraction of the error that memory must take away not to be called useless; chosen by hand
 
 
 @dataclass(frozen=True, eq=False)

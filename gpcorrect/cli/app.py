@@ -115,6 +115,7 @@ COMMANDS = {
 EXAMPLES = """A first try: `gpcorrect simulate debridement --reaches 40 --output log.csv`, then
 `gpcorrect fit log.csv --output model.gpc`, then `gpcorrect serve model.gpc`, and in another terminal
 `gpcorrect query model`. Each command says more: `gpcorrect fit --help`."""
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
 class _Deferred(TyperCommand):
@@ -205,9 +206,6 @@ def _options(
     ] = False,
 ) -> None:
     """Learn how a cable-driven robot misses its commanded pose, and what to command instead."""
-
-
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
 def main() -> None:

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from gpcorrect.cleaning import CleaningReport
     from gpcorrect.types import CalibrationLog
 
+BAD_INPUT = 2  # exit status, as of a wrong option
+
 
 class _Plain(Console):
     """Words come out as they are: brackets in them are no markup, and control characters are shown and not obeyed."""
@@ -46,8 +48,6 @@ class _Remarks(_Plain):
 
 out = _Plain(width=10_000)  # wider than any table: the terminal wraps, and no number is cut off
 err = _Remarks(stderr=True)
-
-BAD_INPUT = 2  # exit status, as of a wrong option
 
 
 def bad_input(error: GpCorrectError) -> int:

@@ -38,6 +38,9 @@ INSIDE = 0.995  # of the left-out training samples: chosen by hand, so that the 
 PARTS_COVERED = 0.8  # of parts to come, that are covered as promised: chosen by hand (bench/joint_intervals.py)
 LEAST_NEEDED = 0.1  # of what the part in most need needs, that a part is taken to need: where errors are all but zero
 STEPS = 16  # halvings of the level: finer than one sample in 50 000
+INFLATIONS = (1.0, 3.0, 10.0, 30.0)
+FEW = 40  # trajectories: of so few each leaves its mark on the hyperparameters, and left out it is still predicted well
+JUDGES = 4000  # left-out samples that choose: neighbours err alike, so more of them say little more
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,11 +157,6 @@ def _needed_by_parts(scores: FloatArray, parts: IntArray) -> FloatArray:
     logs = np.log(np.maximum(needed, LEAST_NEEDED * needed.max(axis=0) + np.finfo(float).tiny))
     beyond = float(stdtrit(count - 1, PARTS_COVERED)) * np.sqrt(1 + 1 / count)
     return np.asarray(np.exp(logs.mean(axis=0) + beyond * logs.std(axis=0, ddof=1)))
-
-
-INFLATIONS = (1.0, 3.0, 10.0, 30.0)
-FEW = 40  # trajectories: of so few each leaves its mark on the hyperparameters, and left out it is still predicted well
-JUDGES = 4000  # left-out samples that choose: neighbours err alike, so more of them say little more
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,6 +28,7 @@ LOG2_E = 1.4426950408889634  # 1 / ln 2
 LN2_HIGH, LN2_LOW = 0.693147180369123816490, 1.90821492927058770002e-10  # ln 2 in two parts (Cody and Waite 1980)
 LOWEST = -700.0  # exp below it is as good as zero, and 2^n would leave the normal numbers
 MANTISSA_BITS, EXPONENT_BIAS = 52, 1023
+BLOCK = 2048  # rows predicted at once: memory stays flat however many are asked
 
 
 class Tables(NamedTuple):
@@ -305,6 +306,3 @@ def _dot(a: FloatArray, b: FloatArray) -> float:
     for j in range(len(a)):
         total += a[j] * b[j]
     return total
-
-
-BLOCK = 2048  # rows predicted at once: memory stays flat however many are asked

@@ -22,6 +22,16 @@ from gpcorrect.logs.topics import JOINT_TYPES, POSE_TYPES, choose_topics
 from gpcorrect.plain import quoted
 from gpcorrect.types import CalibrationLog, FloatArray
 
+CLOCK = re.compile(r"time|stamp|^t$|^sec|nsec|nanosec", re.IGNORECASE)
+UNITS = {"ns": 1e-9, "nsec": 1e-9, "nanosec": 1e-9, "us": 1e-6, "ms": 1e-3}  # of time, at the end of a name
+STEPS = ((1e15, 1e-9), (1e12, 1e-6), (1e11, 1e-3))  # larger times since 1970 are in ns, us, ms
+ROLES = {
+    "setpoint": r"set|cmd|command|des|goal|target|ref",
+    "tracker": r"track|marker|mocap|ndi|opti|vicon|qualisys|polaris|truth|gt_|camera",
+    "external": r"extern|encoder|true",
+    "measured": r"meas|act|state|curr|robot|joint_pos",
+}
+
 
 @dataclass(frozen=True)
 class Part:
@@ -113,17 +123,6 @@ def _of_log(log: CalibrationLog) -> tuple[list[Part], str]:
         span = f"{known.min():.6g}..{known.max():.6g}" if known.size else ""
         parts.append(Part(name, "column", int(known.size), span))
     return parts, _propose_columns(log.extra)
-
-
-CLOCK = re.compile(r"time|stamp|^t$|^sec|nsec|nanosec", re.IGNORECASE)
-UNITS = {"ns": 1e-9, "nsec": 1e-9, "nanosec": 1e-9, "us": 1e-6, "ms": 1e-3}  # of time, at the end of a name
-STEPS = ((1e15, 1e-9), (1e12, 1e-6), (1e11, 1e-3))  # larger times since 1970 are in ns, us, ms
-ROLES = {
-    "setpoint": r"set|cmd|command|des|goal|target|ref",
-    "tracker": r"track|marker|mocap|ndi|opti|vicon|qualisys|polaris|truth|gt_|camera",
-    "external": r"extern|encoder|true",
-    "measured": r"meas|act|state|curr|robot|joint_pos",
-}
 
 
 def _propose_columns(columns: Mapping[str, FloatArray]) -> str:

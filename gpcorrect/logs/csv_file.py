@@ -34,6 +34,11 @@ DECIMAL_COMMA = re.compile(r"\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*")
 LOOK_AHEAD = 20  # lines of data that are looked at for decimal commas, and to know a kind of trajectory
 COMMENT = "#"
 BYTE_ORDER_MARKS = {b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16", b"\xef\xbb\xbf": "utf-8-sig"}
+UNIT = 1e-2  # how far a quaternion's norm or a rotation may be off, to be known as one
+JIGSAWS_RATE = 30.0  # Hz
+JIGSAWS_ARMS = {"left": 38, "right": 57}  # first column of the slave manipulators
+TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
+EUROC = ("p_RS_R_x", "p_RS_R_y", "p_RS_R_z", "q_RS_w", "q_RS_x", "q_RS_y", "q_RS_z")
 
 
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
@@ -236,13 +241,6 @@ def encoding_of(path: Path) -> str:
     if b"\0" in head:
         raise LogError("expected a text table, found binary data.")
     return "utf-8"
-
-
-UNIT = 1e-2  # how far a quaternion's norm or a rotation may be off, to be known as one
-JIGSAWS_RATE = 30.0  # Hz
-JIGSAWS_ARMS = {"left": 38, "right": 57}  # first column of the slave manipulators
-TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
-EUROC = ("p_RS_R_x", "p_RS_R_y", "p_RS_R_z", "q_RS_w", "q_RS_x", "q_RS_y", "q_RS_z")
 
 
 def _recognised(names: Sequence[str], rows: FloatArray, stated: ColumnMap) -> tuple[ColumnMap, str] | None:

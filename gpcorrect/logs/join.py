@@ -22,6 +22,9 @@ IN_BOTH = 0.05  # of the stretches of the shorter of two recordings, from which 
 SAME_MOTION = 0.9  # of the spread that one motion must explain of the other
 IN_COMMON = 0.5  # of the shorter recording: both are of one session
 
+# For recordings whose motion does not say how their clocks lie.
+_HINT = "Give the seconds by which the tracker's clock runs ahead: --time-offset SECONDS."
+
 
 def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "keep"] = "renumber") -> CalibrationLog:
     """One log of all rows, in the order given, in which no trajectory runs from one log into the next.
@@ -184,10 +187,6 @@ def with_tracker(robot: CalibrationLog, take: CalibrationLog, ahead: float | Non
         name=f"{robot.name} + {take.name}",
         remarks=(*robot.remarks, *take.remarks, remark, *lost),
     )
-
-
-# For recordings whose motion does not say how their clocks lie.
-_HINT = "Give the seconds by which the tracker's clock runs ahead: --time-offset SECONDS."
 
 
 def _shift(robot: CalibrationLog, seen: Stream, ahead: float | None) -> tuple[FloatArray | float, str]:

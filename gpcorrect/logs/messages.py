@@ -28,6 +28,54 @@ JOINT_SIGNALS = {
     "setpoint_js": ("setpoint_jp",),
     "external_js": ("external_jp",),
 }
+RAVEN_STATE_TYPE = "raven_2/msg/raven_state"  # of the public software
+RAVEN_STATE_DEFINITION = """\
+std_msgs/Header hdr
+int32 runlevel
+int32 sublevel
+int32 last_seq
+int32[2] type
+int32[6] pos
+float32[18] ori
+float32[18] ori_d
+int32[6] pos_d
+builtin_interfaces/Duration dt
+int32[16] encVals
+int32[16] dac_val
+float32[16] tau
+float32[16] mpos
+float32[16] jpos
+float32[16] mvel
+float32[16] jvel
+float32[16] mpos_d
+float32[16] jpos_d
+float32[2] grasp_d
+float32[16] encoffsets
+float32[12] jac_vel
+float32[12] jac_f
+"""
+"""For recordings that do not carry the definition themselves."""
+
+Arm = Literal["left", "right"]
+
+ARMS: tuple[Arm, Arm] = ("left", "right")
+SERIALS: Mapping[Arm, int] = {"left": 24, "right": 10}  # gold and green arm in the public software
+FIELDS = {
+    "type": 2,
+    "runlevel": 1,
+    "pos": 6,
+    "ori": 18,
+    "pos_d": 6,
+    "ori_d": 18,
+    "tau": 16,
+    "jpos": 16,
+    "jvel": 16,
+    "jpos_d": 16,
+}
+PEDAL_DOWN = 3  # runlevel of the public software
+MICROMETRE = 1e-6  # m
+INSERTION = 2  # place of the prismatic joint
+LONGEST_INSERTION = 100.0  # 1.7 m times 180/pi: what is beyond it can only be millimetres
 
 
 @dataclass
@@ -204,56 +252,6 @@ def _joint_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[St
             values = np.array([recorded.rows[i][k] for i in times.rows], dtype=np.float64)
             streams.append(Stream(signal, times.stamp, values, recorded.topic))
     return streams, remarks
-
-
-RAVEN_STATE_TYPE = "raven_2/msg/raven_state"  # of the public software
-RAVEN_STATE_DEFINITION = """\
-std_msgs/Header hdr
-int32 runlevel
-int32 sublevel
-int32 last_seq
-int32[2] type
-int32[6] pos
-float32[18] ori
-float32[18] ori_d
-int32[6] pos_d
-builtin_interfaces/Duration dt
-int32[16] encVals
-int32[16] dac_val
-float32[16] tau
-float32[16] mpos
-float32[16] jpos
-float32[16] mvel
-float32[16] jvel
-float32[16] mpos_d
-float32[16] jpos_d
-float32[2] grasp_d
-float32[16] encoffsets
-float32[12] jac_vel
-float32[12] jac_f
-"""
-"""For recordings that do not carry the definition themselves."""
-
-Arm = Literal["left", "right"]
-
-ARMS: tuple[Arm, Arm] = ("left", "right")
-SERIALS: Mapping[Arm, int] = {"left": 24, "right": 10}  # gold and green arm in the public software
-FIELDS = {
-    "type": 2,
-    "runlevel": 1,
-    "pos": 6,
-    "ori": 18,
-    "pos_d": 6,
-    "ori_d": 18,
-    "tau": 16,
-    "jpos": 16,
-    "jvel": 16,
-    "jpos_d": 16,
-}
-PEDAL_DOWN = 3  # runlevel of the public software
-MICROMETRE = 1e-6  # m
-INSERTION = 2  # place of the prismatic joint
-LONGEST_INSERTION = 100.0  # 1.7 m times 180/pi: what is beyond it can only be millimetres
 
 
 def _raven_row(message: Any) -> FloatArray:

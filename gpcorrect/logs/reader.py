@@ -30,6 +30,10 @@ cut off, too large or of another layout raises a LogError, a library that is not
 FARTHEST = 1e6  # m or rad: beyond it, in whatever unit, no arm has been
 SAME_DECIMALS = 8  # of a mean: far below what noise makes of two recordings, far above rounding; chosen by hand
 HEAD = 1 << 16  # bytes that tell a format: the header of a motion capture export names hundreds of markers
+ENDS = (b"\r", b"\n", b",", b";", b"\t", b'"')  # of a title that stands alone in its line, or in its first cell
+VICON = tuple(title.encode() + end for title in vicon.TITLES for end in ENDS)
+AXES = re.compile(rb'^"?Frame"?[,;\t]"?Sub ?Frame', re.MULTILINE)  # of Vicon's exports without a title
+ROS = ("rosbags.highlevel", "rosbags.typesys.stores.latest")  # the types take longer to load than a bag to read
 
 
 @dataclass(frozen=True)
@@ -50,10 +54,6 @@ class Format:
     libraries: tuple[str, ...] = ()
 
 
-ENDS = (b"\r", b"\n", b",", b";", b"\t", b'"')  # of a title that stands alone in its line, or in its first cell
-VICON = tuple(title.encode() + end for title in vicon.TITLES for end in ENDS)
-AXES = re.compile(rb'^"?Frame"?[,;\t]"?Sub ?Frame', re.MULTILINE)  # of Vicon's exports without a title
-ROS = ("rosbags.highlevel", "rosbags.typesys.stores.latest")  # the types take longer to load than a bag to read
 FORMATS = (
     Format("Parquet", (".parquet", ".pq"), (b"PAR1",), parquet_file.read, libraries=("pandas", "pyarrow.compute")),
     Format("NumPy", (".npy",), (b"\x93NUMPY",), npy_file.read),

@@ -13,6 +13,8 @@ from gpcorrect.sim.reaching import Pace, tour
 from gpcorrect.types import BoolArray, FloatArray, frozen_array
 
 PATH_RATE_HZ = 50.0  # chosen by hand: a pose a millimetre at 5 cm/s
+Mode = Literal["full", "endpoints"]
+REST = 1e4  # s between two poses: so slow that both are at rest for any model
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,10 +92,6 @@ def circle(
     T = np.repeat(T_centre[None], len(times), axis=0)
     T[:, :3, 3] += offset @ T_centre[:3, :3].T
     return DesiredPath(times, T)
-
-
-Mode = Literal["full", "endpoints"]
-REST = 1e4  # s between two poses: so slow that both are at rest for any model
 
 
 class Corrects(Protocol):

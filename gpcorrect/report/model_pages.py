@@ -33,6 +33,7 @@ from gpcorrect.types import CalibrationLog, FloatArray
 MOST_PARTS = 3  # that the first sentence names; chosen by hand
 BAND = (2.5, 97.5)  # percentiles of the training's scores that are shaded: 95 % of them
 COMPARED = (Role.RAW, Role.CORRECTED)  # of two models
+MOST_POINTS = 2500  # of a path that stands above the rejected samples; chosen by hand
 
 
 def write_fit_report(experiment: Experiment, path: Path) -> None:
@@ -250,9 +251,6 @@ def write_drift_report(
     ]
     chart = Chart("Scores, about 1 while the model holds, and the evidence that they grew.", panels, shared=True)
     write_page(Page("gpcorrect drift", words[0], (), [Section("Over time", words[1:], (), (chart,))]), path)
-
-
-MOST_POINTS = 2500  # of a path that stands above the rejected samples; chosen by hand
 
 
 def registration_sections(fit: FitResult) -> list[Section]:

@@ -29,6 +29,7 @@ except ImportError as error:
     raise MissingExtraError("jinja2", extra="report", purpose="Writing a report page") from error
 
 DIGITS = 6  # of a number on the page: a thousand seconds to the millisecond or so; chosen by hand
+NUMBERS = ("x", "y", "z", "x2", "y2", "value")
 
 
 class Mark(StrEnum):
@@ -164,9 +165,6 @@ class _Columns:
             # with the digits that can be seen; None for what is not finite
             self.lists.append([float(f"{v:.{DIGITS}g}") if math.isfinite(v) else None for v in numbers])
         return self._known[id(array)]
-
-
-NUMBERS = ("x", "y", "z", "x2", "y2", "value")
 
 
 def _plain(part: Any, store: _Columns) -> Any:

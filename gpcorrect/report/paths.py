@@ -23,6 +23,11 @@ METHOD_WORDS = {
     "corrected": "corrected",
     "estimated": "estimated",
 }
+MOST_SAMPLES = 6000  # drawn on a page: of seven joints and two models they take three megabytes; chosen by hand
+MOST_TRAJECTORIES = 300  # in the table and the charts; the page names how many there are; chosen by hand
+
+WIDE_TABLE = 2  # parts up to which the table shows all three methods; chosen by hand
+LEAVES = ("mean", "SD", "rmse", "p95", "max")  # columns of tables of errors
 
 
 @dataclass(frozen=True)
@@ -72,10 +77,6 @@ def _reference(corrector: Corrector, log: CalibrationLog, measured: Measured) ->
         return log.setpoint_cp.position[measured.rows]
     assert log.measured_cp is not None
     return np.asarray(log.measured_cp.position[measured.rows] + measured.raw)
-
-
-MOST_SAMPLES = 6000  # drawn on a page: of seven joints and two models they take three megabytes; chosen by hand
-MOST_TRAJECTORIES = 300  # in the table and the charts; the page names how many there are; chosen by hand
 
 
 class Line(NamedTuple):
@@ -228,10 +229,6 @@ def _taken(values: FloatArray, index: IntArray) -> FloatArray:
     taken = np.array(values[index], dtype=np.float64)
     taken[index < 0] = np.nan
     return taken
-
-
-WIDE_TABLE = 2  # parts up to which the table shows all three methods; chosen by hand
-LEAVES = ("mean", "SD", "rmse", "p95", "max")  # columns of tables of errors
 
 
 def trajectories_section(shown: Shown) -> Section:

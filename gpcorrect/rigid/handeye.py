@@ -30,6 +30,19 @@ START_ROUNDS = 3  # of weights before Gauss-Newton, which has its own: enough to
 ITERATIONS = 30  # a start: the alternation creeps where rotations are small, and Gauss-Newton finishes it
 MEAN_ROUNDS = 20  # of weighing rotations: converged to rounding well before
 
+# The 24 rotations of a cube: no rotation is further than 63 degrees from one of them.
+SIGNED = [np.eye(3)[list(p)] * s for p in permutations(range(3)) for s in product((1.0, -1.0), repeat=3)]
+CUBE = np.array([m for m in SIGNED if np.linalg.det(m) > 0.0])
+
+GENERATORS = se3.hat(np.eye(3))  # GENERATORS[k] @ v = e_k x v
+SCALE_ROUNDS, KNOWN_ROUNDS = 5, 2  # of robust scales, and from a start that has them nearly right; chosen by hand
+MAX_STEPS = 60  # Gauss-Newton ends by its tolerance before
+MAX_HALVINGS = 12  # a step 4000 times shorter that does not help is no descent
+STEP_TOLERANCE = 1e-11  # rad and m: below what any sensor sees
+COARSE_TOLERANCE = 1e-6  # the same while the scales still change, or kinds are compared: below any noise
+LEAST_SCALE = 1e-6  # of the spread of the points, and rad: keeps exact positions from silencing rotations
+CONDITION = 1e-14  # of the normal equations: weaker directions are not determined and stay as they are
+
 
 def fit_marker(observed: PoseSignal, command: PoseSignal, near: RigidModel | None = None) -> RigidModel:
     """Solve `T_base_tracker X_i T_marker_tip = U_i` for the registration of the tracker and the tip's pose.
@@ -201,11 +214,6 @@ def _robust_left(R_obs: FloatArray, R_cmd: FloatArray, R_right: FloatArray) -> F
     return R_left
 
 
-# The 24 rotations of a cube: no rotation is further than 63 degrees from one of them.
-SIGNED = [np.eye(3)[list(p)] * s for p in permutations(range(3)) for s in product((1.0, -1.0), repeat=3)]
-CUBE = np.array([m for m in SIGNED if np.linalg.det(m) > 0.0])
-
-
 def two_sided_rotations(R_obs: FloatArray, R_cmd: FloatArray, w: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Rotations (R_left, R_right) of least `sum w ||R_left R_obs R_right - R_cmd||_F^2`.
 
@@ -226,16 +234,6 @@ def two_sided_rotations(R_obs: FloatArray, R_cmd: FloatArray, w: FloatArray) -> 
     agreement = np.einsum("abcd,sac,sdb->s", moments, R_left, R_right)
     best = int(np.argmax(agreement))
     return R_left[best], R_right[best]
-
-
-GENERATORS = se3.hat(np.eye(3))  # GENERATORS[k] @ v = e_k x v
-SCALE_ROUNDS, KNOWN_ROUNDS = 5, 2  # of robust scales, and from a start that has them nearly right; chosen by hand
-MAX_STEPS = 60  # Gauss-Newton ends by its tolerance before
-MAX_HALVINGS = 12  # a step 4000 times shorter that does not help is no descent
-STEP_TOLERANCE = 1e-11  # rad and m: below what any sensor sees
-COARSE_TOLERANCE = 1e-6  # the same while the scales still change, or kinds are compared: below any noise
-LEAST_SCALE = 1e-6  # of the spread of the points, and rad: keeps exact positions from silencing rotations
-CONDITION = 1e-14  # of the normal equations: weaker directions are not determined and stay as they are
 
 
 class _State(NamedTuple):

@@ -19,6 +19,9 @@ from gpcorrect.sim.rigid_body import Tables, rigid_inertias, rigid_loads
 from gpcorrect.types import FloatArray
 
 WORTH_A_THREAD = 200_000  # inner steps; chosen by hand: below, starting a thread takes longer than it saves
+STEPS = 20  # steps, as threads count them, that one posture takes; a rough count, which moves no result
+
+INERTIA_STRIDE = 20  # samples; the mean only splits the load between two terms, so any will do
 
 
 def thread_count() -> int:
@@ -44,9 +47,6 @@ def in_parts(length: int, steps: int, work: Callable[[int, int], None]) -> None:
     ends = [length * k // parts for k in range(parts + 1)]
     with ThreadPoolExecutor(parts) as pool:
         list(pool.map(work, ends[:-1], ends[1:]))
-
-
-STEPS = 20  # steps, as threads count them, that one posture takes; a rough count, which moves no result
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,9 +145,6 @@ def _tables(body: Body) -> Tables:
         moments=moments,
         gravity=np.array(body.gravity, dtype=np.float64),
     )
-
-
-INERTIA_STRIDE = 20  # samples; the mean only splits the load between two terms, so any will do
 
 
 @dataclass(frozen=True, eq=False)

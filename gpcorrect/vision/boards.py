@@ -16,6 +16,8 @@ from gpcorrect.vision.opencv import Image, cv2
 from gpcorrect.vision.settings import DEFAULT, CalibrationSettings
 from gpcorrect.vision.sources import IMAGES, read_image
 
+PLACE = "place"  # name of the picture of the board where all cameras see it at once
+
 
 @dataclass(frozen=True)
 class Chessboard:
@@ -91,9 +93,6 @@ def _oriented(grey: Image, grid: FloatArray) -> FloatArray:
     levels = grey[np.clip(v, 0, grey.shape[0] - 1), np.clip(u, 0, grey.shape[1] - 1)].astype(np.float64)
     even = np.indices(levels.shape).sum(axis=0) % 2 == 0
     return grid if levels[even].mean() < levels[~even].mean() else grid[::-1, ::-1]
-
-
-PLACE = "place"  # name of the picture of the board where all cameras see it at once
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,6 +18,10 @@ LEAST_ANGLE = np.deg2rad(1.0)  # between two rays: one pixel of error is then a 
 USUAL_NOISE_PX = 0.1  # of a centre without a covariance: what this package's outlines have
 STEPS, CONVERGED = 10, 1e-9  # steps of Gauss-Newton, which takes three or four, and its last step (m and rad)
 LEAST_DEPTH = 1e-9  # m: keeps the projection of a point behind a camera finite
+POSE = 6  # numbers of a pose: position, rotation vector
+FIXED_TURN = 1e-6  # rad^2: variance of the rotation of a target without orientation, which never turns
+THIN = 1e-3  # height of a triangle over its spread, below which three balls are on a line
+WORST_CONDITION = 1e14  # of an information matrix in m and rad: beyond it, rounding decides
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,12 +159,6 @@ def normal_equations(residual: FloatArray, J: FloatArray, weights: FloatArray) -
     """
     JW = np.einsum("kij,kil->kjl", J, weights)
     return np.einsum("kjl,klm->jm", JW, J), np.einsum("kjl,kl->j", JW, residual)
-
-
-POSE = 6  # numbers of a pose: position, rotation vector
-FIXED_TURN = 1e-6  # rad^2: variance of the rotation of a target without orientation, which never turns
-THIN = 1e-3  # height of a triangle over its spread, below which three balls are on a line
-WORST_CONDITION = 1e14  # of an information matrix in m and rad: beyond it, rounding decides
 
 
 @dataclass(frozen=True, eq=False)

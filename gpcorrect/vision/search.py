@@ -19,6 +19,9 @@ from gpcorrect.vision.rim import Outline, outline
 from gpcorrect.vision.settings import DEFAULT, VisionSettings
 from gpcorrect.vision.target import BallSpec, Colour
 
+RING = (0.6, 0.75, 0.9)  # of the radius: where the colour inside a circle's rim is read
+LEAST_WINDOW = 6  # px: a ball of the least radius does not fit into less
+
 
 class Reason(StrEnum):
     """Why a camera is not trusted with a ball; empty when it is."""
@@ -32,8 +35,6 @@ class Reason(StrEnum):
 
 
 REASONS = tuple(Reason)  # the codes of `Track.views` are indices into it
-RING = (0.6, 0.75, 0.9)  # of the radius: where the colour inside a circle's rim is read
-LEAST_WINDOW = 6  # px: a ball of the least radius does not fit into less
 
 
 class Window(NamedTuple):

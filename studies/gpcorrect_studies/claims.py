@@ -14,6 +14,14 @@ from enum import StrEnum
 from importlib.resources import files
 from typing import Any, ClassVar
 
+STAYS = "stays so"
+"""Of a claim that an ablation does not bring back."""
+
+TOLERANCE = 0.2
+"""Fraction of the printed number, and of a ratio's distance from 1 where that is less, within which a number counts as
+the printed one. A fifth: no nearer do the simulated robots' errors before correction come to the papers'
+(`tests/studies/test_peng2024.py`). Each page states the counts at half and at twice of it."""
+
 
 class Verdict(StrEnum):
     """What came of a claim."""
@@ -25,10 +33,6 @@ class Verdict(StrEnum):
     NOT_MEASURED = "not measured"
 
 
-STAYS = "stays so"
-"""Of a claim that an ablation does not bring back."""
-
-
 class Better(StrEnum):
     """Which numbers are at least as good as the printed one."""
 
@@ -36,12 +40,6 @@ class Better(StrEnum):
     HIGHER = "higher"
     SAME = "same"  # only those near it
     AT_MOST = "at most"  # the paper prints a bound: all that are not above it
-
-
-TOLERANCE = 0.2
-"""Fraction of the printed number, and of a ratio's distance from 1 where that is less, within which a number counts as
-the printed one. A fifth: no nearer do the simulated robots' errors before correction come to the papers'
-(`tests/studies/test_peng2024.py`). Each page states the counts at half and at twice of it."""
 
 
 @dataclass(frozen=True)

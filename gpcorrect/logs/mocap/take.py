@@ -20,6 +20,17 @@ METRES: Mapping[str, float] = {
     **dict.fromkeys(("in", "inches"), 0.0254),
     **dict.fromkeys(("ft", "feet"), 0.3048),
 }
+ROUNDS = 3  # of aligning and taking the median; the second changes the configuration by less than the noise
+FLATNESS = 1e-3  # markers whose width is below this fraction of their length lie on a line
+FRAMES = 500  # that are looked at for the marker that moves most against the others
+
+RIGID = 1e-3
+"""m. Marker systems place a marker within some tenths of a millimetre, so the markers of a rigid tool fit each other
+better than this; chosen by hand."""
+NO_TOOL = 10e-3
+"""m. Ten times that: the pose is then wrong by as much as what is to be learned. Markers on different links of an arm,
+or taken from a person, are tens to hundreds of millimetres off."""
+TYPICAL = 0.9  # of the frames: swapped and ghost markers in the others are left to cleaning
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,19 +155,6 @@ def _is_rigid(take: Take, names: list[str]) -> bool:
     except DataError:
         return False
     return typical_misfit(rms) <= RIGID
-
-
-ROUNDS = 3  # of aligning and taking the median; the second changes the configuration by less than the noise
-FLATNESS = 1e-3  # markers whose width is below this fraction of their length lie on a line
-FRAMES = 500  # that are looked at for the marker that moves most against the others
-
-RIGID = 1e-3
-"""m. Marker systems place a marker within some tenths of a millimetre, so the markers of a rigid tool fit each other
-better than this; chosen by hand."""
-NO_TOOL = 10e-3
-"""m. Ten times that: the pose is then wrong by as much as what is to be learned. Markers on different links of an arm,
-or taken from a person, are tens to hundreds of millimetres off."""
-TYPICAL = 0.9  # of the frames: swapped and ghost markers in the others are left to cleaning
 
 
 def bodies_of(names: Sequence[str]) -> dict[str, list[str]]:

@@ -32,6 +32,8 @@ NOISE_FLOOR = 1e-9  # noise-free data: residuals below this fraction of the spre
 MIN_KNOTS = 5  # of an Akima spline
 REACH = 2  # Akima's slope at a knot looks at two intervals on either side
 STILL = 1e-9  # a column that spreads less than this fraction of the widest one has only rounding in it
+MIN_BLOCKS, MAX_BLOCKS = 12, 200  # fewer tell no variance, more cost time; chosen by hand
+BLOCK_TIMES = 6.0  # a block is this many correlation times long: sums of blocks are then all but independent
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,10 +273,6 @@ def _normal_rows(linear: _Linear) -> tuple[FloatArray, FloatArray]:
     score = -np.einsum("n,nk,nkp->np", linear.weight, linear.residual / linear.scale, scaled)
     hessian = np.einsum("n,nkp,nkq->npq", linear.weight, scaled, scaled)
     return score, hessian
-
-
-MIN_BLOCKS, MAX_BLOCKS = 12, 200  # fewer tell no variance, more cost time; chosen by hand
-BLOCK_TIMES = 6.0  # a block is this many correlation times long: sums of blocks are then all but independent
 
 
 def sandwich(score: FloatArray, hessian: FloatArray) -> tuple[FloatArray, int]:

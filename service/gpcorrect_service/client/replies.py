@@ -17,6 +17,8 @@ from gpcorrect_service.protocol.messages import Kind, ModelAnswer, ReplyMeta
 if TYPE_CHECKING:
     from gpcorrect.rigid import RigidModel
 
+ASK_AGAIN = 10.0  # s, chosen by hand: between questions for a registration that nobody gives
+
 
 class Reply(msgspec.Struct, frozen=True, eq=False):
     """The answer to one question, about one pose or n rows.
@@ -105,9 +107,6 @@ def uncorrected(rows: FloatArray, failure: ServiceError, *, joints: bool = False
         return Reply(Correction(None, None, rows, unknown, unknown, outside), failure=failure)
     quaternion = rows[..., 3:] if rows.shape[-1] > 3 else None
     return Reply(Correction(rows[..., :3], quaternion, None, unknown, unknown, outside), failure=failure)
-
-
-ASK_AGAIN = 10.0  # s, chosen by hand: between questions for a registration that nobody gives
 
 
 class PinnedModels:

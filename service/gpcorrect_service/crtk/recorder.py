@@ -27,6 +27,16 @@ BEGINS = b"gpcorrect recording 1\n"  # first line of a journal, with the number 
 LENGTH = struct.Struct("<I")
 LONGEST = 1 << 16  # bytes of an entry: a hundred joints have a tenth of it
 SUFFIX = ".unfinished"  # behind the name of the recording to come
+RECORDED = ("measured_js", "setpoint_js", "external_js", "measured_cp", "setpoint_cp", "tracker_cp", "operating_state")
+SIGNALS = {
+    "measured_js": {"position": "measured_jp", "velocity": "measured_jv", "effort": "measured_jf"},
+    "setpoint_js": {"position": "setpoint_jp"},
+    "external_js": {"position": "external_jp"},
+}  # of a log, by topic of joints and field; other topics are poses
+CLOCK_STEP = 0.5  # chosen by hand: s that stamps of the joints may run back; more is a clock that was set
+APART = 1e7  # s between what came before and after such a step, on one axis: longer than any recording
+PAUSE = 1.0  # chosen by hand: s between them in the log, more than between samples
+MOSTLY = 0.5  # chosen by hand: of the samples, at which a signal must have a value for those without it to be left out
 
 
 class _Entry(msgspec.Struct, array_like=True):
@@ -154,18 +164,6 @@ def _entries(path: Path, rest: memoryview) -> Iterator[tuple[str, int, Any]]:
 
 def _altered(path: Path, why: str) -> LogError:
     return LogError(f"it was altered ({why}).", path=str(path), hint="Copy it again.")
-
-
-RECORDED = ("measured_js", "setpoint_js", "external_js", "measured_cp", "setpoint_cp", "tracker_cp", "operating_state")
-SIGNALS = {
-    "measured_js": {"position": "measured_jp", "velocity": "measured_jv", "effort": "measured_jf"},
-    "setpoint_js": {"position": "setpoint_jp"},
-    "external_js": {"position": "external_jp"},
-}  # of a log, by topic of joints and field; other topics are poses
-CLOCK_STEP = 0.5  # chosen by hand: s that stamps of the joints may run back; more is a clock that was set
-APART = 1e7  # s between what came before and after such a step, on one axis: longer than any recording
-PAUSE = 1.0  # chosen by hand: s between them in the log, more than between samples
-MOSTLY = 0.5  # chosen by hand: of the samples, at which a signal must have a value for those without it to be left out
 
 
 class Came(NamedTuple):

@@ -25,6 +25,22 @@ RESTED = 0.5  # chosen by hand: s of the robot's clock after the last command: w
 TINY = 1e-9  # s at the path's top speed: rounding
 FLOOR = 1e-6  # rad/s or m/s: the top speed of a joint that rests
 
+# State commands, and whether a state obeys them.
+OPERATIONS: dict[str, Callable[[OperatingState], bool]] = {
+    "enable": lambda state: state.state == "ENABLED",
+    "disable": lambda state: state.state == "DISABLED",
+    "pause": lambda state: state.state == "PAUSED",
+    "resume": lambda state: state.state == "ENABLED",
+    "home": lambda state: state.is_homed,
+    "unhome": lambda state: not state.is_homed,
+}
+
+PATIENCE = 10.0  # chosen by hand: s for a robot to say or obey, on a machine that is busy with other things as well
+NO_TRAJECTORY = -1  # in events: between trajectories
+POLL = 0.002  # s, chosen by hand
+NEAR = 1e-6  # chosen by hand: rad or m from a goal that count as there
+STALLED = 5.0  # chosen by hand: s of wall time without a state message after which a robot counts as gone
+
 
 class Pacing:
     """Moments of a path as the robot's clock goes, none too far ahead of the robot.
@@ -88,23 +104,6 @@ class Pacing:
     def _joints_at(self, moments: FloatArray) -> FloatArray:
         assert self._q is not None
         return np.stack([np.interp(moments, self._times, column) for column in self._q.T], axis=1)
-
-
-# State commands, and whether a state obeys them.
-OPERATIONS: dict[str, Callable[[OperatingState], bool]] = {
-    "enable": lambda state: state.state == "ENABLED",
-    "disable": lambda state: state.state == "DISABLED",
-    "pause": lambda state: state.state == "PAUSED",
-    "resume": lambda state: state.state == "ENABLED",
-    "home": lambda state: state.is_homed,
-    "unhome": lambda state: not state.is_homed,
-}
-
-PATIENCE = 10.0  # chosen by hand: s for a robot to say or obey, on a machine that is busy with other things as well
-NO_TRAJECTORY = -1  # in events: between trajectories
-POLL = 0.002  # s, chosen by hand
-NEAR = 1e-6  # chosen by hand: rad or m from a goal that count as there
-STALLED = 5.0  # chosen by hand: s of wall time without a state message after which a robot counts as gone
 
 
 class RobotError(GpCorrectError):

@@ -23,6 +23,14 @@ from gpcorrect_service.protocol.messages import HealthAnswer, State
 OPENMETRICS = str(CONTENT_TYPE_LATEST)
 # s from a query's arrival to its answer: a correction takes about 0.1 ms, a long path some 10 ms.
 LATENCY_BOUNDS = (5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1, 0.2, 0.5, 1.0)
+HOST, PATH = "127.0.0.1", "/metrics"
+NAMES = (HOST, "localhost")
+"""Under which it may be asked; others are turned away, so that no page in a browser can read it under its own name."""
+SILENT_SECONDS = 5.0
+"""After which a connection that says nothing is closed: half of the shortest usual scrape interval; chosen by hand."""
+MOST_CONNECTIONS = 32
+"""At once; one more closes the oldest. A scrape takes milliseconds, and open files are the correction service's too:
+chosen by hand."""
 
 
 class _Key:
@@ -123,16 +131,6 @@ class Metrics(CollectorRegistry):
         """The OpenMetrics text of this moment."""
         text: bytes = generate_latest(self)  # type: ignore[no-untyped-call]
         return text
-
-
-HOST, PATH = "127.0.0.1", "/metrics"
-NAMES = (HOST, "localhost")
-"""Under which it may be asked; others are turned away, so that no page in a browser can read it under its own name."""
-SILENT_SECONDS = 5.0
-"""After which a connection that says nothing is closed: half of the shortest usual scrape interval; chosen by hand."""
-MOST_CONNECTIONS = 32
-"""At once; one more closes the oldest. A scrape takes milliseconds, and open files are the correction service's too:
-chosen by hand."""
 
 
 class _Server(ThreadingMixIn, WSGIServer):

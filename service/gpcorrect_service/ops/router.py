@@ -46,6 +46,7 @@ GROUP_SECONDS = 0.1  # chosen by hand: in which the decisions about a key that a
 MOST = 20  # chosen by hand: lines a second, so that who asks a thousand times a second fills no disk
 PIPE_BYTES = 1 << 20  # the largest that Linux gives to everybody: some thousand lines
 STDOUT = 1  # file descriptor, by POSIX
+SILENT_SECONDS = 60  # chosen by hand: as long as the kernel asks again (tcp_synack_retries); then it goes to zenoh
 
 
 @dataclass
@@ -166,9 +167,6 @@ def _pump(reading: int, onward: int | None, reader: DenialReader) -> None:
                     os.write(onward, line + b"\n")
         reader.flush()
     os.close(reading)
-
-
-SILENT_SECONDS = 60  # chosen by hand: as long as the kernel asks again (tcp_synack_retries); then it goes to zenoh
 
 
 def route(

@@ -64,6 +64,9 @@ PUBLISHED = {
     PREFILTER: (*CORRECTED, "corrected/report", "error"),
 }
 Right = tuple[str, list[str], list[str], list[str]]
+PASSWORD_BYTES = 24  # chosen by hand: 192 bits, beyond guessing
+HANDSHAKE_MS = 2000  # chosen by hand: two orders above a handshake in a laboratory; who is slower blocks others
+OWNER_ONLY = 0o600  # mode of files
 
 
 def _access_rules(namespace: str) -> dict[str, Any]:
@@ -140,11 +143,6 @@ def _ros_rights(user: str) -> list[Right]:
         ("asks the ROS graph", ["ingress"], ["liveliness_query", "declare_liveliness_subscriber"], [ROS_GRAPH]),
         ("sees the ROS graph", ["egress"], ["liveliness_token"], [ROS_GRAPH]),
     ]
-
-
-PASSWORD_BYTES = 24  # chosen by hand: 192 bits, beyond guessing
-HANDSHAKE_MS = 2000  # chosen by hand: two orders above a handshake in a laboratory; who is slower blocks others
-OWNER_ONLY = 0o600  # mode of files
 
 
 @dataclass(frozen=True)

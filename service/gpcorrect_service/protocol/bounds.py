@@ -13,6 +13,10 @@ from gpcorrect.types import BoolArray, FloatArray
 
 POSE = 7  # numbers of a pose: position and quaternion
 BURST_SECONDS = 0.1  # chosen by hand: of the rate that may come at once, for clients do not ask in step
+OLDEST = 0.25
+"""s: nothing older moves a robot. Chosen by hand: a person reacts in 0.2 s, and a tool at 5 cm/s goes 12 mm."""
+DRIFT = 1e-3  # of a clock against ours: ten times what cheap quartz does, so that a backlog is not believed soon
+STEP = 1.0  # chosen by hand: s by which stamps lie behind, for as long, before they are taken for those of a set clock
 
 
 @dataclass(frozen=True)
@@ -114,12 +118,6 @@ class Throttle:
                 return False
             self._tokens -= 1.0
             return True
-
-
-OLDEST = 0.25
-"""s: nothing older moves a robot. Chosen by hand: a person reacts in 0.2 s, and a tool at 5 cm/s goes 12 mm."""
-DRIFT = 1e-3  # of a clock against ours: ten times what cheap quartz does, so that a backlog is not believed soon
-STEP = 1.0  # chosen by hand: s by which stamps lie behind, for as long, before they are taken for those of a set clock
 
 
 class StreamClock:

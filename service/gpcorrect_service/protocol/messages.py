@@ -31,6 +31,9 @@ State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]  # CRTK's operating st
 Numbers = tuple[float, ...]
 Row = tuple[float | None, ...]
 Session = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1)]  # what MessagePack and arrays of numbers hold
+Form = Kind | Literal["error", "estimate", "joint_state"]  # what an encoding names
+FORMS: tuple[Form, ...] = (*KINDS, "error", "estimate", "joint_state")
+S = TypeVar("S", bound=msgspec.Struct)
 
 
 class CorrectRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -200,11 +203,6 @@ class ReplyMeta(msgspec.Struct, frozen=True):
     schema_version: int = SCHEMA_VERSION  # of the messages
     # the operator's: what answers of the same model may differ by from server to server; empty for none
     bounds: str = ""
-
-
-Form = Kind | Literal["error", "estimate", "joint_state"]  # what an encoding names
-FORMS: tuple[Form, ...] = (*KINDS, "error", "estimate", "joint_state")
-S = TypeVar("S", bound=msgspec.Struct)
 
 
 class Codec:

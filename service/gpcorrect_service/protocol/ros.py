@@ -36,6 +36,11 @@ CRTK_DEFINITIONS = {
 }
 # https://github.com/ros2/rcl_interfaces, service_msgs; its constants are not part of a type's hash
 EVENT_INFO = "uint8 event_type\nbuiltin_interfaces/Time stamp\nuint8[16] client_gid\nint64 sequence_number\n"
+GID_BYTES = 16  # length of a sender's name
+ATTACHMENT = struct.Struct("<qqB16s")
+DEFAULT_QOS = "::,10:,:,:,,"  # reliable, volatile, keep last 10
+LATCHED_QOS = ":1:,1:,:,:,,"  # reliable, transient local, keep last 1: who comes late hears the last one
+NO_HASH = "TypeHashNotSupported"  # rmw_zenoh, branch humble (pull request 388): stands where a hash would
 
 
 @dataclass(frozen=True)
@@ -195,13 +200,6 @@ def write_refusal(status: str, message: str) -> bytes:
 def _response(*fields: Any) -> bytes:
     kind = f"{CORRECT}_Response"
     return bytes(ros_types().serialize_cdr(ros_types().types[kind](*fields), kind))
-
-
-GID_BYTES = 16  # length of a sender's name
-ATTACHMENT = struct.Struct("<qqB16s")
-DEFAULT_QOS = "::,10:,:,:,,"  # reliable, volatile, keep last 10
-LATCHED_QOS = ":1:,1:,:,:,,"  # reliable, transient local, keep last 1: who comes late hears the last one
-NO_HASH = "TypeHashNotSupported"  # rmw_zenoh, branch humble (pull request 388): stands where a hash would
 
 
 def rmw_key(domain: int, topic: str, ros_type: str, distro: RosDistro) -> str:

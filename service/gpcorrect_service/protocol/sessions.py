@@ -25,6 +25,26 @@ from gpcorrect_service.protocol.settings import (
 )
 
 LOOK_UP = 1.0  # s, between looks whether a signal has come: a second is short for who stops a service
+COMMON: dict[str, Any] = {
+    "mode": "peer",
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/enabled": False,
+    "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
+    # Queries and replies of a few kilobytes gain nothing from shared memory that ties two processes together.
+    "transport/shared_memory/transport_optimization/messages": ["put"],
+    # A client that stopped reading holds a worker for this long (microseconds) before its link is closed.
+    "transport/link/tx/queue/congestion_control/block/wait_before_close": 500_000,
+}
+CLIENT: dict[str, Any] = {
+    "listen/endpoints": [],
+    "connect/exit_on_failure": False,
+    "connect/retry": {"period_init_ms": 50, "period_max_ms": 1000, "period_increase_factor": 2},
+    # Opening returns at once; the client itself waits until a queryable matches.
+    "open/return_conditions": {"connect_scouted": False, "declares": False},
+}
+
+LIVE_KEYS = "live/**"  # of an arm: the tokens of its servers, as `live_key` makes them
+PREFILTER = "prefilter"  # of an arm: the tokens of those that correct its commands, of whom there is one
 
 
 class _Process:
@@ -148,25 +168,6 @@ def check_certificates(config: zenoh.Config, now: datetime.datetime) -> datetime
             )
         ends.append(end)
     return min(ends, default=None)
-
-
-COMMON: dict[str, Any] = {
-    "mode": "peer",
-    "scouting/multicast/enabled": False,
-    "scouting/gossip/enabled": False,
-    "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
-    # Queries and replies of a few kilobytes gain nothing from shared memory that ties two processes together.
-    "transport/shared_memory/transport_optimization/messages": ["put"],
-    # A client that stopped reading holds a worker for this long (microseconds) before its link is closed.
-    "transport/link/tx/queue/congestion_control/block/wait_before_close": 500_000,
-}
-CLIENT: dict[str, Any] = {
-    "listen/endpoints": [],
-    "connect/exit_on_failure": False,
-    "connect/retry": {"period_init_ms": 50, "period_max_ms": 1000, "period_increase_factor": 2},
-    # Opening returns at once; the client itself waits until a queryable matches.
-    "open/return_conditions": {"connect_scouted": False, "declares": False},
-}
 
 
 def open_server(settings: ServerSettings) -> zenoh.Session:
@@ -315,10 +316,6 @@ def first_sentence(error: zenoh.ZError) -> str:
     error : zenoh.ZError
     """
     return str(error).split(" at /", maxsplit=1)[0].strip()
-
-
-LIVE_KEYS = "live/**"  # of an arm: the tokens of its servers, as `live_key` makes them
-PREFILTER = "prefilter"  # of an arm: the tokens of those that correct its commands, of whom there is one
 
 
 def live_key(arm: str, replica: str, pose_hash: str, joint_hash: str) -> str:

@@ -13,6 +13,9 @@ from scipy.ndimage import gaussian_filter
 from gpcorrect.types import FloatArray
 
 INVERSIONS = 10  # fixed-point steps: 1e-7 px for a webcam's distortion
+Picture = NDArray[np.uint8]
+Raster = NDArray[np.floating[Any]]
+NOISE_MARGIN = 64  # px by which the stored noise field is larger than a picture: each picture cuts its own piece
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,11 +80,6 @@ def looking_at(position: FloatArray, goal: FloatArray, roll: float = 0.0) -> Flo
     down = np.cross(forward, right)
     c, s = np.cos(roll), np.sin(roll)
     return np.stack([c * right + s * down, c * down - s * right, forward], axis=1)
-
-
-Picture = NDArray[np.uint8]
-Raster = NDArray[np.floating[Any]]
-NOISE_MARGIN = 64  # px by which the stored noise field is larger than a picture: each picture cuts its own piece
 
 
 @dataclass(frozen=True, eq=False)
