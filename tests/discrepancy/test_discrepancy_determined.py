@@ -18,7 +18,7 @@ from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.discrepancy.search.state import start_search
 from gpcorrect.discrepancy.search.stepwise import search
 from gpcorrect.sim import machine_of, model_from_dict, simulate
-from gpcorrect.sim.effects import Drift, HomingOffset, NonlinearStretch, PulleyEccentricity
+from gpcorrect.sim.effects import Creep, Drift, HomingOffset, NonlinearStretch, PulleyEccentricity
 from gpcorrect.sim.plan import Segment, plan_of
 from gpcorrect.types import FloatArray
 
@@ -131,3 +131,32 @@ def test_a_number_that_is_held_is_held_inside_its_range(beyond: float) -> None:
     held = fit.pinned(size, beyond).candidate.coordinates[size]
     assert low <= held.bounds[0] < held.bounds[1] <= high
     assert held.bounds[1] - held.bounds[0] < 1e-3 * (high - low)
+
+
+def brought_to_speed(seed: int, runs: int) -> list[Segment]:
+    """Motions of four seconds in two sessions in which a RAVEN-II's first joints swing, each beginning at rest."""
+    rng = np.random.default_rng(seed)
+    t, middle, reach = np.arange(0.0, 4.0, 0.01)[:, None], np.array([0.3, 1.4, -0.38]), np.array([0.7, 0.6, 0.05])
+    segments = []
+    for run in range(runs):
+        rate, phase = rng.uniform(0.5, 2.0, 3), rng.uniform(0.0, 2 * np.pi, 3)
+        path = middle + reach * np.sin(rate * (t - 0.8 * np.tanh(t / 0.8)) + phase)
+        segments.append(Segment(path, np.full(len(path), run), 2 * run // runs, 8.0 * run, 0.2))
+    return segments
+
+
+@pytest.mark.parametrize("balance", [1.0, 0.0])
+def test_a_creep_is_itself_whether_its_sessions_begin_settled_or_relaxed(balance: float) -> None:
+    """One that began relaxed was a drift with a time constant, EXACT: nothing else in the catalogue fades in so."""
+    noise = {"external_jp_white": [3e-4, 3e-4, 5e-5]}
+    model = model_from_dict({"arm": "raven2_left", "joints": [1, 2, 3], "log_rate_hz": 25, "noise": noise})
+    hidden = Creep(1, 3e-3, 15.0, balance=balance)
+    log = simulate(machine_of(model).with_effects(hidden), plan_of(brought_to_speed(5, 12), 100.0), seed=7)
+    found = find_discrepancy(model, replace(log, tracker_cp=None))
+    assert found.level == Level.EXACT
+    (effect,) = found.effects
+    assert (effect.name, effect.joint) == ("creep", 1)
+    assert effect.parameters["compliance"].value == pytest.approx(3e-3, rel=0.05)
+    if balance == 0.0:
+        low, high = effect.parameters["balance"].ci95
+        assert low < balance < high

@@ -33,6 +33,13 @@ class Cause:
     def label(self) -> str:
         return self.name
 
+    @property
+    def places(self) -> dict[str, list[int]]:
+        return {"size": [0]} if self.extra == 0 else {"size": [0], "shape": [1]}
+
+    def called_like(self, other: Cause) -> bool:
+        return self.name.split("/")[0] == other.name.split("/")[0]
+
 
 @dataclass(frozen=True, eq=False)
 class Part:
@@ -44,10 +51,11 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """As much of a search: fitted that all show in one channel."""
+    """As much of a search: fitted that all show in one channel, and what there is to find."""
 
     fitted: tuple[Part, ...]
     n_kinds: int = 10
+    traces: tuple[Part, ...] = ()
 
     def refit(self, fitted: Sequence[Part], candidate: Cause) -> tuple[Part, ...]:
         return tuple(fitted)
@@ -64,6 +72,8 @@ class Laboratory:
     rivals: dict[str, tuple[str, float]] = field(default_factory=dict)
     chances: tuple[float, float] = (1.0, 0.0)  # of an effect, and of its rival
     unsure: tuple[str, ...] = ()
+    undetermined: tuple[str, ...] = ()
+    traces: tuple[Part, ...] = ()
     finds: list[str] = field(default_factory=list)
     refused: list[list[str]] = field(default_factory=list)
     weighed: list[str] = field(default_factory=list)
@@ -82,7 +92,9 @@ class Laboratory:
         names = [fit.candidate.name, *(r.candidate.name for r in rivals)]
         likely = [Alternative(Explanation.EFFECT, p, n, n) for n, p in zip(names, self.chances, strict=False)]
         weighed = Weighed(own, 0.0, np.ones(1, dtype=np.bool_), rivals, Unknown(0.0, 0.0))
-        return Named(fit, level, self.chances[0], nats, tuple(likely), ()), weighed  # type: ignore[arg-type]
+        undetermined = ("shape",) if fit.candidate.name in self.undetermined else ()
+        named = Named(fit, level, self.chances[0], nats, tuple(likely), (), 0.0, undetermined)  # type: ignore[arg-type]
+        return named, weighed
 
     def estimate_numbers(self, state: Found, start: Sequence[Part]) -> Numbers:
         places = tuple(i for i, fit in enumerate(start) if fit.candidate.name in self.unsure)
@@ -108,7 +120,7 @@ def select(monkeypatch: pytest.MonkeyPatch) -> Select:
         monkeypatch.setattr(selection, "name_effect", laboratory.name_effect)
         monkeypatch.setattr(selection, "search_on", laboratory.search)
         monkeypatch.setattr(selection, "estimate_numbers", laboratory.estimate_numbers)
-        search, named, dropped = name_effects(Found(tuple(fitted)), None)  # type: ignore[arg-type]
+        search, named, dropped = name_effects(Found(tuple(fitted), traces=laboratory.traces), None)  # type: ignore[arg-type]
         assert [n.fit for n in named] == list(search.fitted)
         return [n.fit.candidate.name for n in named], [n.fit.candidate.name for n in dropped]
 
@@ -172,6 +184,16 @@ def test_an_effect_at_the_edge_is_replaced_before_the_next_is_dropped(select: Se
     fitted = [*parts("a", "weak"), Part(Cause("edge"), at_edge=("stiffness",))]
     assert select(laboratory, fitted) == (["a", "right"], ["edge", "weak"])
     assert laboratory.refused == [["edge"]]
+
+
+def test_what_no_data_determine_is_not_looked_for_in_every_variant(select: Select) -> None:
+    """Three variants of a creep used up the searches, and the offset that it may as well be was never weighed."""
+    levels = {"creep/held": (Level.INCONCLUSIVE, SETTINGS.naming.hole + 1.0), "offset": (Level.SET, 90.0)}
+    variants = [Part(Cause(f"creep/{pause}", extra=1)) for pause in ("held", "linear")]
+    simple = Part(Cause("creep/simple"))  # without the number that is open
+    laboratory = Laboratory(levels, undetermined=("creep/held",), traces=(*variants, simple), finds=["offset"])
+    assert select(laboratory, [variants[0]]) == (["offset"], ["creep/held"])
+    assert set(laboratory.refused[0]) == {"creep/held", "creep/linear"}
 
 
 def test_searches_come_to_an_end(select: Select) -> None:

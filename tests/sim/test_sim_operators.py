@@ -10,7 +10,7 @@ from scipy.interpolate import PchipInterpolator
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import bouc_wen, lag, play, ring
-from gpcorrect.sim.effects.operators import shifted
+from gpcorrect.sim.effects.operators import HELD, PAUSES, shifted
 
 values = st.floats(-10, 10, allow_nan=False)
 paths = arrays(np.float64, st.integers(2, 30), elements=values)
@@ -149,6 +149,17 @@ def test_creep_recovers():
     assert x[np.searchsorted(time, 12.0)] == pytest.approx(1 - np.exp(-1), abs=5e-3)
     assert x[np.searchsorted(time, 32.0)] == pytest.approx(np.exp(-1), abs=5e-3)
     assert abs(x[-1]) < 1e-6
+
+
+@pytest.mark.parametrize("pause", PAUSES)
+def test_a_lag_that_begins_beside_its_balance_forgets_it_exponentially(pause):
+    """What is left of the beginning, also over a pause; the next session begins by its own balance."""
+    time = np.stack([np.arange(0.0, 4.0, 0.1), np.arange(6.0, 10.0, 0.1), np.arange(1.0, 5.0, 0.1)], axis=1)
+    force, session = 2.0 + np.sin(3.0 * time), np.array([0, 0, 1])
+    settled, relaxed = (lag(force, time, 2.5, session, pause=pause, balance=b) for b in (1.0, 0.0))
+    next_one = force[-1, 1] if pause == PAUSES[HELD] else force[0, 2]  # held: that of the last load
+    expected = np.where(session == 0, force[0, 0], next_one) * np.exp(-(time - time[0, [0, 0, 2]]) / 2.5)
+    np.testing.assert_allclose(settled - relaxed, expected, atol=1e-12)
 
 
 @given(paths)

@@ -76,6 +76,7 @@ class Named:
     alternatives: tuple[Alternative, ...]  # with nothing and unknown, most probable first
     reasons: tuple[str, ...]  # why it is not EXACT
     spread: float = 0.0  # by how much its size differs between trajectories beyond noise, as a part of the size
+    undetermined: tuple[str, ...] = ()  # numbers of its shape that these data leave open
 
     @property
     def may_be_named(self) -> bool:
@@ -202,12 +203,13 @@ def name_effect(view: View, fit: FittedEffect, own: Own) -> tuple[Named, Weighed
     """
     weighed, cost = weigh(view, fit, own), penalty(view.search.n_kinds)
     alternatives = posterior(fit.candidate, weighed, cost)
-    doubts = [*_doubts_of_evidence(weighed, cost), *_doubts_of_numbers(view, fit, own)]
+    undecided = tuple(undetermined(view.search, fit))
+    doubts = [*_doubts_of_evidence(weighed, cost), *_doubts_of_numbers(view, fit, own, undecided)]
     spread = size_spread(view.search, fit)
     level, more = _level(alternatives, doubts, _partial(view, fit, own, cost, spread))
     ordered = tuple(sorted(alternatives, key=lambda a: -a.probability))
     nats = own.nats / own.overdispersion
-    return Named(fit, level, alternatives[0].probability, nats, ordered, (*doubts, *more), spread), weighed
+    return Named(fit, level, alternatives[0].probability, nats, ordered, (*doubts, *more), spread, undecided), weighed
 
 
 def _doubts_of_evidence(weighed: Weighed, cost: float) -> list[str]:
@@ -229,13 +231,13 @@ def _doubts_of_evidence(weighed: Weighed, cost: float) -> list[str]:
     return doubts
 
 
-def _doubts_of_numbers(view: View, fit: FittedEffect, own: Own) -> list[str]:
+def _doubts_of_numbers(view: View, fit: FittedEffect, own: Own, undecided: Sequence[str]) -> list[str]:
     """Conditions of an exact name that its numbers do not meet."""
     search = view.search
     doubts = [f"{name} is at the edge of its physical range" for name in fit.at_edge]
     if not away_from_nothing(search, fit):
         doubts.append("its size cannot be distinguished from zero")
-    doubts += [f"these data do not determine its {name}" for name in undetermined(search, fit)]
+    doubts += [f"these data do not determine its {name}" for name in undecided]
     explained = explained_by_others(search, fit)
     weak = own.nats < NAMING.strong * own.overdispersion or 1.0 - explained < NAMING.shape_error**2
     if explained > NAMING.explained and weak:

@@ -57,6 +57,7 @@ class _ModelSelection:
     prepared: PreparedData
     assessments: dict[int, tuple[Named, Weighed]] = field(default_factory=dict)  # of each fit, by its identity
     dropped: list[Named] = field(default_factory=list)  # taken out so far
+    refused: list[Candidate] = field(default_factory=list)  # what is not looked for again
     own: dict[int, Own] = field(default_factory=dict)  # what each fit gains, by its identity
     # How often a rival took the place of each since the last search. It may come back once, for the others' numbers
     # were those beside it; two that each explain the other's must end.
@@ -134,6 +135,10 @@ class _ModelSelection:
 
     def _take_out(self, fit: FittedEffect, named: Named) -> None:
         self.dropped.append(named)
+        self.refused.append(fit.candidate)
+        if named.undetermined:  # nor would the numbers of those be, that differ from it in a detail
+            likely = (t.candidate for t in self.search.traces if t.candidate.called_like(fit.candidate))
+            self.refused += (c for c in likely if c.places.keys() == fit.candidate.places.keys())
         self._change(self.search.refit([m for m in self.search.fitted if m is not fit], fit.candidate))
         if fit.at_edge:
             self._search_again()
@@ -145,7 +150,7 @@ class _ModelSelection:
         if all(self.searches[joint] >= NAMING.searches for joint in holes):
             return False
         self.searches.update(holes)
-        found = search_on(self.search, rounds=NAMING.search_rounds, refused=[n.fit.candidate for n in self.dropped])
+        found = search_on(self.search, rounds=NAMING.search_rounds, refused=self.refused)
         if found is self.search:
             return False
         self.search, self.assessments, self.own, self.replaced = found, {}, {}, Counter()

@@ -88,6 +88,7 @@ def lag(
     session: IntArray | None = None,
     memory: Memory | None = None,
     pause: str = "linear",
+    balance: float = 1.0,
 ) -> FloatArray:
     """First-order lag `T x' + x = u`, exact for an input that is linear between samples; it starts in balance.
 
@@ -108,6 +109,8 @@ def lag(
         Moved on; see the module.
     pause : str
         What the input does between two runs, one of `PAUSES`.
+    balance : float
+        Part of its balance at which it starts.
 
     Returns
     -------
@@ -132,7 +135,8 @@ def lag(
             elif session[a] != session[b] and pause == PAUSES[HELD]:
                 settled[b] = a
     state = remembered(memory, 3, columns)
-    return _lag(columns, times, time_constant, order, before, settled, PAUSES.index(pause), state).reshape(path.shape)
+    links = order, before, settled
+    return _lag(columns, times, time_constant, *links, PAUSES.index(pause), balance, state).reshape(path.shape)
 
 
 def ring(
@@ -226,11 +230,12 @@ def _lag(
     before: IntArray,
     settled: IntArray,
     pause: int,
+    balance: float,
     state: FloatArray,
 ) -> FloatArray:
     """Lag of columns taken in an order, each going on from the column `before` it where that is not negative.
 
-    Or in balance with the last input of the column with which it has `settled`.
+    Or from a part of the balance with its first input, or the last one of the column with which it has `settled`.
     """
     output = path.copy()
     for j in order:
@@ -246,8 +251,11 @@ def _lag(
                 elif pause == AT_ONCE:
                     u = u_next
             elif isnan(x) and settled[j] >= 0:
-                x, t = _end_of(path[:, settled[j]], path[:, settled[j]], time[:, settled[j]], np.inf)[1], t_next
-            x = u_next if isnan(x) or time_constant == 0.0 else _linear(x, u, u_next, t_next - t, time_constant)
+                last = _end_of(path[:, settled[j]], path[:, settled[j]], time[:, settled[j]], np.inf)[1]
+                x, u, t = balance * last, u_next, t_next
+            elif isnan(x):
+                x, u, t = balance * u_next, u_next, t_next
+            x = u_next if time_constant == 0.0 else _linear(x, u, u_next, t_next - t, time_constant)
             u, t, output[i, j] = u_next, t_next, x
         state[0, j], state[1, j], state[2, j] = x, u, t
     return output

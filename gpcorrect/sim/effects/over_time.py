@@ -25,12 +25,14 @@ SLIP = Range("rad", -0.5, 0.5, 0.01), Range("m", -0.05, 0.05, 5e-4)
 class Creep(JointEffect):
     """The joint lags behind the motor by a stretch that follows the load with a delay of seconds to minutes.
 
-    It starts in balance with the first load of a session and goes on from run to run. When in the pause between two
-    runs the load changes, as where another payload is taken up, no log says: that is a choice.
+    A session starts in balance with its first load, or at a part of that: at nothing, where the cable was slack before.
+    From run to run it goes on. When in the pause between two runs the load changes, as where another payload is taken
+    up, no log says: that is a choice.
     """
 
     compliance: float
     time_constant: float
+    balance: float = 1.0
     pause: str = "linear"  # "held": the load changes as the next run begins; "at_once": as the one before it ends
 
     about = Description(
@@ -47,6 +49,13 @@ class Creep(JointEffect):
                 Range("s", 0.1, 1e4, 10.0),
                 ladder=Ladder(Per.PRIOR, (0.1, 1.0, 10.0)),
             ),
+            Parameter(
+                "balance",
+                "part of what the first load comes to at last, with which a session begins",
+                Range("1", -4.0, 5.0, 1.0),
+                positive=False,
+                ladder=Ladder(Per.PRIOR, (0.0,), absent=True),
+            ),
         ),
         neighbours=("drift", "cable_stretch"),
         separating_runs=(Run.HOLD_UNLOAD, Run.LOAD_SWAP),
@@ -55,7 +64,8 @@ class Creep(JointEffect):
     )
 
     def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
-        slow = lag(motion.load[..., j], motion.time, self.time_constant, motion.session, memory, self.pause)
+        load = motion.load[..., j]
+        slow = lag(load, motion.time, self.time_constant, motion.session, memory, self.pause, self.balance)
         return q[..., j] - self.compliance * slow
 
 
