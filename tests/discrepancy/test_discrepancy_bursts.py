@@ -55,6 +55,16 @@ def test_what_comes_and_goes_in_every_motion_is_unknown() -> None:
     assert {p.place: p.level for p in found.verdict.places} == {1: Level.NONE, 2: Level.UNKNOWN}
 
 
+def test_what_is_elsewhere_in_each_motion_is_unknown() -> None:
+    """A zero that moves before each motion: no variable foretells the next one, and it was "not decided, too rare"."""
+    odd = np.zeros((SAMPLES, RUNS, 2))
+    odd[:, :, 1] = 6 * NOISE * np.random.default_rng(3).standard_normal(RUNS)
+    found = find_discrepancy(nominal(), joint_log(5, more=odd))
+    assert found.level == Level.UNKNOWN
+    assert not found.effects
+    assert {p.place: p.level for p in found.verdict.places} == {1: Level.NONE, 2: Level.UNKNOWN}
+
+
 @pytest.mark.parametrize(("motions", "rare"), [(RUNS // 2, True), (RUNS // 2 + 1, False)])
 def test_what_happens_in_half_of_the_motions_is_still_rare(motions: int, rare: bool) -> None:
     """The other half says what calm is; and what lasts is to be looked at in pieces."""

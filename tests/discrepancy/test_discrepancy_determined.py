@@ -133,15 +133,15 @@ def test_a_number_that_is_held_is_held_inside_its_range(beyond: float) -> None:
     assert held.bounds[1] - held.bounds[0] < 1e-3 * (high - low)
 
 
-def brought_to_speed(seed: int, runs: int) -> list[Segment]:
-    """Motions of four seconds in two sessions in which a RAVEN-II's first joints swing, each beginning at rest."""
+def brought_to_speed(seed: int, runs: int, seconds: float = 4.0) -> list[Segment]:
+    """Motions in two sessions in which a RAVEN-II's first joints swing, each beginning at rest."""
     rng = np.random.default_rng(seed)
-    t, middle, reach = np.arange(0.0, 4.0, 0.01)[:, None], np.array([0.3, 1.4, -0.38]), np.array([0.7, 0.6, 0.05])
+    t, middle, reach = np.arange(0.0, seconds, 0.01)[:, None], np.array([0.3, 1.4, -0.38]), np.array([0.7, 0.6, 0.05])
     segments = []
     for run in range(runs):
         rate, phase = rng.uniform(0.5, 2.0, 3), rng.uniform(0.0, 2 * np.pi, 3)
         path = middle + reach * np.sin(rate * (t - 0.8 * np.tanh(t / 0.8)) + phase)
-        segments.append(Segment(path, np.full(len(path), run), 2 * run // runs, 8.0 * run, 0.2))
+        segments.append(Segment(path, np.full(len(path), run), 2 * run // runs, 2.0 * seconds * run, 0.2))
     return segments
 
 
@@ -160,3 +160,16 @@ def test_a_creep_is_itself_whether_its_sessions_begin_settled_or_relaxed(balance
     if balance == 0.0:
         low, high = effect.parameters["balance"].ci95
         assert low < balance < high
+
+
+def test_what_begins_anew_with_each_motion_is_no_coupling_that_drags() -> None:
+    """A ramp in each motion was named one, whose drag took its coefficient back and turned round over any radius."""
+    noise = {"external_jp_white": [3e-4, 3e-4, 5e-5]}
+    model = model_from_dict({"arm": "raven2_left", "joints": [1, 2, 3], "log_rate_hz": 25, "noise": noise})
+    log = simulate(machine_of(model), plan_of(brought_to_speed(11, 12, 6.0), 100.0), seed=11)
+    assert log.external_jp is not None
+    begins = np.array([log.time[log.trajectory == k][0] for k in range(12)])
+    seen = log.external_jp.copy()
+    seen[:, 1] += 1.3e-4 * (log.time - begins[log.trajectory])
+    found = find_discrepancy(model, replace(log, external_jp=seen, tracker_cp=None))
+    assert not [e for e in found.effects if e.joint == 2]

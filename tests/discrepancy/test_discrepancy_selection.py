@@ -24,6 +24,7 @@ class Cause:
     name: str
     extra: int = 0
     joint: int = 1
+    coordinates: tuple[()] = ()
 
     @property
     def key(self) -> str:

@@ -26,7 +26,8 @@ class Burst:
     noise: float  # standard deviation
     rows: int  # condensed ones there that are above the limit
     rare: bool  # whether most trajectories are calm and without it
-    fitful: bool = False  # whether moments far above the noise stand apart from calm ones, be it in every trajectory
+    # Whether moments far above the noise stand apart from calm ones, be it in every trajectory, or are the rule.
+    fitful: bool = False
 
     @property
     def lasts(self) -> bool:
@@ -54,7 +55,8 @@ def bursts_of(dataset: Dataset, noises: Sequence[ChannelNoise], effects: Sequenc
         rms = np.sqrt(_means(column[known] ** 2, index[known], len(numbers)))
         means = np.abs(_means(column[known], moment[known], moment.max() + 1))
         above, calm = rms > limit, np.median(rms) <= BURSTS.calm * noise.std
-        apart = means > max(limit, BURSTS.apart * MAD_TO_STD * float(np.median(means)))
+        usual = float(np.median(means))
+        apart = means > (limit if usual > limit else max(limit, BURSTS.apart * MAD_TO_STD * usual))
         there = known & (above[index] | apart[moment])
         rows = int(np.count_nonzero(np.abs(column[there]) > limit))
         fitful = bool(apart.any()) and rows >= BURSTS.lasting

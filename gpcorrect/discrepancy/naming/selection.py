@@ -76,7 +76,7 @@ class _ModelSelection:
         self.assessments = {
             id(m): self.assessments.get(id(m)) or name_effect(view, m, self.own[id(m)]) for m in self.search.fitted
         }
-        return self._swap() or self._drop() or self._search_again() or self._drop_unsure()
+        return self._simplify() or self._swap() or self._drop() or self._search_again() or self._drop_unsure()
 
     def _drop_idle(self, view: View) -> bool:
         """Take the weakest of those out that gain less than an effect must: no rivals need be weighed to know it."""
@@ -85,6 +85,22 @@ class _ModelSelection:
             return False
         self._take_out(weakest, name_effect(view, weakest, self.own[id(weakest)])[0])
         return True
+
+    def _simplify(self) -> bool:
+        """Take from an effect what it has beside its law, such as a drag, where no data determine the shape of that."""
+        for fit in self.search.fitted:
+            undetermined = self.assessments[id(fit)][0].undetermined
+            beside = {c.parameter.name for c in fit.candidate.coordinates if c.parameter.shaped_by in undetermined}
+            law = fit.candidate.places.keys() - beside - set(undetermined)
+            same = (t.candidate for t in self.search.traces if t.candidate.key == fit.candidate.key)
+            simple = next((c for c in same if beside and c.places.keys() == law), None)
+            if simple is not None:
+                numbers = zip(fit.candidate.coordinates, fit.u, strict=True)
+                new = FittedEffect(simple, np.array([u for c, u in numbers if c.parameter.name in law]))
+                rest = (m for m in self.search.fitted if m is not fit)
+                self._change(self.search.refit((*rest, new), simple))
+                return True
+        return False
 
     def _swap(self) -> bool:
         """Put the rival that gains most in an effect's place, if any explains more, or as much and is more probable."""
