@@ -151,8 +151,9 @@ def undetermined(search: Search, fit: FittedEffect) -> list[str]:
     """Return the names of an effect's shape parameters whose 95 % interval is no narrower than a part of their range.
 
     A shape that may be anything is a smooth curve under the effect's name: it says nothing of the machine. Numbers with
-    a default only refine what has its name without them, but for those that give shape to a second size. A phase is that of a wave at zero, where the joint may never
-    have been: it is asked for with the wave's number taken for known, and is then the same wherever zero lies.
+    a default only refine what has its name without them, but for those that give shape to a second size. A phase is
+    that of a wave at zero, where the joint may never have been: it is asked for with the wave's number taken for known,
+    and is then the same wherever zero lies.
 
     Parameters
     ----------
