@@ -91,7 +91,8 @@ class BurstSettings:
     shortest: int = 3  # condensed rows of a piece at least: noise is whitened inside of each
     moment: float = 1.0  # s, about as long as a push, or a cable beside its groove, lasts
     # Robust standard deviations of the means of all moments: beyond, something comes and goes. In noise that wanders as
-    # slowly as it may, one moment in two million (normal).
+    # slowly as it may, one moment in two million (normal). Not asked for where most means are above `limit`: of four
+    # motions whose noise is one number each, half are by a chance of 4e-5.
     apart: float = 5.0
     # Of a signature's energy that must lie where it happens: what acts elsewhere as well is evident from motion to
     # motion.

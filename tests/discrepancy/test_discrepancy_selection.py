@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ class Cause:
     name: str
     extra: int = 0
     joint: int = 1
-    coordinates: tuple[()] = ()
+    coordinates: tuple[Any, ...] = ()
 
     @property
     def key(self) -> str:
@@ -36,7 +37,8 @@ class Cause:
 
     @property
     def places(self) -> dict[str, list[int]]:
-        return {"size": [0]} if self.extra == 0 else {"size": [0], "shape": [1]}
+        names = [c.parameter.name for c in self.coordinates] or ["size", "shape"][: self.extra + 1]
+        return {name: [i] for i, name in enumerate(names)}
 
     def called_like(self, other: Cause) -> bool:
         return self.name.split("/")[0] == other.name.split("/")[0]
@@ -48,6 +50,7 @@ class Part:
 
     candidate: Cause
     at_edge: tuple[str, ...] = ()
+    u: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,6 +198,30 @@ def test_what_no_data_determine_is_not_looked_for_in_every_variant(select: Selec
     laboratory = Laboratory(levels, undetermined=("creep/held",), traces=(*variants, simple), finds=["offset"])
     assert select(laboratory, [variants[0]]) == (["offset"], ["creep/held"])
     assert set(laboratory.refused[0]) == {"creep/held", "creep/linear"}
+
+
+def number(name: str, shaped_by: str = "") -> SimpleNamespace:
+    """As much of a coordinate as selection looks at."""
+    return SimpleNamespace(parameter=SimpleNamespace(name=name, shaped_by=shaped_by))
+
+
+class Dragging(Laboratory):
+    """A coupling whose drag no data determine: with it there is no name, and without it there is."""
+
+    def name_effect(self, view: Any, fit: Part, own: Own) -> tuple[Named, Weighed]:
+        named, weighed = super().name_effect(view, fit, own)
+        if "drag" in fit.candidate.places:
+            named = replace(named, level=Level.INCONCLUSIVE, undetermined=("radius",))
+        return named, weighed
+
+
+def test_an_effect_loses_what_no_data_determine_beside_its_law_and_not_its_name(select: Select) -> None:
+    size = number("coefficient")
+    simple = Part(Cause("coupling", coordinates=(size,)))
+    full = Part(Cause("coupling", coordinates=(size, number("drag", "radius"), number("radius"))), u=(1.0, 2.0, 3.0))
+    laboratory = Dragging({"coupling": (Level.EXACT, 50.0)}, traces=(full, simple))
+    assert select(laboratory, [full]) == (["coupling"], [])
+    assert laboratory.weighed == ["coupling", "coupling"]
 
 
 def test_searches_come_to_an_end(select: Select) -> None:

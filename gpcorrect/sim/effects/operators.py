@@ -250,11 +250,10 @@ def _lag(
                     x, t = _linear(x, u, u, t_next - t, time_constant), t_next
                 elif pause == AT_ONCE:
                     u = u_next
-            elif isnan(x) and settled[j] >= 0:
-                last = _end_of(path[:, settled[j]], path[:, settled[j]], time[:, settled[j]], np.inf)[1]
-                x, u, t = balance * last, u_next, t_next
             elif isnan(x):
-                x, u, t = balance * u_next, u_next, t_next
+                k = settled[j]
+                first = u_next if k < 0 else _end_of(path[:, k], path[:, k], time[:, k], np.inf)[1]
+                x, u, t = balance * first, u_next, t_next
             x = u_next if time_constant == 0.0 else _linear(x, u, u_next, t_next - t, time_constant)
             u, t, output[i, j] = u_next, t_next, x
         state[0, j], state[1, j], state[2, j] = x, u, t

@@ -32,8 +32,8 @@ class Creep(JointEffect):
 
     compliance: float
     time_constant: float
-    balance: float = 1.0
     pause: str = "linear"  # "held": the load changes as the next run begins; "at_once": as the one before it ends
+    balance: float = 1.0
 
     about = Description(
         name="creep",
