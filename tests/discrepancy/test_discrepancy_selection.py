@@ -249,16 +249,23 @@ def test_one_joint_does_not_use_up_the_searches_of_another(select: Select) -> No
     assert searched == [*names[: SETTINGS.naming.searches], "other"]
 
 
-def test_a_rival_that_explains_more_takes_the_place(select: Select) -> None:
-    laboratory = Laboratory({"a": (Level.EXACT, 50.0), "b": (Level.EXACT, 80.0)}, rivals={"a": ("b", 80.0)})
-    assert select(laboratory, parts("a")) == (["b"], [])
-
-
 @pytest.mark.parametrize(("chance", "stays"), [(0.3, "a"), (0.4, "a"), (0.5, "b")])
-def test_a_rival_that_explains_as_much_must_be_more_probable(select: Select, chance: float, stays: str) -> None:
-    """A tie leaves what is there: it was taken out, came back with another shape, and lost its name."""
-    levels: dict[str, tuple[Level, float]] = {"a": (Level.CLASS, 50.0), "b": (Level.CLASS, 50.0)}
-    assert select(Laboratory(levels, rivals={"a": ("b", 50.0)}, chances=(0.4, chance)), parts("a")) == ([stays], [])
+@pytest.mark.parametrize("nats", [50.0, 80.0])
+def test_a_rival_that_takes_the_place_is_more_probable(select: Select, chance: float, stays: str, nats: float) -> None:
+    """A tie leaves what is there: it was taken out, came back with another shape, and lost its name.
+
+    So do more nats, where something else is missing that would favour either as much.
+    """
+    levels: dict[str, tuple[Level, float]] = {"a": (Level.CLASS, 50.0), "b": (Level.CLASS, nats)}
+    assert select(Laboratory(levels, rivals={"a": ("b", nats)}, chances=(0.4, chance)), parts("a")) == ([stays], [])
+
+
+@pytest.mark.parametrize(("nats", "stays"), [(49.0, "a"), (50.0, "a"), (51.0, "a/joint")])
+def test_a_variant_that_is_called_the_same_takes_the_place_if_it_explains_more(
+    select: Select, nats: float, stays: str
+) -> None:
+    levels: dict[str, tuple[Level, float]] = {"a": (Level.CLASS, 50.0), "a/joint": (Level.CLASS, nats)}
+    assert select(Laboratory(levels, rivals={"a": ("a/joint", nats)}), parts("a")) == ([stays], [])
 
 
 def test_what_was_dropped_does_not_come_back_as_a_rival(select: Select) -> None:
@@ -267,15 +274,36 @@ def test_what_was_dropped_does_not_come_back_as_a_rival(select: Select) -> None:
         "wrong": (Level.INCONCLUSIVE, SETTINGS.naming.hole + 1.0),
         "right": (Level.EXACT, 90.0),
     }
-    laboratory = Laboratory(levels, finds=["right"], rivals={"right": ("wrong", 999.0)})
+    laboratory = Laboratory(levels, finds=["right"], rivals={"right": ("wrong", 999.0)}, chances=(0.4, 0.6))
     assert select(laboratory, parts("a", "wrong")) == (["a", "right"], ["wrong"])
 
 
+@pytest.mark.parametrize(
+    ("beside", "named", "dropped"), [(Level.EXACT, ["first"], []), (Level.INCONCLUSIVE, [], ["first"])]
+)
+def test_what_was_dropped_comes_back_once_where_what_follows_is_outdone_by_it(
+    select: Select, beside: Level, named: list[str], dropped: list[str]
+) -> None:
+    """A name of probability .001 stood beside one of .999 that had been taken out beside other effects."""
+
+    class Later(Laboratory):
+        def name_effect(self, view: Any, fit: Part, own: Own) -> tuple[Named, Weighed]:
+            self.chances = (0.001, 0.999) if fit.candidate.name == "second" else (1.0, 0.0)
+            found = super().name_effect(view, fit, own)
+            self.levels["first"] = (beside, 90.0)  # once what it was weighed beside has gone
+            return found
+
+    levels = {"first": (Level.INCONCLUSIVE, SETTINGS.naming.hole + 1.0), "second": (Level.CLASS, 90.0)}
+    laboratory = Later(levels, finds=["second"], rivals={"second": ("first", 80.0)})
+    assert select(laboratory, parts("first")) == (named, dropped)
+
+
 def test_two_rivals_that_praise_each_other_do_not_swap_for_ever(select: Select) -> None:
-    laboratory = Laboratory(
-        {"a": (Level.EXACT, 50.0), "b": (Level.EXACT, 50.0)}, rivals={"a": ("b", 60.0), "b": ("a", 60.0)}
-    )
-    assert select(laboratory, parts("a")) == (["b"], [])
+    levels: dict[str, tuple[Level, float]] = {"a": (Level.CLASS, 50.0), "b": (Level.CLASS, 50.0)}
+    rivals = {"a": ("b", 60.0), "b": ("a", 60.0)}
+    assert select(Laboratory(levels, rivals=rivals, chances=(0.4, 0.6)), parts("a")) == (["b"], [])
+    # of two that each leave themselves no chance neither is named
+    assert select(Laboratory(levels, rivals=rivals, chances=(0.01, 0.99)), parts("a")) == ([], ["b"])
 
 
 class Settling(Laboratory):
@@ -291,7 +319,8 @@ class Settling(Laboratory):
 def test_what_was_replaced_before_the_others_settled_may_come_back(select: Select) -> None:
     """It was kept out for good, and its place stayed with a name of no probability."""
     levels = {"a": (Level.EXACT, 50.0), "b": (Level.CLASS, 50.0)}
-    assert select(Settling(levels, rivals={"a": ("b", 60.0), "b": ("a", 80.0)}), parts("a")) == (["a"], [])
+    rivals = {"a": ("b", 60.0), "b": ("a", 80.0)}
+    assert select(Settling(levels, rivals=rivals, chances=(0.4, 0.6)), parts("a")) == (["a"], [])
 
 
 def test_what_gains_less_than_it_costs_goes_before_rivals_are_weighed(select: Select) -> None:

@@ -140,6 +140,7 @@ ACTIVE = (
 )
 ids = [e.about.name for e in ACTIVE]
 PATH_EFFECTS = [e for e in ACTIVE if isinstance(e, PathEffect) and e.joint != "all"]
+NUMBERS = [(e, p) for e in ACTIVE for p in e.about.parameters]
 neutral_ids = [f"{e.about.name}-{e.joint}" for e in NEUTRAL]
 
 
@@ -178,6 +179,17 @@ def test_every_parameter_is_described(kind):
             assert scale.low <= scale.typical <= scale.high
             assert scale.low <= prior.median() <= scale.high
             assert prior.cdf(scale.high) - prior.cdf(scale.low) > 0.95
+
+
+@pytest.mark.parametrize(("effect", "parameter"), NUMBERS, ids=[f"{e.about.name}-{p.name}" for e, p in NUMBERS])
+def test_a_number_without_end_is_refused_or_leaves_a_recording_of_numbers(effect, parameter):
+    """Infinite offsets were taken in silence, and the recording was NaN."""
+    if not parameter.may_be_infinite:
+        with pytest.raises(DataError, match=f"{parameter.name} .* must be a finite number"):
+            replace(effect, **{parameter.name: INFINITE})
+        return
+    for name, signal in recorded(replace(effect, **{parameter.name: INFINITE})).items():
+        assert np.isfinite(signal).all(), name
 
 
 @given(st.lists(st.floats(-0.3, 0.3), min_size=1, max_size=4))

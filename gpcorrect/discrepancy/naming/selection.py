@@ -46,7 +46,10 @@ def name_effects(
         progress.step("naming", len(selection.dropped) / (total + len(selection.dropped) + 1))
     progress.step("naming", 1.0)
     named = tuple(selection.assessments[id(m)][0] for m in selection.search.fitted)
-    return selection.search, named, tuple(selection.dropped)
+    dropped = {n.fit.candidate.key: n for n in selection.dropped}  # once each, as it was weighed last
+    for came_back in selection.search.fitted:
+        dropped.pop(came_back.candidate.key, None)
+    return selection.search, named, tuple(dropped.values())
 
 
 @dataclass
@@ -103,14 +106,13 @@ class _ModelSelection:
         return False
 
     def _swap(self) -> bool:
-        """Put the rival that gains most in an effect's place, if any explains more, or as much and is more probable."""
-        out: set[Hashable] = {n.fit.candidate.key for n in self.dropped}  # those stay out
-        out |= {key for key, times in self.replaced.items() if times > 1}
+        """Put the most probable rival in an effect's place, or one that is called the same and explains more."""
+        out: set[Hashable] = {key for key, times in self.replaced.items() if times > 1}
         pairs = [
             (self._lead(fit, rival), fit, rival.fit)
             for fit in self.search.fitted
             for rival in self.assessments[id(fit)][1].rivals
-            if rival.candidate.key not in out
+            if rival.candidate.key not in out and self._may_return(rival, fit)
         ]
         lead, place, new = max(pairs, key=lambda pair: pair[0], default=(0.0, None, None))
         if place is None or new is None or lead <= 0.0:
@@ -120,20 +122,26 @@ class _ModelSelection:
         self._change(self.search.refit((*rest, new), new.candidate))
         return True
 
+    def _may_return(self, rival: Rival, fit: FittedEffect) -> bool:
+        """Whether a rival was not taken out; or but once, beside other effects, and what is in its place is no name."""
+        times = [n.fit.candidate.key for n in self.dropped].count(rival.candidate.key)
+        return times == 0 or (times == 1 and self._is_outdone(fit))
+
+    def _is_outdone(self, fit: FittedEffect) -> bool:
+        """Whether its rivals leave an effect a chance that would rule out any of them."""
+        return self.assessments[id(fit)][0].probability < NAMING.stable
+
     def _lead(self, fit: FittedEffect, rival: Rival) -> float:
-        """Nats by which a rival explains more than a fit, or their log odds where it explains about as much."""
+        """Log odds of a rival in a fit's place, or nats by which one that is called the same explains more."""
         named, weighed = self.assessments[id(fit)]
-        own = weighed.own
-        gain = (rival.nats - own.nats) / own.overdispersion - (rival.price - weighed.price)
-        if own.nats - rival.nats < NAMING.shape_error**2 * own.nats:
-            chance = next((a.probability for a in named.alternatives if a.label == rival.candidate.label), 0.0)
-            if chance > named.probability:
-                gain = max(gain, float(np.log(chance / max(named.probability, TINY))))
-        return gain
+        if rival.candidate.called_like(fit.candidate):
+            return (rival.nats - weighed.own.nats) / weighed.own.overdispersion - (rival.price - weighed.price)
+        chance = next((a.probability for a in named.alternatives if a.label == rival.candidate.label), 0.0)
+        return float(np.log(max(chance, TINY) / max(named.probability, TINY)))
 
     def _drop(self) -> bool:
         """Take the weakest of those out that may not be named."""
-        poor = [m for m in self.search.fitted if not self.assessments[id(m)][0].may_be_named]
+        poor = [m for m in self.search.fitted if not self.assessments[id(m)][0].may_be_named or self._is_outdone(m)]
         if not poor:
             return False
         weakest = min(poor, key=lambda m: self.assessments[id(m)][0].nats)

@@ -55,6 +55,7 @@ class Own:
     discovery: FloatArray  # (b,) nats of each trajectory of this part
     confirmation: FloatArray  # (b,)
     overdispersion: float  # by how much evidence counts less, because the residual is still larger than noise
+    of_steps: float = 0.0  # nats of what is a matter of the servo's steps beside it
 
     @property
     def nats(self) -> float:
@@ -91,7 +92,11 @@ def own_gain(view: View, fit: FittedEffect) -> Own:
     reference = view.whitened_residuals(rest)
     gains = _gains(view, reference, search.fitted, fit)
     left = search.overdispersion(view.whitened_residuals(search.fitted)[0], search.touched(candidate))
-    return Own(rest, reference, *gains, max(left, size_overdispersion(search, fit)))
+    scene = search.dataset.scene
+    of_loop = [m for m in search.fitted if m.effect.is_a_matter_of_steps(scene.machine.drive, scene.joints)]
+    others = [m for m in search.fitted if m is fit or m not in of_loop]
+    of_steps = search.misfit(others) - search.misfit(search.fitted)
+    return Own(rest, reference, *gains, max(left, size_overdispersion(search, fit)), of_steps)
 
 
 def weigh(view: View, fit: FittedEffect, own: Own) -> Weighed:
@@ -120,7 +125,8 @@ def between_effects(own: Own, unknown: Unknown, cost: float) -> float:
 
     What neither explains, and the smooth model sees beside them, may favour either by as much as it is: a lead of that
     size leaves the rival at e^-3, the edge of the stable set. So does a lead that a small error in the shape of our own
-    signatures could make: both are models, and neither is exact.
+    signatures could make: both are models, and neither is exact. Or one that the steps of the machine's servo could
+    make, which are not ours: effects that are a matter of those steps show by how much.
 
     Parameters
     ----------
@@ -128,7 +134,7 @@ def between_effects(own: Own, unknown: Unknown, cost: float) -> float:
     unknown : Unknown, the smooth model's nats
     cost : float, prior nats that any effect costs
     """
-    tolerated = max(unknown.beside - cost, NAMING.shape_error**2 * own.nats)
+    tolerated = max(unknown.beside - cost, NAMING.shape_error**2 * own.nats, own.of_steps)
     return max(own.overdispersion, tolerated / float(-np.log(NAMING.stable)))
 
 

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import partial
-from math import isnan
+from math import isfinite, isnan
 from typing import Any, ClassVar
 
 import numpy as np
@@ -151,8 +151,9 @@ def _check_site(about: Description, joint: int | str) -> None:
 def _check(effect: str, parameter: Parameter, value: Any) -> None:
     numbers = value if parameter.per_session and isinstance(value, tuple) and value else (value,)
     real = all(isinstance(v, float | int) and not isinstance(v, bool) and not isnan(v) for v in numbers)
-    if not real or (parameter.positive and min(numbers) < 0):
-        wanted = "a number >= 0" if parameter.positive else "a number"
+    bounded = real and (parameter.may_be_infinite or all(isfinite(v) for v in numbers))
+    if not bounded or (parameter.positive and min(numbers) < 0):
+        wanted = f"a {'' if parameter.may_be_infinite else 'finite '}number{' >= 0' if parameter.positive else ''}"
         raise DataError(
             f"effect {effect}: {parameter.name} ({parameter.meaning}) must be {wanted}"
             f"{', or one a session' if parameter.per_session else ''}, got {value!r}."

@@ -126,6 +126,8 @@ class Parameter:
     valleys : bool
         Whether the misfit has several minima along it, as along the frequency of what rings for some cycles: the final
         fit is started to both sides of where it was found too.
+    unbounded : bool
+        Whether infinity means something, though the effect does something there and its range and rungs are finite.
     """
 
     name: str
@@ -142,6 +144,13 @@ class Parameter:
     change_point: bool = False
     period: float | None = None
     valleys: bool = False
+    unbounded: bool = False
+
+    @property
+    def may_be_infinite(self) -> bool:
+        """Whether infinity is a value of it, not a slip."""
+        rungs = () if self.ladder is None else self.ladder.rungs
+        return self.unbounded or np.inf in (self.identity, self.revolute.high, *rungs)
 
     def range(self, joint_type: str) -> Range:
         """Return the range on a joint of a type.

@@ -37,6 +37,7 @@ BEND = Parameter(
     factor=10.0,  # by design: at 0.3 N m a milliradian before it slips, a tenth or ten of them
     ladder=Ladder(Per.PRIOR, (0.3,)),
     only=("rest", "elastic"),
+    unbounded=True,
 )
 SWING = Range("N m", -20.0, 20.0, 0.2), Range("N", -100.0, 100.0, 2.0)
 WAVES = Range("1", 0.1, 300.0, 6.0), Range("rad/m", 1.0, 5000.0, 60.0)
