@@ -106,7 +106,7 @@ class _ModelSelection:
         return False
 
     def _swap(self) -> bool:
-        """Put the most probable rival in an effect's place, or one that is called the same and explains more."""
+        """Put the rival that leads most in an effect's place, if any is more probable or explains more."""
         out: set[Hashable] = {key for key, times in self.replaced.items() if times > 1}
         pairs = [
             (self._lead(fit, rival), fit, rival.fit)
@@ -132,12 +132,18 @@ class _ModelSelection:
         return self.assessments[id(fit)][0].probability < NAMING.stable
 
     def _lead(self, fit: FittedEffect, rival: Rival) -> float:
-        """Log odds of a rival in a fit's place, or nats by which one that is called the same explains more."""
+        """Log odds of a rival in a fit's place, or nats by which it explains more.
+
+        Beside a fit that says less there seems to be more that is missing, which makes either as probable. So what
+        explains more is weighed in its place: once, for then its own odds are known.
+        """
         named, weighed = self.assessments[id(fit)]
+        gain = (rival.nats - weighed.own.nats) / weighed.own.overdispersion - (rival.price - weighed.price)
         if rival.candidate.called_like(fit.candidate):
-            return (rival.nats - weighed.own.nats) / weighed.own.overdispersion - (rival.price - weighed.price)
+            return gain
         chance = next((a.probability for a in named.alternatives if a.label == rival.candidate.label), 0.0)
-        return float(np.log(max(chance, TINY) / max(named.probability, TINY)))
+        odds = float(np.log(max(chance, TINY) / max(named.probability, TINY)))
+        return odds if self.replaced[rival.candidate.key] else max(gain, odds)
 
     def _drop(self) -> bool:
         """Take the weakest of those out that may not be named."""
