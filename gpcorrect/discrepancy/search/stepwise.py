@@ -14,6 +14,7 @@ from gpcorrect.discrepancy.search.linearisation import Linearisation, held_out, 
 from gpcorrect.discrepancy.search.state import Search, Step, penalty
 from gpcorrect.discrepancy.settings import SEARCH
 from gpcorrect.errors import DataError
+from gpcorrect.parallel import each_here
 from gpcorrect.types import BoolArray, FloatArray, Progress
 
 
@@ -123,7 +124,7 @@ def _forward(state: Search, threshold: float, joints: set[int | str], refused: S
     best: tuple[float, tuple[FittedEffect, ...]] | None = None
     worth = state.misfit(state.fitted)
     refined = 0
-    for leader in leaders[: SEARCH.looked_at]:
+    for leader in _ranked_there(state, linearised, _one_of_each_name(leaders)[: SEARCH.looked_at]):
         fitted = state.refit((*state.fitted, leader.fit), leader.candidate, worth)
         if fitted[-1].at_edge:
             continue
@@ -146,6 +147,42 @@ def _forward(state: Search, threshold: float, joints: set[int | str], refused: S
     joints.add(new.joint)
     steps = (*state.waterfall, Step(new.label, best[0]))
     return replace(state, fitted=best[1], waterfall=steps).refreshed()
+
+
+def _one_of_each_name(ranked: Sequence[Ranked]) -> list[Ranked]:
+    """Return the best of those that a report calls the same: two variants of a law would leave no room for another."""
+    best: list[Ranked] = []
+    for leader in ranked:
+        if not any(leader.candidate.called_like(b.candidate) for b in best):
+            best.append(leader)
+    return best
+
+
+def _ranked_there(state: Search, linearised: Linearisation, leaders: Sequence[Ranked]) -> list[Ranked]:
+    """Rank a few again by the change that they make at their first estimates, no longer at their start.
+
+    What does not grow as a line, such as a capstan's friction, may be far better than it looked.
+    """
+    if len(leaders) <= SEARCH.refined:
+        return list(leaders)
+    whitener, z, slopes = state.whitener, linearised.z, linearised.slopes
+    base = grams(slopes, z, whitener.block)
+    fold = fold_of(int(whitener.block.max()) + 1)
+    residual, found = state.residual(linearised.fitted), []
+
+    def left_by(leader: Ranked) -> FloatArray | None:
+        try:
+            return state.residual((*linearised.fitted, leader.fit))
+        except DataError:  # no machine
+            return None
+
+    for leader, left in zip(leaders, each_here(left_by, leaders), strict=True):
+        if left is None:
+            continue
+        sums = bordered(base, slopes, whitener.whiten_columns((residual - left)[:, :, None]), z, whitener.block)
+        nats = float(held_out_nats(sums, fold).sum()) - SEARCH.complexity * leader.candidate.extra
+        found.append(replace(leader, nats=nats))
+    return sorted(found, key=lambda r: -r.nats)
 
 
 def _gain_over(
