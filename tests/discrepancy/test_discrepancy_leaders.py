@@ -1,0 +1,84 @@
+"""Which candidates are refined: one of each name, and in the order of what they explain where they lead to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from gpcorrect.discrepancy.search.stepwise import Ranked, _one_of_each_name, _ranked_there
+from gpcorrect.discrepancy.settings import SEARCH
+from gpcorrect.errors import DataError
+from gpcorrect.types import FloatArray
+
+BLOCKS, ROWS = 8, 25
+RNG = np.random.default_rng(3)
+SHAPE, OTHER, NOISE = RNG.standard_normal((3, BLOCKS * ROWS))
+MISSING = 2.0 * SHAPE
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """As much of a candidate: what it changes where its line leads to."""
+
+    name: str
+    change: FloatArray | None  # None is no machine
+    extra: int = 0
+
+    def called_like(self, other: Law) -> bool:
+        return self.name.split("/")[0] == other.name.split("/")[0]
+
+    def scaled(self, factors: FloatArray) -> FloatArray:
+        return factors
+
+
+def residual(fitted: Sequence[Any]) -> FloatArray:
+    left: FloatArray = MISSING + 0.3 * NOISE
+    for fit in fitted:
+        if fit.candidate.change is None:
+            raise DataError("no machine")
+        left = left - fit.candidate.change
+    return left[:, None]
+
+
+def names(laws: Sequence[tuple[Law, float]]) -> list[str]:
+    """Rank laws again that have these nats by their lines."""
+    whitener = SimpleNamespace(
+        block=np.repeat(np.arange(BLOCKS), ROWS), whiten_columns=lambda columns: columns[:, 0, :]
+    )
+    state = SimpleNamespace(whitener=whitener, residual=residual)
+    beyond = SimpleNamespace(fitted=(), z=residual(())[:, 0], slopes=np.zeros((BLOCKS * ROWS, 0)))
+    leaders = [Ranked(law, nats, np.ones(1)) for law, nats in laws]  # type: ignore[arg-type]
+    return [r.candidate.name for r in _ranked_there(state, beyond, leaders)]  # type: ignore[arg-type]
+
+
+PART, SIMILAR = MISSING + 1.5 * OTHER, MISSING + 3.0 * OTHER
+
+
+def test_what_is_far_better_than_its_line_comes_first() -> None:
+    """A capstan's friction was fourth by its line, was never refined, and had 240 nats more than what was."""
+    laws = [(Law("first", PART), 90.0), (Law("second", SIMILAR), 80.0), (Law("curved", 0.5 * MISSING), 30.0)]
+    assert len(laws) > SEARCH.refined
+    assert names(laws) == ["curved", "first", "second"]
+
+
+def test_numbers_are_charged_for_and_what_is_no_machine_is_none() -> None:
+    laws = [(Law("none", None), 99.0), (Law("full", MISSING, extra=2), 90.0), (Law("simple", MISSING), 80.0)]
+    assert names(laws) == ["simple", "full"]
+
+
+@pytest.mark.parametrize("number", range(1, SEARCH.refined + 1))
+def test_so_few_that_all_are_refined_are_not_looked_at_twice(number: int) -> None:
+    laws = [(Law(f"law {i}", None), 9.0 - i) for i in range(number)]
+    assert names(laws) == [law.name for law, _ in laws]
+
+
+def test_two_variants_of_a_law_leave_room_for_another() -> None:
+    """Both that were refined were one friction, on either side of a transmission that was rigid."""
+    laws = [Law("coulomb/motor", PART), Law("coulomb/joint", PART), Law("capstan", MISSING)]
+    ranked = [Ranked(law, nats, np.ones(1)) for law, nats in zip(laws, (3.0, 2.0, 1.0), strict=True)]  # type: ignore[arg-type]
+    assert [r.candidate.name for r in _one_of_each_name(ranked)] == ["coulomb/motor", "capstan"]
