@@ -56,10 +56,11 @@ def _weighed(
     instead: float = 0.0,
     shape_nats: float = np.inf,
     more: int = 0,
+    of_steps: float = 0.0,
 ) -> Weighed:
     fit = FittedEffect(rival, np.array(rival.start))
     nothing = np.zeros(0)
-    gain = Own((), (nothing, nothing), np.array([own]), np.zeros(1), 1.0)
+    gain = Own((), (nothing, nothing), np.array([own]), np.zeros(1), 1.0, of_steps)
     rivals = (Rival(fit, nats, SETTINGS.search.complexity * more, shape_nats),)
     return Weighed(gain, 0.0, np.ones(2, dtype=np.bool_), rivals, Unknown(instead, beside))
 
@@ -88,6 +89,16 @@ def test_a_lead_smaller_than_what_is_still_missing_leaves_the_rival(catalogue: d
     own, rival = catalogue["transmission_ratio"], catalogue["homing_offset"]
     for missing, stays in ((0.0, False), (30.0, False), (60.0, True)):
         found = posterior(own, _weighed(1000.0, rival, 960.0, beside=missing + COST), COST)
+        assert (found[-1].probability >= SETTINGS.naming.stable) is stays
+
+
+def test_a_lead_smaller_than_what_the_steps_of_the_servo_are_worth_leaves_the_rival(
+    catalogue: dict[str, Candidate],
+) -> None:
+    """A centre of mass took up some of how MuJoCo steps its loop, and a link's mass was ruled out by 11 nats."""
+    own, rival = catalogue["transmission_ratio"], catalogue["homing_offset"]
+    for of_steps, stays in ((0.0, False), (9.0, False), (22.0, True)):
+        found = posterior(own, _weighed(8227.0, rival, 8227.0 - 20.0, of_steps=of_steps), COST)
         assert (found[-1].probability >= SETTINGS.naming.stable) is stays
 
 
