@@ -118,9 +118,9 @@ class SearchSettings:
     edge: float = 0.01  # of a bound: a number this near to it is at the edge of its physical range
     rounds: int = 4  # of the search, at most one effect a joint in each; by design
     refined: int = 2  # leaders that are refined before one is chosen; for time
-    # Leaders of different names that are ranked again where they lead to, before that many are refined: a capstan was
-    # fourth by its linear gain, and first by 240 nats.
-    looked_at: int = 6
+    # Leaders of different signatures that are ranked again where they lead to, before that many are refined: a capstan
+    # was seventh by its linear gain, and first by 240 nats.
+    looked_at: int = 8
     near_leader: float = 0.3  # of the leader's nats: below, a candidate is not worth refining
 
 

@@ -1,4 +1,4 @@
-"""Which candidates are refined: one of each name, and in the order of what they explain where they lead to."""
+"""Which candidates are refined: one of each signature, and in the order of what they explain where they lead to."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from gpcorrect.discrepancy.search.stepwise import Ranked, _one_of_each_name, _ranked_there
+from gpcorrect.discrepancy.search.stepwise import Ranked, _one_of_each_signature, _ranked_there
 from gpcorrect.discrepancy.settings import SEARCH
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
@@ -77,8 +77,9 @@ def test_so_few_that_all_are_refined_are_not_looked_at_twice(number: int) -> Non
     assert names(laws) == [law.name for law, _ in laws]
 
 
-def test_two_variants_of_a_law_leave_room_for_another() -> None:
-    """Both that were refined were one friction, on either side of a transmission that was rigid."""
-    laws = [Law("coulomb/motor", PART), Law("coulomb/joint", PART), Law("capstan", MISSING)]
-    ranked = [Ranked(law, nats, np.ones(1)) for law, nats in zip(laws, (3.0, 2.0, 1.0), strict=True)]  # type: ignore[arg-type]
-    assert [r.candidate.name for r in _one_of_each_name(ranked)] == ["coulomb/motor", "capstan"]
+def test_one_signature_of_two_variants_leaves_room_for_another() -> None:
+    """Both that were refined were one friction, on either side of a rigid transmission; a soft one is another."""
+    laws = [Law("coulomb/motor", PART), Law("coulomb/joint", PART), Law("coulomb/soft", PART), Law("capstan", MISSING)]
+    ranked = [Ranked(law, nats, np.ones(1)) for law, nats in zip(laws, (3.0, 3.0, 2.0, 1.0), strict=True)]  # type: ignore[arg-type]
+    left = [r.candidate.name for r in _one_of_each_signature(ranked)]
+    assert left == ["coulomb/motor", "coulomb/soft", "capstan"]

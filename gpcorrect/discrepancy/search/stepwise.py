@@ -124,7 +124,7 @@ def _forward(state: Search, threshold: float, joints: set[int | str], refused: S
     best: tuple[float, tuple[FittedEffect, ...]] | None = None
     worth = state.misfit(state.fitted)
     refined = 0
-    for leader in _ranked_there(state, linearised, _one_of_each_name(leaders)[: SEARCH.looked_at]):
+    for leader in _ranked_there(state, linearised, _one_of_each_signature(leaders)[: SEARCH.looked_at]):
         fitted = state.refit((*state.fitted, leader.fit), leader.candidate, worth)
         if fitted[-1].at_edge:
             continue
@@ -149,11 +149,11 @@ def _forward(state: Search, threshold: float, joints: set[int | str], refused: S
     return replace(state, fitted=best[1], waterfall=steps).refreshed()
 
 
-def _one_of_each_name(ranked: Sequence[Ranked]) -> list[Ranked]:
-    """Return the best of those that a report calls the same: two variants of a law would leave no room for another."""
+def _one_of_each_signature(ranked: Sequence[Ranked]) -> list[Ranked]:
+    """Return the first of those with one name and one signature, such as a friction on either side of a rigid cable."""
     best: list[Ranked] = []
     for leader in ranked:
-        if not any(leader.candidate.called_like(b.candidate) for b in best):
+        if not any(leader.candidate.called_like(b.candidate) and np.isclose(leader.nats, b.nats) for b in best):
             best.append(leader)
     return best
 
