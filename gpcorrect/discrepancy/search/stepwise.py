@@ -150,7 +150,10 @@ def _forward(state: Search, threshold: float, joints: set[int | str], refused: S
 
 
 def _one_of_each_signature(ranked: Sequence[Ranked]) -> list[Ranked]:
-    """Return the first of those with one name and one signature, such as a friction on either side of a rigid cable."""
+    """Return the first of those with one name and one signature, such as a friction on either side of a rigid cable.
+
+    That one signature gives one gain is taken to hold the other way round.
+    """
     best: list[Ranked] = []
     for leader in ranked:
         if not any(leader.candidate.called_like(b.candidate) and np.isclose(leader.nats, b.nats) for b in best):
