@@ -129,18 +129,17 @@ def _forward(state: Search, threshold: float, joints: set[int | str], refused: S
         if fitted[-1].at_edge:
             continue
         refined += 1
-        gain = _gain_over(state, linearised, fitted, leader.fit)
+        gain = _gain_over(state, linearised, fitted, leader.fit) - SEARCH.complexity * leader.candidate.extra
         if best is None or gain > best[0]:
             best, worth = (gain, fitted), state.misfit(fitted)
         if refined == SEARCH.refined:
             break
-    if best is None or best[0] < threshold:
+    if best is None or best[0] + SEARCH.complexity * best[1][-1].candidate.extra < threshold:
         return state
     new = best[1][-1].candidate
     for leader in rank(state, linearised, refused, beyond=[new]):  # such as one that has a home
         fitted = state.refit((*state.fitted, leader.fit), leader.candidate, worth)
-        gain = _gain_over(state, linearised, fitted, leader.fit)
-        gain -= SEARCH.complexity * (leader.candidate.extra - new.extra)
+        gain = _gain_over(state, linearised, fitted, leader.fit) - SEARCH.complexity * leader.candidate.extra
         if gain > best[0] and not fitted[-1].at_edge:
             best = gain, fitted
     new = best[1][-1].candidate
