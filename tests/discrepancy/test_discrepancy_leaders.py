@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from gpcorrect.discrepancy.search import stepwise
 from gpcorrect.discrepancy.search.stepwise import Ranked, _one_of_each_signature, _ranked_there
 from gpcorrect.discrepancy.settings import SEARCH
 from gpcorrect.errors import DataError
@@ -26,8 +27,13 @@ class Law:
     """As much of a candidate: what it changes where its line leads to."""
 
     name: str
-    change: FloatArray | None  # None is no machine
+    change: FloatArray | None = None  # None is no machine
     extra: int = 0
+    joint: int = 1
+
+    @property
+    def label(self) -> str:
+        return self.name
 
     def called_like(self, other: Law) -> bool:
         return self.name.split("/")[0] == other.name.split("/")[0]
@@ -83,3 +89,43 @@ def test_one_signature_of_two_variants_leaves_room_for_another() -> None:
     ranked = [Ranked(law, nats, np.ones(1)) for law, nats in zip(laws, (3.0, 3.0, 2.0, 1.0), strict=True)]  # type: ignore[arg-type]
     left = [r.candidate.name for r in _one_of_each_signature(ranked)]
     assert left == ["coulomb/motor", "coulomb/soft", "capstan"]
+
+
+@dataclass(frozen=True)
+class Refined:
+    """As much of a fit and of a search as it takes to choose one of two refined leaders."""
+
+    candidate: Law
+    at_edge: bool = False
+
+
+@dataclass(frozen=True)
+class State:
+    fitted: tuple[Refined, ...] = ()
+    waterfall: tuple[Any, ...] = ()
+    whitener: None = None
+
+    def alike(self, one: Law, other: Law) -> bool:
+        return True
+
+    def misfit(self, fitted: Sequence[Refined]) -> float:
+        return 0.0
+
+    def refit(self, fitted: Sequence[Any], candidate: Law, worth: float) -> tuple[Refined, ...]:
+        return (Refined(candidate),)
+
+    def refreshed(self) -> State:
+        return self
+
+
+@pytest.mark.parametrize(("more", "chosen"), [(1.9, "dry"), (2.1, "stribeck")])
+def test_further_numbers_of_a_leader_are_charged_for(monkeypatch: pytest.MonkeyPatch, more: float, chosen: str) -> None:
+    """Of two frictions that explain as much, the one with a fall-off of no size was chosen, and its rivals weighed."""
+    simple, fuller = Law("dry"), Law("stribeck", extra=2)
+    gains = {"dry": 100.0, "stribeck": 100.0 + more * SEARCH.complexity}
+    leaders = [Ranked(law, gains[law.name], np.ones(1)) for law in (fuller, simple)]  # type: ignore[arg-type]
+    monkeypatch.setattr(stepwise, "linearise", lambda *_: None)
+    monkeypatch.setattr(stepwise, "rank", lambda *_, beyond=None: [] if beyond else leaders)
+    monkeypatch.setattr(stepwise, "_gain_over", lambda state, before, fitted, new: gains[fitted[-1].candidate.name])
+    grown = stepwise._forward(State(), 9.5, set(), [])  # type: ignore[arg-type]
+    assert [m.candidate.name for m in grown.fitted] == [chosen]
