@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import msgspec
 
@@ -59,8 +60,9 @@ class Response(msgspec.Struct, frozen=True):
 
 
 class Parsed(msgspec.Struct, frozen=True):
-    """A request that will be answered: how its messages are written, what came beside it, when work began (s)."""
+    """A request that will be answered: on which key, how it is written, what came beside it, when work began (s)."""
 
+    kind: Kind
     request: Request
     codec: Codec
     meta: RequestMeta
@@ -81,15 +83,14 @@ class RequestParser:
         self.active, self.settings, self.logger, self.clock = active, settings, logger, clock
         self._bounds = settings.bounds
 
-    def handler(self, kind: Kind, work: Work) -> Handler:
-        """Return what answers the requests of a key.
+    def handlers(self, works: Mapping[Kind, Work]) -> dict[Kind, Handler]:
+        """Return what answers the requests of each key.
 
         Parameters
         ----------
-        kind : str
-        work : callable, answers a parsed request; may raise ServiceError and DataError
+        works : mapping from key to callable, which answers a parsed request; may raise ServiceError and DataError
         """
-        return lambda request: self._answer(kind, work, request)
+        return {kind: partial(self._answer, kind, work) for kind, work in works.items()}
 
     def meta(self, parsed: Parsed, model: Model | JointModel) -> ReplyMeta:
         """Return what travels beside an answer.
@@ -116,24 +117,25 @@ class RequestParser:
             if meta.deadline is not None and age > meta.deadline:
                 what = f"the request waited {age:.3f} s; its answer was wanted within {meta.deadline:.3f} s."
                 raise ServiceError("STALE", what, hint="Ask less often, allow more time, or add a replica.")
-            response = work(Parsed(request, codec, meta, started))
+            response = work(Parsed(kind, request, codec, meta, started))
         except ServiceError as error:
+            refused = error
             if error.status == "INTERNAL":
                 self._failed(kind)
                 facts = {"kind": kind, "request_id": meta.request_id, "cause": error.message}
                 self.logger.error("unsafe command withheld", **facts)
-            return _error_response(codec, error, self.settings.replica, meta.request_id)
         except DataError as error:
-            return _error_response(codec, bad_input(error.message, error.hint), self.settings.replica, meta.request_id)
+            refused = bad_input(error.message, error.hint)
         except BaseException as error:  # SystemExit and panics of compiled code are failures like others
             self._failed(kind)
             self.logger.error("query failed inside", kind=kind, request_id=meta.request_id, exc_info=error)
             cause = f"the server failed on this request ({type(error).__name__})."
-            fault = ServiceError("INTERNAL", cause, hint="Look the request id up in the server's log.")
-            return _error_response(codec, fault, self.settings.replica, meta.request_id)
-        if kind in CORRECTIONS:
-            self.active.answered()
-        return response
+            refused = ServiceError("INTERNAL", cause, hint="Look the request id up in the server's log.")
+        else:
+            if kind in CORRECTIONS:
+                self.active.answered()
+            return response
+        return _error_response(codec, refused, self.settings.replica, meta.request_id)
 
     def _failed(self, kind: Kind) -> None:
         """Count a failure against the model, unless it is well: then it was what this one client asked."""
@@ -143,16 +145,15 @@ class RequestParser:
             self.active.failed()
 
 
-def plain_response(parsed: Parsed, kind: Kind, message: msgspec.Struct) -> Response:
+def plain_response(parsed: Parsed, message: msgspec.Struct) -> Response:
     """Return an answer that needs nothing beside it.
 
     Parameters
     ----------
     parsed : Parsed
-    kind : str
     message : Struct
     """
-    return Response(parsed.codec.encode(message), parsed.codec.encoding(kind))
+    return Response(parsed.codec.encode(message), parsed.codec.encoding(parsed.kind))
 
 
 def refusal(request: Request, error: ServiceError, replica: str) -> Response:
