@@ -162,7 +162,7 @@ def to_ros(message: msgspec.Struct) -> tuple[Any, str]:
             names = [f"joint_{j}" for j in range(1, len(message.position) + 1)]
             return kinds[JOINT_STATE](_header(message.stamp), names, *arrays), JOINT_STATE
         case Pose():
-            return ros.ros_pose(message.pose, *_time(message.stamp), message.frame), ros.POSE_STAMPED
+            return ros.ros_pose(ros.StampedPose(message.pose, *_time(message.stamp), message.frame)), ros.POSE_STAMPED
         case OperatingState():
             header = _header(message.stamp)
             return kinds[ros.OPERATING_STATE](
@@ -193,7 +193,7 @@ def tf_cdr(message: Pose, base: str, child: str) -> bytes:
     base, child : str, names of the frame that it is in, where the pose names none, and of the frame whose pose it is
     """
     kinds = ros.ros_types().types
-    posed = ros.ros_pose(message.pose, *_time(message.stamp), message.frame or base)
+    posed = ros.ros_pose(ros.StampedPose(message.pose, *_time(message.stamp), message.frame or base))
     p = posed.pose.position
     moved = kinds["geometry_msgs/msg/Transform"](
         kinds["geometry_msgs/msg/Vector3"](p.x, p.y, p.z), posed.pose.orientation
