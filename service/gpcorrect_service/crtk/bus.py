@@ -21,12 +21,12 @@ from gpcorrect_service.protocol.messages import JSON, MSGPACK
 from gpcorrect_service.protocol.ros import DEFAULT_QOS, LATCHED_QOS, RmwNode, attachment, gid_of, rmw_key
 from gpcorrect_service.protocol.sessions import (
     COMMON,
+    check_certificates,
     first_sentence,
     make_config,
     namespace_of,
     open_zenoh,
     read_config,
-    require_valid,
 )
 from gpcorrect_service.protocol.settings import DEFAULT_NAMESPACE, RosDistro, check_loopback, refuse_two_places
 
@@ -292,7 +292,7 @@ def check_place(settings: BusSettings) -> None:
     ----------
     settings : BusSettings
     """
-    require_valid(_config(settings))
+    check_certificates(_config(settings))
 
 
 def _config(settings: BusSettings) -> zenoh.Config:
