@@ -119,23 +119,22 @@ class RequestParser:
                 raise ServiceError("STALE", what, hint="Ask less often, allow more time, or add a replica.")
             response = work(Parsed(kind, request, codec, meta, started))
         except ServiceError as error:
-            refused = error
             if error.status == "INTERNAL":
                 self._failed(kind)
                 facts = {"kind": kind, "request_id": meta.request_id, "cause": error.message}
                 self.logger.error("unsafe command withheld", **facts)
+            return _error_response(codec, error, self.settings.replica, meta.request_id)
         except DataError as error:
-            refused = bad_input(error.message, error.hint)
+            return _error_response(codec, bad_input(error.message, error.hint), self.settings.replica, meta.request_id)
         except BaseException as error:  # SystemExit and panics of compiled code are failures like others
             self._failed(kind)
             self.logger.error("query failed inside", kind=kind, request_id=meta.request_id, exc_info=error)
             cause = f"the server failed on this request ({type(error).__name__})."
-            refused = ServiceError("INTERNAL", cause, hint="Look the request id up in the server's log.")
-        else:
-            if kind in CORRECTIONS:
-                self.active.answered()
-            return response
-        return _error_response(codec, refused, self.settings.replica, meta.request_id)
+            fault = ServiceError("INTERNAL", cause, hint="Look the request id up in the server's log.")
+            return _error_response(codec, fault, self.settings.replica, meta.request_id)
+        if kind in CORRECTIONS:
+            self.active.answered()
+        return response
 
     def _failed(self, kind: Kind) -> None:
         """Count a failure against the model, unless it is well: then it was what this one client asked."""
