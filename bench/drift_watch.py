@@ -18,7 +18,7 @@ from support import print_table, save_results
 from gpcorrect.calibration import FitSettings, evaluate_model, fit_corrector
 from gpcorrect.sim import debridement_log
 from gpcorrect.types import FloatArray
-from gpcorrect_service.monitor.drift import DriftSettings, DriftWatch, outside
+from gpcorrect_service.monitor.drift import SETTINGS, DriftWatch, outside
 
 HEAD = ("learned from", "seed", "seconds", "votes", "outside [%]", "largest evidence", "alarm", "alarm after a shift")
 SHIFT = 2.0  # half widths of the 95 % intervals
@@ -66,9 +66,9 @@ def watch(time: FloatArray, errors: FloatArray, half: FloatArray) -> tuple[Drift
 
 def max_evidence(votes: list[bool]) -> float:
     """Return the largest evidence that the votes came to."""
-    settings, level, largest = DriftSettings(), 1.0, 1.0
+    level = largest = 1.0
     for vote in votes:
-        usual, changed = settings.usual, settings.changed
+        usual, changed = SETTINGS.usual, SETTINGS.changed
         level = max(level, 1.0) * (changed / usual if vote else (1.0 - changed) / (1.0 - usual))
         largest = max(largest, level)
     return largest

@@ -50,7 +50,7 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
             mapping, remark = known
             log = log_from_table(_table(dialect, mapping), mapping, settings.disorder)
             return replace(log, remarks=(remark, *log.remarks))
-    if not settings.mapped and dialect.names == tuple(str(k) for k in range(len(dialect.names))):
+    if not settings.mapped and _numbered(dialect.names):
         hint = "Give a mapping file with column numbers from 0, such as tracker_cp.position = [1, 2, 3]."
         raise LogError(f"the first line holds {len(dialect.names)} numbers and no column names.", hint=hint)
     return log_from_table(_table(dialect, settings.columns), settings.columns, settings.disorder)
@@ -156,7 +156,7 @@ class Dialect:
         """Give an iterator over (line number, cells) of the samples, without empty lines."""
         if self.cleaned:
             with self.lines() as lines:
-                cut = ((n, next(csv.reader([text], delimiter=self.delimiter), [])) for n, text in lines)
+                cut = ((n, _cut(text, self.delimiter)) for n, text in lines)
                 yield ((n, cells) for n, cells in cut if cells)
             return
         with self.path.open(encoding=self.encoding, errors="replace", newline="") as file:

@@ -9,7 +9,7 @@ the pedal is up the desired pose is a copy of the measured one.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -148,62 +148,52 @@ def _array_row(place: int | None) -> Callable[[Any], tuple[float, ...]]:
     return _row
 
 
-@dataclass(frozen=True, eq=False)
-class Times:
-    """When the usable messages of a topic were taken (s after the origin), and which they are."""
-
-    stamp: FloatArray
-    rows: IntArray
-    remarks: Sequence[str]
-
-    @classmethod
-    def of(cls, recorded: Recorded, origin: int, clock: Literal["header", "receive"]) -> Times:
-        """Header stamps, or receive times where the source left its stamps zero.
-
-        Parameters
-        ----------
-        recorded : Recorded, messages of a topic
-        origin : int, time that becomes zero, ns since 1970; the same for all topics of a recording
-        clock : {"header", "receive"}, which times to take
-        """
-        stamp, receive = np.array(recorded.stamp, np.int64), np.array(recorded.receive, np.int64)
-        rows, remarks = np.arange(len(stamp)), []
-        if clock == "receive":
-            stamp = receive
-        elif not stamp.any():
-            stamp = receive
-            remarks = [f"{recorded.topic} has no header stamps; the receive times were taken."]
-        elif not stamp.all():
-            rows = np.flatnonzero(stamp)
-            remarks = [f"{len(stamp) - len(rows)} messages of {recorded.topic} without a stamp were left out."]
-        return cls((stamp[rows] - origin) / 1e9, rows, remarks)
-
-
 def streams_of(
-    kind: str, recorded: Recorded, times: Times, arm: Arm | None
+    kind: str, recorded: Recorded, origin: int, clock: Literal["header", "receive"], arm: Arm | None
 ) -> tuple[list[Stream], list[str], LogMeta | None]:
     """Streams of the messages of a topic, remarks, and what they say of the robot.
 
     Parameters
     ----------
     kind : str, see :func:`extractor`
-    recorded, times : messages of a topic, and when they were taken
+    recorded : Recorded, messages of a topic
+    origin : int, time that becomes zero, ns since 1970; the same for all topics of a recording
+    clock : {"header", "receive"}
+        Which times to take; receive times also where the source left its header stamps zero.
     arm : {"left", "right"}, optional, which arm of RAVEN-II states; the only one there when not given
     """
+    stamp, rows, remarks = _times(recorded, origin, clock)
+    meta = None
     if kind == "raven_state":
-        return _raven_streams(recorded, times, arm)
-    streams, remarks = (_joint_streams if kind.endswith("_js") else _pose_streams)(kind, recorded, times)
-    return streams, remarks, None
+        streams, found, meta = _raven_streams(recorded, stamp, rows, arm)
+    else:
+        streams, found = (_joint_streams if kind.endswith("_js") else _pose_streams)(kind, recorded, stamp, rows)
+    return streams, [*remarks, *found], meta
 
 
-def _pose_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Stream], list[str]]:
+def _times(recorded: Recorded, origin: int, clock: str) -> tuple[FloatArray, IntArray, list[str]]:
+    """When the usable messages were taken (s after the origin), which they are, and remarks."""
+    stamp, receive = np.array(recorded.stamp, np.int64), np.array(recorded.receive, np.int64)
+    rows, remarks = np.arange(len(stamp)), []
+    if clock == "receive":
+        stamp = receive
+    elif not stamp.any():
+        stamp = receive
+        remarks = [f"{recorded.topic} has no header stamps; the receive times were taken."]
+    elif not stamp.all():
+        rows = np.flatnonzero(stamp)
+        remarks = [f"{len(stamp) - len(rows)} messages of {recorded.topic} without a stamp were left out."]
+    return (stamp[rows] - origin) / 1e9, rows, remarks
+
+
+def _pose_streams(name: str, recorded: Recorded, stamp: FloatArray, rows: IntArray) -> tuple[list[Stream], list[str]]:
     """Stream of poses; a quaternion that is none becomes missing, and a remark says how many."""
-    table = np.array(recorded.rows, dtype=np.float64)[times.rows]
+    table = np.array(recorded.rows, dtype=np.float64)[rows]
     quaternion = unit_quaternions(table[:, 3:])
     bad = int((np.isfinite(table[:, 3:]).all(axis=1) & np.isnan(quaternion).any(axis=1)).sum())
     remarks = [f"{bad} samples of {name} have no valid rotation; it counts as missing."] if bad else []
     pose = PoseSignal(table[:, :3], None if np.isnan(table[:, 3:]).all() else quaternion)
-    return [Stream(name, times.stamp, pose, recorded.topic)], remarks
+    return [Stream(name, stamp, pose, recorded.topic)], remarks
 
 
 def in_one_order(recorded: Mapping[str, Recorded]) -> tuple[dict[str, Recorded], tuple[str, ...]]:
@@ -238,19 +228,19 @@ def _moved(row: tuple[Any, ...], names: tuple[str, ...], order: tuple[str, ...])
     return (order, *(part[places] if len(part) == len(names) else part for part in row[1:]))
 
 
-def _joint_streams(name: str, recorded: Recorded, times: Times) -> tuple[list[Stream], list[str]]:
+def _joint_streams(name: str, recorded: Recorded, stamp: FloatArray, rows: IntArray) -> tuple[list[Stream], list[str]]:
     """Streams of joint positions, and of measured velocities and efforts where they were published; and remarks."""
     if len({row[0] for row in recorded.rows}) > 1:
         raise LogError(f"the joints of {recorded.topic} change from message to message.")
     names = JOINT_SIGNALS[name]
     streams, remarks = [], []
     for k, signal in enumerate(names, start=1):
-        widths = {len(recorded.rows[i][k]) for i in times.rows}
+        widths = {len(recorded.rows[i][k]) for i in rows}
         if len(widths) > 1:
             remarks.append(f"{signal} is left out: {recorded.topic} holds {sorted(widths)} numbers in turn.")
         elif widths - {0}:
-            values = np.array([recorded.rows[i][k] for i in times.rows], dtype=np.float64)
-            streams.append(Stream(signal, times.stamp, values, recorded.topic))
+            values = np.array([recorded.rows[i][k] for i in rows], dtype=np.float64)
+            streams.append(Stream(signal, stamp, values, recorded.topic))
     return streams, remarks
 
 
@@ -262,13 +252,15 @@ def _raven_row(message: Any) -> FloatArray:
     return np.concatenate([np.atleast_1d(getattr(message, name)) for name in FIELDS]).astype(np.float64)
 
 
-def _raven_streams(recorded: Recorded, times: Times, arm: Arm | None) -> tuple[list[Stream], list[str], LogMeta]:
+def _raven_streams(
+    recorded: Recorded, stamp: FloatArray, rows: IntArray, arm: Arm | None
+) -> tuple[list[Stream], list[str], LogMeta]:
     """Streams of one arm: commanded and reported pose and joints, joint velocities, desired motor torques; and remarks.
 
     The sixth joint is the wrist's yaw, half the difference of the two jaws, as in the software's kinematics.
     """
     ends = np.cumsum(list(FIELDS.values()))
-    state = dict(zip(FIELDS, np.split(np.stack(recorded.rows)[times.rows], ends[:-1], axis=1), strict=True))
+    state = dict(zip(FIELDS, np.split(np.stack(recorded.rows)[rows], ends[:-1], axis=1), strict=True))
     side, remarks = _choose_arm(state, arm)
     mechanism, found = _mechanism(state["type"], side)
     measured, setpoint, copies = _poses(state, mechanism)
@@ -287,7 +279,7 @@ def _raven_streams(recorded: Recorded, times: Times, arm: Arm | None) -> tuple[l
         "measured_jf": _six(state["tau"], side, 1.0),
     }
     seen = {name: v for name, v in signals.items() if not isinstance(v, PoseSignal) or v.finite.any()}
-    streams = [Stream(name, times.stamp, v, recorded.topic) for name, v in seen.items()]
+    streams = [Stream(name, stamp, v, recorded.topic) for name, v in seen.items()]
     return streams, remarks, LogMeta(robot="RAVEN-II", arm=f"raven2_{side}", joint_types="RRPRRR")
 
 

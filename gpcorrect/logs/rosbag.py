@@ -17,7 +17,6 @@ from gpcorrect.logs.messages import (
     RAVEN_STATE_DEFINITION,
     RAVEN_STATE_TYPE,
     Recorded,
-    Times,
     extractor,
     in_one_order,
     pose_row,
@@ -45,11 +44,10 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     recorded, moved = in_one_order(recorded)
     remarks, streams, meta = [*remarks, *moved], list[Stream](), LogMeta()
     for kind, messages in recorded.items():
-        times = Times.of(messages, origin, options.clock)
-        found, said, stated = streams_of(kind, messages, times, options.arm)
+        found, said, stated = streams_of(kind, messages, origin, options.clock, options.arm)
         meta = stated or meta
         streams += found
-        remarks += [*times.remarks, *said]
+        remarks += said
     log = combine(streams, options.base, options.max_gap, shifts=options.shifts, disorder=settings.disorder)
     return replace(log, meta=meta, remarks=(*remarks, *log.remarks))
 

@@ -32,10 +32,10 @@ def test_messages_come_back_in_every_encoding(name, message, encoding):
 
 def test_ros_has_w_last():
     """A pose's quaternion is w x y z here and x y z w in the ROS message."""
-    ros, kind = to_ros(Pose(1.0, (1.0, 2.0, 3.0, 0.4, 0.1, 0.2, 0.3), "base"))
+    ros = to_ros(Pose(1.0, (1.0, 2.0, 3.0, 0.4, 0.1, 0.2, 0.3), "base"))
     q = ros.pose.orientation
     assert (q.x, q.y, q.z, q.w) == (0.1, 0.2, 0.3, 0.4)
-    assert (ros.header.frame_id, kind) == ("base", "geometry_msgs/msg/PoseStamped")
+    assert (ros.header.frame_id, ros.__msgtype__) == ("base", "geometry_msgs/msg/PoseStamped")
 
 
 def test_cdr_of_another_program_is_read():

@@ -273,7 +273,7 @@ def called(twist: tuple[float, ...] | None = None, **changes: Any) -> bytes:
     vector = store.types["geometry_msgs/msg/Vector3"]
     v = twist or (0.0,) * 6
     moving = store.types["geometry_msgs/msg/Twist"](vector(*v[:3]), vector(*v[3:]))
-    posed = ros_pose(asked.pose, asked.sec, asked.nanosec, asked.frame_id)
+    posed = ros_pose(asked)
     kind = f"{CORRECT}_Request"
     return bytes(store.serialize_cdr(store.types[kind](posed, moving, twist is not None), kind))
 

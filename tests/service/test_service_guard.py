@@ -66,7 +66,7 @@ def test_bounds_are_above_zero(bad: float) -> None:
 def test_a_correction_never_changes_faster_than_its_rate(seed: int, rate: float) -> None:
     """Between any two samples of a stream every component moves by at most rate times time."""
     rng = np.random.default_rng(seed)
-    bound = RateBound(np.full(3, rate))
+    bound = RateBound(rate)
     times = np.cumsum(rng.uniform(1e-4, 0.1, 30))
     passed = np.array([bound.step(t, rng.standard_normal(3))[0] for t in times])
     speed = np.abs(np.diff(passed, axis=0)) / np.diff(times)[:, None]
@@ -75,7 +75,7 @@ def test_a_correction_never_changes_faster_than_its_rate(seed: int, rate: float)
 
 def test_a_slow_correction_passes_untouched() -> None:
     """What moves slower than the rate is not changed; a gap in the numbers begins anew."""
-    bound = RateBound(np.array([1.0]))
+    bound = RateBound(1.0)
     for i in range(10):
         passed, acted = bound.step(0.1 * i, np.array([0.05 * i]))
         assert not acted

@@ -163,9 +163,7 @@ def _offset(offset: TimeOffset, step: float) -> Finding:
 @check
 def _exchanged(evidence: Evidence) -> Iterator[Finding]:
     """Ask whether the robot moves after its command, and not before: then the two signals are exchanged."""
-    for observed, reference in SERVO:
-        if evidence.log.static or not {observed, reference} <= evidence.present:
-            continue
+    for observed, reference in () if evidence.log.static else evidence.both(SERVO):
         known = (o for o in evidence.offsets if (o.observed, o.reference) == (observed, reference))
         offset = next(known, None) or log_offset(evidence.log, observed, reference)
         if offset.observable and offset.ci95[1] < -AHEAD:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -158,6 +158,15 @@ class Evidence:
         """
         lengths: FloatArray = np.linalg.norm(positions - positions[self.previous], axis=1)
         return lengths / np.where(self.steps > 0, self.steps, np.nan)
+
+    def both(self, pairs: Iterable[tuple[str, str]]) -> Iterator[tuple[str, str]]:
+        """Yield those pairs of signals of which both are present.
+
+        Parameters
+        ----------
+        pairs : iterable of (str, str)
+        """
+        yield from (pair for pair in pairs if set(pair) <= self.present)
 
     def repeats(self, name: str) -> BoolArray:
         """(n,) mask of rows that equal the row before in the same trajectory to the last bit.

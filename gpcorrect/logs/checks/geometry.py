@@ -105,8 +105,8 @@ def _kinematics(evidence: Evidence) -> Iterator[Finding]:
     arm = evidence.arm
     if arm is None:
         return
-    for pose, joints in PAIRS:
-        if not {pose, joints} <= evidence.present or evidence.tables[joints].shape[1] < arm.dof:
+    for pose, joints in evidence.both(PAIRS):
+        if evidence.tables[joints].shape[1] < arm.dof:
             continue
         position, q = evidence.positions[pose], evidence.tables[joints][:, : arm.dof]
         misfit = _rigid_misfit(_points(arm, q), position)

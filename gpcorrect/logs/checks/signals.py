@@ -74,8 +74,8 @@ def _still(evidence: Evidence, name: str) -> bool:
 @check
 def _loopback(evidence: Evidence) -> Iterator[Finding]:
     """Find copies among signals of different sources: no sensor repeats a command to the last bit."""
-    for name, source in ((n, s) for n, sources in REFERENCES.items() for s in sources):
-        if not {name, source} <= evidence.present or _still(evidence, name):
+    for name, source in evidence.both((n, s) for n, sources in REFERENCES.items() for s in sources):
+        if _still(evidence, name):
             continue
         a, b = evidence.tables[name], evidence.tables[source]
         columns = min(a.shape[1], b.shape[1])

@@ -47,8 +47,8 @@ def _position_unit(evidence: Evidence) -> Iterator[Finding]:
         what = f"it spans {extent(evidence.positions[name]):.4g} m: it looks like millimetres."
         hint = "Set position_scale = 1e-3 in the mapping file."
         yield Finding("error", "position_unit", name, what, hint, len(evidence.log))
-    for name, other in POSITION_PAIRS:
-        if not {name, other} <= evidence.present or {name, other} & set(wide):
+    for name, other in evidence.both(POSITION_PAIRS):
+        if name in wide or other in wide:
             continue
         sizes = spread(evidence.positions[name]), spread(evidence.positions[other])
         if max(sizes) < MIN_SPREAD or min(sizes) == 0 or _factor(sizes[0] / sizes[1], RATIOS[:1]) is None:
@@ -71,9 +71,7 @@ def _misread_joints(evidence: Evidence) -> dict[tuple[str, int], str]:
     for name in JOINT_POSITIONS:
         if name in evidence.present:
             found.update({(name, j): what for j, what in _too_wide(evidence, name)})
-    for name, other in JOINT_PAIRS:
-        if not {name, other} <= evidence.present:
-            continue
+    for name, other in evidence.both(JOINT_PAIRS):
         for j, (a, b) in enumerate(zip(evidence.tables[name].T, evidence.tables[other].T, strict=False)):
             ratio, wide = _spread_ratio(a, b), max(spread(a[:, None]), spread(b[:, None]))
             unlike = np.isfinite(ratio) and wide > MIN_SPREAD and _factor(ratio, RATIOS) is not None
@@ -111,9 +109,7 @@ def _length_unit(evidence: Evidence, joint: int, column: FloatArray) -> str:
 @check
 def _joint_sense(evidence: Evidence) -> Iterator[Finding]:
     """Ask whether each joint moves as itself in every signal, and the same way: signs and columns are mixed up."""
-    for name, other in JOINT_PAIRS:
-        if not {name, other} <= evidence.present:
-            continue
+    for name, other in evidence.both(JOINT_PAIRS):
         like = _likeness(evidence.tables[name], evidence.tables[other])
         for joint in np.flatnonzero(np.diag(like) < -MIN_CORRELATION):
             what = f"joint {joint + 1} moves the other way than in {other} (correlation {like[joint, joint]:.2f})."

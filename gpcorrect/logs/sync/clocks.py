@@ -205,13 +205,8 @@ def align(
 
 def _resampled(log: CalibrationLog, name: str, at: FloatArray) -> PoseSignal | FloatArray:
     values: PoseSignal | FloatArray = getattr(log, name)
-    position = np.full((values.position if isinstance(values, PoseSignal) else values).shape, np.nan)
-    quaternion = None
-    if isinstance(values, PoseSignal) and values.quaternion is not None:
-        quaternion = np.full(values.quaternion.shape, np.nan)
+    moved = np.full((values.table if isinstance(values, PoseSignal) else values).shape, np.nan)
     for rows in clock_runs(log):
         piece = interpolate(Stream(name, log.time[rows], values[rows]), at[rows])
-        position[rows] = piece.position if isinstance(piece, PoseSignal) else piece
-        if isinstance(piece, PoseSignal) and quaternion is not None:
-            quaternion[rows] = piece.quaternion
-    return PoseSignal(position, quaternion) if isinstance(values, PoseSignal) else position
+        moved[rows] = piece.table if isinstance(piece, PoseSignal) else piece
+    return PoseSignal.of(moved) if isinstance(values, PoseSignal) else moved

@@ -36,15 +36,16 @@ class LagCurve:
     variation: float  # standard deviation of the reference's speed in units of its mean; 0 where nothing moves
 
 
-def typical_step(motions: Sequence[Motion]) -> float:
-    """Median time step, s, of all motions together; infinite when there is none.
+def slower_step(pairs: Sequence[MotionPair]) -> float:
+    """Median time step, s, of the slower of two signals; infinite when there is none.
 
     Parameters
     ----------
-    motions : sequence of Motion, each on its own clock
+    pairs : sequence of MotionPair, each on its own clocks
     """
-    steps = np.concatenate([np.diff(m.time) for m in motions]) if motions else np.empty(0)
-    return float(np.median(steps)) if steps.size else float("inf")
+    sides = [p.reference for p in pairs], [p.observed for p in pairs]
+    steps = [np.concatenate([np.empty(0), *(np.diff(m.time) for m in side)]) for side in sides]
+    return max(float(np.median(one)) if one.size else np.inf for one in steps)
 
 
 def _without_spikes(motion: Motion) -> Motion:
@@ -103,7 +104,7 @@ def lag_curve(pairs: Sequence[MotionPair], max_lag: float) -> LagCurve:
     pairs : sequence of MotionPair, one a trajectory
     max_lag : float, largest lag tried either way, s
     """
-    slow = max(typical_step([p.reference for p in pairs]), typical_step([p.observed for p in pairs]))
+    slow = slower_step(pairs)
     span = sum(float(p.reference.time[-1] - p.reference.time[0]) for p in pairs) + 2 * max_lag * len(pairs)
     step = max(slow / 2, MIN_STEP, span / MAX_CELLS)
     width = max(slow, MIN_WIDTH)

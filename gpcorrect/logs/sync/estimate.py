@@ -10,7 +10,7 @@ from scipy.special import stdtrit  # scipy.stats has it too, and takes half a se
 
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs.streams import Stream, default_max_gap
-from gpcorrect.logs.sync.correlation import LagCurve, lag_curve, peaks, typical_step
+from gpcorrect.logs.sync.correlation import LagCurve, lag_curve, peaks, slower_step
 from gpcorrect.logs.sync.motion import REFERENCES, MotionPair, pairs_of, stream_pair, stretches
 from gpcorrect.logs.sync.offset import ClockDrift, TimeOffset, Verdict
 from gpcorrect.logs.sync.refine import MIN_INFORMATION, Refinement, Timing, block_sums
@@ -156,7 +156,7 @@ def _nothing(finding: Finding, curve: LagCurve | None = None) -> TimeOffset:
 
 
 def _estimate(pairs: Sequence[MotionPair], max_lag: float | None, names: tuple[str, str]) -> TimeOffset:
-    slow = max(typical_step([p.reference for p in pairs]), typical_step([p.observed for p in pairs]))
+    slow = slower_step(pairs)
     if not np.isfinite(slow):
         return _nothing(("too_few", "there are too few samples to compare."))
     if not any(p.reference.values.size for p in pairs):

@@ -56,12 +56,12 @@ class Motion:
         """(n, k + m) values beside lever columns."""
         return self.values if self.lever is None else np.hstack([self.values, self.lever])
 
-    def rows(self, keep: BoolArray) -> Motion:
+    def rows(self, keep: BoolArray | IntArray) -> Motion:
         """Return the motion of these rows only.
 
         Parameters
         ----------
-        keep : (n,) bool array, those to take
+        keep : (n,) bool array of those to take, or their numbers
         """
         lever = None if self.lever is None else self.lever[keep]
         label = None if self.label is None else self.label[keep]
@@ -92,10 +92,8 @@ def stretches(pair: MotionPair, gap: float, margin: float) -> Iterator[MotionPai
         return
     breaks = np.flatnonzero(np.diff(reference.time) > gap) + 1
     for rows in np.split(np.arange(len(reference)), breaks):
-        keep = np.zeros(len(reference), dtype=np.bool_)
-        keep[rows] = True
         start, stop = reference.time[rows[0]] - margin, reference.time[rows[-1]] + margin
-        yield MotionPair(reference.rows(keep), observed.rows((observed.time >= start) & (observed.time <= stop)))
+        yield MotionPair(reference.rows(rows), observed.rows((observed.time >= start) & (observed.time <= stop)))
 
 
 def pairs_of(log: CalibrationLog, observed: str, reference: str) -> list[MotionPair]:

@@ -81,12 +81,13 @@ class Refinement:
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """The model about a timing: residual `(n, k)`, its slope in the timing `(n, k, p)`, weight `(n,)`."""
+    """The model about a timing: residual `(n, k)` and weight `(n,)`; score and Hessian as in :class:`Refinement`."""
 
     residual: FloatArray
-    gradient: FloatArray
     weight: FloatArray
     scale: FloatArray
+    score: FloatArray
+    hessian: FloatArray
     information: float
 
 
@@ -185,7 +186,7 @@ class Timing:
             weight[sampled.valid] = linear.weight
             if linear.information < MIN_INFORMATION:
                 return self._result(timing, weight)
-            score, hessian = (rows.sum(axis=0) for rows in _normal_rows(linear))
+            score, hessian = linear.score.sum(axis=0), linear.hessian.sum(axis=0)
             step = np.linalg.pinv(hessian, rcond=1e-15, hermitian=True) @ score
             timing = timing + step
             sampled, held = self.sample(timing), sampled.valid
@@ -233,13 +234,11 @@ class Timing:
         gradient = [velocity, velocity * elapsed[:, None]][:parameters]
         own = [g - x @ (fit @ g) for g in gradient]
         moved = [np.sum(weight[:, None] * (part / scale) ** 2) for part in (own[0], velocity)]
-        return _Linear(
-            residual,
-            np.stack(own, axis=2),
-            np.minimum(1.0, HUBER / np.maximum(size, HUBER)),
-            scale,
-            float(moved[0] / moved[1]) if moved[1] > 0 else 0.0,
-        )
+        information = float(moved[0] / moved[1]) if moved[1] > 0 else 0.0
+        weight, slope = np.minimum(1.0, HUBER / np.maximum(size, HUBER)), np.stack(own, axis=2) / scale[:, None]
+        score = -np.einsum("n,nk,nkp->np", weight, residual / scale, slope)
+        hessian = np.einsum("n,nkp,nkq->npq", weight, slope, slope)
+        return _Linear(residual, weight, scale, score, hessian, information)
 
     def _result(self, timing: FloatArray, weight: FloatArray) -> Refinement | None:
         sampled = self.sample(timing)
@@ -247,12 +246,11 @@ class Timing:
         if not self.enough(valid):
             return None
         linear = self._linearise(sampled, weight[valid], p, None)
-        score_rows, hessian_rows = _normal_rows(linear)
         score, hessian = np.zeros((len(valid), p)), np.zeros((len(valid), p, p))
-        score[valid], hessian[valid] = score_rows, hessian_rows
+        score[valid], hessian[valid] = linear.score, linear.hessian
         residual = np.zeros(self.target.shape)
         residual[valid] = linear.residual
-        covariance, dof = sandwich(score_rows, hessian_rows.sum(axis=0))
+        covariance, dof = sandwich(linear.score, linear.hessian.sum(axis=0))
         covariance *= lost_freedom(np.clip(linear.residual / linear.scale, -HUBER, HUBER), self.columns + 1)
         target, weight = self.target[valid], linear.weight[:, None]
         spread = float(np.sum(weight * (target - np.average(target, axis=0, weights=linear.weight)) ** 2))
@@ -265,14 +263,6 @@ class Timing:
 def _size(residual: FloatArray, scale: FloatArray) -> FloatArray:
     """Root mean square of each row `(n,)` in standard deviations."""
     return np.asarray(np.sqrt(np.mean((residual / scale) ** 2, axis=1)))
-
-
-def _normal_rows(linear: _Linear) -> tuple[FloatArray, FloatArray]:
-    """Score `(n, p)` and Hessian `(n, p, p)` of each sample."""
-    scaled = linear.gradient / linear.scale[:, None]
-    score = -np.einsum("n,nk,nkp->np", linear.weight, linear.residual / linear.scale, scaled)
-    hessian = np.einsum("n,nkp,nkq->npq", linear.weight, scaled, scaled)
-    return score, hessian
 
 
 def sandwich(score: FloatArray, hessian: FloatArray) -> tuple[FloatArray, int]:

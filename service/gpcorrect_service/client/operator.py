@@ -14,7 +14,7 @@ from gpcorrect_service.client.requests import RequestBuilder, no_service
 from gpcorrect_service.protocol import messages
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.sessions import LIVE_KEYS, open_client, require_own_process
-from gpcorrect_service.protocol.settings import DEFAULT_ENDPOINT, ClientSettings
+from gpcorrect_service.protocol.settings import ClientSettings
 
 S = TypeVar("S", messages.ModelListAnswer, messages.ActivateAnswer, messages.StateAnswer)
 
@@ -28,11 +28,10 @@ class Operator:
     patience : float, seconds for a server to load and try a model
     """
 
-    def __init__(self, settings: ClientSettings | None = None, *, patience: float = 30.0) -> None:
-        self._settings = settings or ClientSettings((DEFAULT_ENDPOINT,))
-        self._patience = patience
-        self._build = RequestBuilder(self._settings, "json")
-        self._session = open_client(self._settings)
+    def __init__(self, settings: ClientSettings, *, patience: float = 30.0) -> None:
+        self._settings, self._patience = settings, patience
+        self._build = RequestBuilder(settings, "json")
+        self._session = open_client(settings)
 
     def __enter__(self) -> Self:
         return self

@@ -21,12 +21,12 @@ from gpcorrect_service.protocol.messages import JSON, MSGPACK
 from gpcorrect_service.protocol.ros import DEFAULT_QOS, LATCHED_QOS, RmwNode, attachment, gid_of, rmw_key
 from gpcorrect_service.protocol.sessions import (
     COMMON,
+    check_certificates,
     first_sentence,
     make_config,
     namespace_of,
     open_zenoh,
     read_config,
-    require_valid,
 )
 from gpcorrect_service.protocol.settings import DEFAULT_NAMESPACE, RosDistro, check_loopback, refuse_two_places
 
@@ -182,16 +182,17 @@ class Bus:
     def _senders(self, what: Topic) -> list[Callable[[Message], None]]:
         """Return what sends a topic's messages: on its native key, and on those of ROS."""
         encoding = f"{MSGPACK.media_type};gpcorrect.{what.kind}/1"
-        senders: list[Callable[[Message], None]] = [_Sender(self._publisher(self.key(what.name), what), encoding)]
+        native = self._publisher(self.key(what.name), what)
+        senders: list[Callable[[Message], None]] = [lambda m: native.put(MSGPACK.encode(m), encoding=encoding)]
         if self._node is None or not what.ros_type:
             return senders
         key, token = self._declare_ros(what, "MP")
         publisher = self._latched(key) if what.latched else self._publisher(key, what)
-        senders.append(_RosSender(publisher, gid_of(token), to_cdr))
+        senders.append(_ros_sender(publisher, gid_of(token), to_cdr))
         if what.child:
             base, child = f"{self.settings.arm}_base", f"{self.settings.arm}_{what.child}"
             key, token = self._declare_ros(TF, "MP", "tf")
-            senders.append(_RosSender(self._publisher(key, TF), gid_of(token), lambda m: tf_cdr(m, base, child)))
+            senders.append(_ros_sender(self._publisher(key, TF), gid_of(token), lambda m: tf_cdr(m, base, child)))
         return senders
 
     def _publisher(self, key: str, what: Topic) -> zenoh.Publisher:
@@ -224,30 +225,17 @@ class Bus:
         return rmw_key(self._node.domain, name, what.ros_type, self._node.distro), token
 
 
-@dataclass
-class _RosSender:
-    """A publisher on a ROS key, what it is called there, and how a message is written."""
+def _ros_sender(
+    publisher: zenoh.Publisher | AdvancedPublisher, gid: bytes, encode: Callable[[Any], bytes]
+) -> Callable[[Message], None]:
+    """Return what sends messages on a ROS key, numbered, under the name that the publisher has there."""
+    numbers = itertools.count(1)
 
-    publisher: zenoh.Publisher | AdvancedPublisher
-    gid: bytes
-    encode: Callable[[Any], bytes]
-    count: int = 0
+    def _send(message: Message) -> None:
+        beside = attachment(next(numbers), round(message.stamp * 1e9), gid)
+        publisher.put(encode(message), attachment=beside)
 
-    def __call__(self, message: Message) -> None:
-        self.count += 1
-        beside = attachment(self.count, round(message.stamp * 1e9), self.gid)
-        self.publisher.put(self.encode(message), attachment=beside)
-
-
-@dataclass(frozen=True)
-class _Sender:
-    """A publisher on a native key, and the encoding that it names."""
-
-    publisher: zenoh.Publisher
-    encoding: str
-
-    def __call__(self, message: Message) -> None:
-        self.publisher.put(MSGPACK.encode(message), encoding=self.encoding)
+    return _send
 
 
 def read_message(payload: bytes, encoding: str, what: Topic) -> msgspec.Struct:
@@ -304,7 +292,7 @@ def check_place(settings: BusSettings) -> None:
     ----------
     settings : BusSettings
     """
-    require_valid(_config(settings))
+    check_certificates(_config(settings))
 
 
 def _config(settings: BusSettings) -> zenoh.Config:

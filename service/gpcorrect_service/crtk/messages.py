@@ -20,8 +20,6 @@ from gpcorrect_service.protocol.messages import JointState, Numbers, Row, State
 __all__ = ["TOPICS", "Event", "Heartbeat", "JointState", "Message", "OperatingState", "Pose", "Report"]
 __all__ += ["State", "Text", "Topic", "View", "checked_numbers"]
 
-JOINT_STATE = "sensor_msgs/msg/JointState"  # name of the ROS type
-
 
 class Pose(msgspec.Struct, frozen=True):
     """A pose: what `measured_cp`, `setpoint_cp`, `tracker_cp`, `servo_cp` and `move_cp` carry; a twist where known."""
@@ -130,8 +128,10 @@ TF = Topic("tf", Pose, "pose", ros.TF_MESSAGE)
 TOPICS: dict[str, Topic] = {
     topic.name: topic
     for topic in (
-        *(Topic(f"{name}_js", JointState, "joint_state", JOINT_STATE) for name in ("measured", "setpoint", "external")),
-        *(Topic(name, JointState, "joint_state", JOINT_STATE) for name in ("servo_jp", "move_jp")),
+        *(
+            Topic(name, JointState, "joint_state", ros.JOINT_STATE)
+            for name in ("measured_js", "setpoint_js", "external_js", "servo_jp", "move_jp")
+        ),
         *(Topic(name, Pose, "pose", ros.POSE_STAMPED) for name in ("setpoint_cp", "tracker_cp", "servo_cp", "move_cp")),
         Topic("measured_cp", Pose, "pose", ros.POSE_STAMPED, child="tool"),
         *(
@@ -148,8 +148,8 @@ TOPICS: dict[str, Topic] = {
 }
 
 
-def to_ros(message: msgspec.Struct) -> tuple[Any, str]:
-    """Return the ROS message of a struct, and its type.
+def to_ros(message: msgspec.Struct) -> Any:
+    """Return the ROS message of a struct.
 
     Parameters
     ----------
@@ -160,16 +160,14 @@ def to_ros(message: msgspec.Struct) -> tuple[Any, str]:
         case JointState():
             arrays = (np.array(a or (), dtype=np.float64) for a in (message.position, message.velocity, message.effort))
             names = [f"joint_{j}" for j in range(1, len(message.position) + 1)]
-            return kinds[JOINT_STATE](_header(message.stamp), names, *arrays), JOINT_STATE
+            return kinds[ros.JOINT_STATE](_header(message.stamp), names, *arrays)
         case Pose():
-            return ros.ros_pose(message.pose, *_time(message.stamp), message.frame), ros.POSE_STAMPED
+            return ros.ros_pose(ros.StampedPose(message.pose, *_time(message.stamp), message.frame))
         case OperatingState():
             header = _header(message.stamp)
-            return kinds[ros.OPERATING_STATE](
-                header, message.state, message.is_homed, message.is_busy
-            ), ros.OPERATING_STATE
+            return kinds[ros.OPERATING_STATE](header, message.state, message.is_homed, message.is_busy)
         case Text():
-            return kinds[ros.STRING_STAMPED](_header(message.stamp), message.string), ros.STRING_STAMPED
+            return kinds[ros.STRING_STAMPED](_header(message.stamp), message.string)
     raise TypeError(f"{type(message).__name__} has no ROS message.")
 
 
@@ -180,8 +178,8 @@ def to_cdr(message: msgspec.Struct) -> bytes:
     ----------
     message : Struct, as for :func:`to_ros`
     """
-    found, kind = to_ros(message)
-    return bytes(ros.ros_types().serialize_cdr(found, kind))
+    found = to_ros(message)
+    return bytes(ros.ros_types().serialize_cdr(found, found.__msgtype__))
 
 
 def tf_cdr(message: Pose, base: str, child: str) -> bytes:
@@ -193,7 +191,7 @@ def tf_cdr(message: Pose, base: str, child: str) -> bytes:
     base, child : str, names of the frame that it is in, where the pose names none, and of the frame whose pose it is
     """
     kinds = ros.ros_types().types
-    posed = ros.ros_pose(message.pose, *_time(message.stamp), message.frame or base)
+    posed = ros.ros_pose(ros.StampedPose(message.pose, *_time(message.stamp), message.frame or base))
     p = posed.pose.position
     moved = kinds["geometry_msgs/msg/Transform"](
         kinds["geometry_msgs/msg/Vector3"](p.x, p.y, p.z), posed.pose.orientation
@@ -213,7 +211,7 @@ def from_cdr(data: bytes, ros_type: str) -> msgspec.Struct:
     found = ros.decode_cdr(data, ros_type)
     stamp = found.header.stamp.sec + 1e-9 * found.header.stamp.nanosec
     match ros_type:
-        case "sensor_msgs/msg/JointState":
+        case ros.JOINT_STATE:
             position, velocity, effort = (
                 tuple(a.tolist()) or None for a in (found.position, found.velocity, found.effort)
             )

@@ -19,7 +19,7 @@ from gpcorrect.errors import LogError
 from gpcorrect.logs.streams import Stream, interpolate
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
 from gpcorrect_service.crtk.bus import Bus
-from gpcorrect_service.crtk.messages import TOPICS, Message, to_ros
+from gpcorrect_service.crtk.messages import TOPICS, Message, to_cdr
 from gpcorrect_service.crtk.robot import NO_TRAJECTORY
 from gpcorrect_service.protocol.ros import ros_types
 
@@ -358,7 +358,7 @@ def write_mcap(recording: Recording, folder: Path) -> None:
         for name, messages in recording.messages.items():
             if not messages:
                 continue
-            kind = to_ros(messages[0].message)[1]
+            kind = TOPICS[name].ros_type
             connection = writer.add_connection(f"/{recording.arm}/{name}", kind, typestore=store)
             for _, message in messages:
-                writer.write(connection, round(message.stamp * 1e9), store.serialize_cdr(to_ros(message)[0], kind))
+                writer.write(connection, round(message.stamp * 1e9), to_cdr(message))

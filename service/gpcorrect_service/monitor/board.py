@@ -209,7 +209,7 @@ class _ArmView:
     def _reported(self, report: messages.Report, now: float) -> None:
         before = self.latest.get("report")
         if before is not None and before.model_hash != report.model_hash:
-            self._drift.reset()
+            self._drift = DriftWatch()
         self.latest["report"] = report
         self._reports.append((now, report.in_domain))
         self._latencies.append(report.seconds)

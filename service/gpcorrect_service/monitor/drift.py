@@ -32,6 +32,9 @@ class DriftSettings:
     threshold: float = 1e5  # evidence of an alarm, and votes between false ones at least: more than a day of work
 
 
+SETTINGS = DriftSettings()
+
+
 def outside(miss: Sequence[float], interval95: Sequence[float | None]) -> bool:
     """Tell whether a miss is larger than 95 % of those that its intervals cover.
 
@@ -48,29 +51,23 @@ def outside(miss: Sequence[float], interval95: Sequence[float | None]) -> bool:
 
 @dataclass
 class DriftWatch:
-    """Evidence so far that the arm no longer is the one that was learned."""
+    """Evidence so far that the arm no longer is the one that was learned; another model begins a new one."""
 
-    settings: DriftSettings = DriftSettings()
-    evidence: float = field(default=1.0, init=False)  # C above; 1 and less is none
-    alarm: bool = field(default=False, init=False)  # whether it ever reached the threshold since the model was loaded
-    votes: int = field(default=0, init=False)  # how many there were, each of `vote_seconds` at least
-    _begin: float | None = field(default=None, init=False)
-    _samples: list[bool] = field(default_factory=list, init=False)
+    evidence: float = 1.0  # C above; 1 and less is none
+    alarm: bool = False  # whether it ever reached the threshold since the model was loaded
+    votes: int = 0  # how many there were, each of `vote_seconds` at least
+    _begin: float | None = None
+    _samples: list[bool] = field(default_factory=list)
 
     @property
     def state(self) -> dict[str, float | bool | int]:
         """What a page shows."""
         return {
             "evidence": self.evidence,
-            "threshold": self.settings.threshold,
+            "threshold": SETTINGS.threshold,
             "alarm": self.alarm,
             "votes": self.votes,
         }
-
-    def reset(self) -> None:
-        """Begin anew, as with another model."""
-        self.evidence, self.alarm, self.votes = 1.0, False, 0
-        self._begin, self._samples = None, []
 
     def see(self, stamp: float, outside: bool) -> None:
         """Take note of one sample.
@@ -82,15 +79,15 @@ class DriftWatch:
         """
         if self._begin is None or stamp < self._begin:
             self._begin, self._samples = stamp, []
-        if stamp - self._begin >= self.settings.vote_seconds:
-            if len(self._samples) >= self.settings.fewest:
+        if stamp - self._begin >= SETTINGS.vote_seconds:
+            if len(self._samples) >= SETTINGS.fewest:
                 self._vote(sum(self._samples) > len(self._samples) / 2)
             self._begin, self._samples = stamp, []
         self._samples.append(outside)
 
     def _vote(self, outside: bool) -> None:
-        usual, changed = self.settings.usual, self.settings.changed
+        usual, changed = SETTINGS.usual, SETTINGS.changed
         e = changed / usual if outside else (1.0 - changed) / (1.0 - usual)
         self.evidence = max(self.evidence, 1.0) * e
         self.votes += 1
-        self.alarm = self.alarm or self.evidence >= self.settings.threshold
+        self.alarm = self.alarm or self.evidence >= SETTINGS.threshold

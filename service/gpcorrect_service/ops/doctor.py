@@ -6,7 +6,6 @@ that fails is the answer.
 
 from __future__ import annotations
 
-import datetime
 import json
 import socket
 import ssl
@@ -85,7 +84,7 @@ def examine(settings: ClientSettings) -> Iterator[Finding]:
     """
     config = client_config(settings)
     try:
-        end = check_certificates(config, datetime.datetime.now(datetime.UTC))
+        end = check_certificates(config)
     except ExpiredError as error:
         yield Finding("tls", str(settings.config_file), False, EXPIRED, f"{error.message} {error.hint}")
         return

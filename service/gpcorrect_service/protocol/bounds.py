@@ -62,12 +62,10 @@ def _shortened(vectors: FloatArray, bound: float) -> tuple[FloatArray, BoolArray
 
 
 class RateBound:
-    """Bounds how fast a streamed correction changes, by a limit (k,) a second, of each component; one a stream."""
+    """Bounds how fast a streamed correction changes, by a limit a second for every component; one a stream."""
 
-    def __init__(self, limit: FloatArray) -> None:
-        self._limit = np.array(limit, dtype=np.float64)
-        if not (self._limit > 0).all():
-            raise DataError("rates are above zero.")
+    def __init__(self, limit: float) -> None:
+        self._limit = limit
         self.reset()
 
     def reset(self) -> None:

@@ -23,6 +23,7 @@ from gpcorrect_service.protocol.messages import Numbers
 from gpcorrect_service.protocol.settings import RosDistro
 
 POSE_STAMPED = "geometry_msgs/msg/PoseStamped"  # this and the next are names of ROS types
+JOINT_STATE = "sensor_msgs/msg/JointState"
 OPERATING_STATE = "crtk_msgs/msg/OperatingState"  # crtk_msgs, ROS 2
 STRING_STAMPED = "crtk_msgs/msg/StringStamped"  # crtk_msgs, ROS 2
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"  # what `/tf` carries
@@ -111,23 +112,22 @@ def decode_cdr(data: bytes, ros_type: str) -> Any:
         raise bad_input(f"{len(data)} bytes are not a {ros_type} in CDR ({error}).", hint) from error
 
 
-def ros_pose(pose: tuple[float, ...], sec: int, nanosec: int, frame_id: str) -> Any:
+def ros_pose(stamped: StampedPose) -> Any:
     """Return a PoseStamped; ROS writes quaternions x y z w.
 
     Parameters
     ----------
-    pose : 7 float, x y z in m, then the quaternion w x y z
-    sec, nanosec : int
-    frame_id : str
+    stamped : StampedPose
     """
     kinds = ros_types().types
-    x, y, z, qw, qx, qy, qz = pose
-    stamp = kinds["builtin_interfaces/msg/Time"](sec=sec, nanosec=nanosec)
+    x, y, z, qw, qx, qy, qz = stamped.pose
+    stamp = kinds["builtin_interfaces/msg/Time"](sec=stamped.sec, nanosec=stamped.nanosec)
     body = kinds["geometry_msgs/msg/Pose"](
         position=kinds["geometry_msgs/msg/Point"](x=x, y=y, z=z),
         orientation=kinds["geometry_msgs/msg/Quaternion"](x=qx, y=qy, z=qz, w=qw),
     )
-    return kinds[POSE_STAMPED](header=kinds["std_msgs/msg/Header"](stamp=stamp, frame_id=frame_id), pose=body)
+    header = kinds["std_msgs/msg/Header"](stamp=stamp, frame_id=stamped.frame_id)
+    return kinds[POSE_STAMPED](header=header, pose=body)
 
 
 def read_pose(data: bytes) -> StampedPose:
@@ -155,8 +155,7 @@ def write_pose(stamped: StampedPose) -> bytes:
     ----------
     stamped : StampedPose
     """
-    message = ros_pose(stamped.pose, stamped.sec, stamped.nanosec, stamped.frame_id)
-    return bytes(ros_types().serialize_cdr(message, POSE_STAMPED))
+    return bytes(ros_types().serialize_cdr(ros_pose(stamped), POSE_STAMPED))
 
 
 def read_call(data: bytes) -> tuple[StampedPose, Numbers | None]:
@@ -182,7 +181,7 @@ def write_answer(command: StampedPose, answer: PoseAnswer, model_hash: str) -> b
     model_hash : str
     """
     std, interval = (np.array(row, dtype=np.float64) for row in (answer.std, answer.interval95))
-    posed = ros_pose(command.pose, command.sec, command.nanosec, command.frame_id)
+    posed = ros_pose(command)
     return _response(True, answer.status, answer.reason, posed, std, interval, answer.in_domain, model_hash)
 
 
@@ -193,8 +192,8 @@ def write_refusal(status: str, message: str) -> bytes:
     ----------
     status, message : str, why there is no command, and what to do
     """
-    unknown = np.full(6, np.nan)
-    return _response(False, status, message, ros_pose((np.nan,) * 7, 0, 0, ""), unknown, unknown, False, "")
+    unknown, nowhere = np.full(6, np.nan), ros_pose(StampedPose((np.nan,) * 7, 0, 0, ""))
+    return _response(False, status, message, nowhere, unknown, unknown, False, "")
 
 
 def _response(*fields: Any) -> bytes:

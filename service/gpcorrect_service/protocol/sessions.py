@@ -92,25 +92,16 @@ def require_own_process() -> None:
 def open_zenoh(config: zenoh.Config) -> zenoh.Session:
     """Open a session; the only place that does. Raises as the two checks do, and ZError where it cannot be opened.
 
+    An expired certificate is looked for first: zenoh would not say why it fails.
+
     Parameters
     ----------
     config : zenoh.Config
     """
     require_own_process()
-    require_valid(config)
+    check_certificates(config)
     _PROCESS.opened = True
     return zenoh.open(config)
-
-
-def require_valid(config: zenoh.Config) -> None:
-    """Raise ExpiredError unless every certificate of a configuration is valid now: zenoh would not say why it fails.
-
-    Parameters
-    ----------
-    config : zenoh.Config
-    """
-    if json.loads(config.get_json("transport/link/tls")):
-        check_certificates(config, datetime.datetime.now(datetime.UTC))
 
 
 def wait_for(stop: threading.Event, look: Callable[[], None] = lambda: None) -> None:
@@ -132,26 +123,26 @@ class ExpiredError(DataError):
     """A certificate is not valid now."""
 
 
-def check_certificates(config: zenoh.Config, now: datetime.datetime) -> datetime.datetime | None:
+def check_certificates(config: zenoh.Config) -> datetime.datetime | None:
     """Return when the first certificate expires, None where there is none; what is no certificate is left to zenoh.
 
     Parameters
     ----------
     config : zenoh.Config
-    now : datetime
 
     Raises
     ------
     ExpiredError
         One has expired, or is not valid yet.
     """
-    from cryptography import x509  # slow to import, and seldom needed
-
     tls, ends = json.loads(config.get_json("transport/link/tls")) or {}, []
+    now = datetime.datetime.now(datetime.UTC)
     for name in ("root_ca_certificate", "listen_certificate", "connect_certificate"):
         path = Path(tls.get(name) or "")
         if not path.is_file():
             continue
+        from cryptography import x509  # slow to import, and seldom needed
+
         try:
             certificate = x509.load_pem_x509_certificate(path.read_bytes())
         except (OSError, ValueError):

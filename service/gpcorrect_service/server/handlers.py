@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from msgspec import Struct
 from msgspec.structs import asdict
 
 from gpcorrect.calibration import Entry, ModelStore, last_measured, refuse_other_use
@@ -34,31 +35,26 @@ class Corrections:
 
     def handlers(self) -> dict[messages.Kind, Handler]:
         """Return which key is answered by what."""
-        handler = self._parser.handler
-        return {
-            "correct": handler("correct", self._correct),
-            "correct_path": handler("correct_path", self._correct_path),
-            "correct_joints": handler("correct_joints", self._correct_joints),
-            "model": handler("model", self._model),
-        }
+        return self._parser.handlers(
+            {
+                "correct": self._correct,
+                "correct_path": self._correct_path,
+                "correct_joints": self._correct_joints,
+                "model": self._model,
+            }
+        )
 
     def _correct(self, parsed: Parsed) -> Response:
         """Answer one desired pose, in the encoding in which it came."""
-        request, codec = parsed.request, parsed.codec
+        request = parsed.request
         if request.encoding.startswith(ros.CDR_ENCODING):
             return self._correct_cdr(parsed)
         if request.encoding.startswith(ros.CALL_ENCODING):
             return self._correct_call(parsed)
-        asked = codec.decode(messages.CorrectRequest, request.payload)
+        asked = parsed.codec.decode(messages.CorrectRequest, request.payload)
         model = self._active.pose_model()
         message = self._corrected(model, asked.pose, asked.twist)
-        return Response(
-            codec.encode(message),
-            codec.encoding("correct"),
-            codec.encode(self._parser.meta(parsed, model)),
-            message.status,
-            outside=not message.in_domain,
-        )
+        return self._response(parsed, model, message, message.status, outside=not message.in_domain)
 
     def _correct_cdr(self, parsed: Parsed) -> Response:
         model = self._active.pose_model()
@@ -102,7 +98,7 @@ class Corrections:
         quaternions: Any = message.quaternion or [None] * len(poses)
         for pose, position, quaternion in zip(poses, positions, quaternions, strict=True):
             limits.check_command(position, quaternion, model.limit, partial(model.reference_position, pose))
-        return self._rows(parsed, "correct_path", model, message)
+        return self._rows(parsed, model, message)
 
     def _correct_joints(self, parsed: Parsed) -> Response:
         """Answer a timed path of joints; each request is a path of its own, at rest before its first row."""
@@ -119,8 +115,7 @@ class Corrections:
         efforts = None if asked.efforts is None else limits.checked_rows(asked.efforts, len(types), "efforts")
         answer = model.corrector.correct_path(q, times, efforts, asked.sessions)
         self._check(answer)
-        message = pack(JointsAnswer, answer)
-        return self._rows(parsed, "correct_joints", model, message)
+        return self._rows(parsed, model, pack(JointsAnswer, answer))
 
     def _model(self, parsed: Parsed) -> Response:
         """Answer which model is active."""
@@ -131,7 +126,7 @@ class Corrections:
         message = messages.ModelAnswer(
             model.id, model.hash, self._settings.arm, self._settings.replica, info, registration
         )
-        return plain_response(parsed, "model", message)
+        return plain_response(parsed, message)
 
     def _corrected(self, model: Model, pose: messages.Numbers, twist: messages.Numbers | None) -> PoseAnswer:
         asked = limits.checked_pose(pose, model.limit)
@@ -162,18 +157,17 @@ class Corrections:
         quaternion = None if answer.quaternion is None else command[..., 3:]
         return replace(answer, position=command[..., :3], quaternion=quaternion).because(Reason.BOUNDED, cut)
 
-    def _rows(
-        self, parsed: Parsed, kind: messages.Kind, model: Model | JointModel, message: PathAnswer | JointsAnswer
-    ) -> Response:
+    def _rows(self, parsed: Parsed, model: Model | JointModel, message: PathAnswer | JointsAnswer) -> Response:
         """Return n answers, counted under the first status that is not OK."""
-        return Response(
-            parsed.codec.encode(message),
-            parsed.codec.encoding(kind),
-            parsed.codec.encode(self._parser.meta(parsed, model)),
-            next((status for status in message.status if status != "OK"), "OK"),
-            rows=len(message.flags),
-            outside=message.in_domain.count(False),
-        )
+        status = next((status for status in message.status if status != "OK"), "OK")
+        return self._response(parsed, model, message, status, len(message.flags), message.in_domain.count(False))
+
+    def _response(
+        self, parsed: Parsed, model: Model | JointModel, message: Struct, status: str, rows: int = 1, outside: int = 0
+    ) -> Response:
+        payload = parsed.codec.encode(message)
+        beside = parsed.codec.encode(self._parser.meta(parsed, model))  # now: serving time holds that of the payload
+        return Response(payload, parsed.codec.encoding(parsed.kind), beside, status, rows=rows, outside=outside)
 
 
 class Admin:
@@ -191,12 +185,9 @@ class Admin:
 
     def handlers(self) -> dict[messages.Kind, Handler]:
         """Return which key is answered by what."""
-        handler = self._parser.handler
-        return {
-            "model/list": handler("model/list", self._models),
-            "admin/activate": handler("admin/activate", self._activate),
-            "admin/state": handler("admin/state", self._state),
-        }
+        return self._parser.handlers(
+            {"model/list": self._models, "admin/activate": self._activate, "admin/state": self._state}
+        )
 
     def _models(self, parsed: Parsed) -> Response:
         """Answer which models there are."""
@@ -206,7 +197,7 @@ class Admin:
         if self._store is not None:
             history = {kind: [entry.hash for entry in self._store.history(kind)] for kind in ("pose", "joints")}
             entries = [_listed(self._store, e, active=serving.get(e.kind) == e.hash) for e in self._store.models()]
-        return plain_response(parsed, "model/list", messages.ModelListAnswer(self._replica, entries, history, serving))
+        return plain_response(parsed, messages.ModelListAnswer(self._replica, entries, history, serving))
 
     def _activate(self, parsed: Parsed) -> Response:
         """Load, verify and try a model of the store once, note it there, and answer with it from then on."""
@@ -233,8 +224,7 @@ class Admin:
         self._changed()
         old = before.hash if before else ""
         self._logger.info("activated", kind=entry.kind, model_id=model.id, model_hash=model.hash, before=old)
-        message = messages.ActivateAnswer(model.id, model.hash, entry.kind, old, self._replica)
-        return plain_response(parsed, "admin/activate", message)
+        return plain_response(parsed, messages.ActivateAnswer(model.id, model.hash, entry.kind, old, self._replica))
 
     def _state(self, parsed: Parsed) -> Response:
         """Pause, or go on; where there is a store, whoever starts from it later does so too."""
@@ -248,7 +238,7 @@ class Admin:
                 stays = False
                 self._logger.error("state not stored", cause=error.message)
         self._logger.warning("state set", asked=asked.state, state=self._active.state)
-        return plain_response(parsed, "admin/state", messages.StateAnswer(self._active.state, self._replica, stays))
+        return plain_response(parsed, messages.StateAnswer(self._active.state, self._replica, stays))
 
 
 class Health:
@@ -261,10 +251,8 @@ class Health:
 
     def handlers(self) -> dict[messages.Kind, Handler]:
         """Return which key is answered by what; metrics are, whatever the request holds."""
-        return {
-            "health": self._parser.handler("health", lambda parsed: plain_response(parsed, "health", self.report())),
-            "metrics": lambda _: Response(self.metrics.text, OPENMETRICS),
-        }
+        health = self._parser.handlers({"health": lambda parsed: plain_response(parsed, self.report())})
+        return {**health, "metrics": lambda _: Response(self.metrics.text, OPENMETRICS)}
 
     def report(self) -> messages.HealthAnswer:
         """Return the state of this moment; FAULT also when a worker is gone."""

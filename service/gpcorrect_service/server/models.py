@@ -8,6 +8,7 @@ import timeit
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,6 +18,8 @@ from gpcorrect.types import FloatArray, PoseSignal
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.limits import position_limit
 from gpcorrect_service.protocol.messages import State
+
+M = TypeVar("M", "Model", "JointModel")
 
 ONE_OF_SEVERAL = re.compile(r"(.*?)(\d+|left|right)", re.IGNORECASE)
 """The name of an arm that has sisters: PSM1, raven2_left."""
@@ -247,24 +250,14 @@ class Active:
 
     def pose_model(self) -> Model:
         """Return the model that answers poses; NO_MODEL where there is none, BUSY while paused, INTERNAL in FAULT."""
-        self._check_enabled()
-        model = self._now.pose
-        if model is None:
-            raise _no_model("for poses", "gpcorrect serve MODEL")
-        return model
+        return self._answering(self._now.pose, "for poses", "gpcorrect serve MODEL")
 
     def joint_model(self) -> JointModel:
         """Return the model that answers joints; raises as :meth:`pose_model`."""
-        self._check_enabled()
-        model = self._now.joints
-        if model is None:
-            raise _no_model("for joints", "gpcorrect serve --joints JOINT_MODEL")
-        return model
+        return self._answering(self._now.joints, "for joints", "gpcorrect serve --joints JOINT_MODEL")
 
-    def _check_enabled(self) -> None:
-        if not (self._paused or self._failures):
-            return
-        state = self.state
+    def _answering(self, model: M | None, what: str, start: str) -> M:
+        state = self.state if self._paused or self._failures else "ENABLED"
         if state == "PAUSED":
             hint = "Ask a replica, or: gpcorrect models state ENABLED"
             raise ServiceError("BUSY", "this server is PAUSED by its operator.", hint=hint)
@@ -272,7 +265,7 @@ class Active:
             cause = f"this server is in FAULT: its model failed {FAULTS_IN_A_ROW} times in a row."
             hint = "Activate another model, or look into the server's log and then: gpcorrect models state ENABLED"
             raise ServiceError("INTERNAL", cause, hint=hint)
-
-
-def _no_model(what: str, start: str) -> ServiceError:
-    return ServiceError("NO_MODEL", f"this server holds no model {what}.", hint=f"Start it with one: {start}")
+        if model is None:
+            cause = f"this server holds no model {what}."
+            raise ServiceError("NO_MODEL", cause, hint=f"Start it with one: {start}")
+        return model

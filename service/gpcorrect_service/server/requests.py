@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import msgspec
 
@@ -59,8 +60,9 @@ class Response(msgspec.Struct, frozen=True):
 
 
 class Parsed(msgspec.Struct, frozen=True):
-    """A request that will be answered: how its messages are written, what came beside it, when work began (s)."""
+    """A request that will be answered: on which key, how it is written, what came beside it, when work began (s)."""
 
+    kind: Kind
     request: Request
     codec: Codec
     meta: RequestMeta
@@ -81,15 +83,14 @@ class RequestParser:
         self.active, self.settings, self.logger, self.clock = active, settings, logger, clock
         self._bounds = settings.bounds
 
-    def handler(self, kind: Kind, work: Work) -> Handler:
-        """Return what answers the requests of a key.
+    def handlers(self, works: Mapping[Kind, Work]) -> dict[Kind, Handler]:
+        """Return what answers the requests of each key.
 
         Parameters
         ----------
-        kind : str
-        work : callable, answers a parsed request; may raise ServiceError and DataError
+        works : mapping from key to callable, which answers a parsed request; may raise ServiceError and DataError
         """
-        return lambda request: self._answer(kind, work, request)
+        return {kind: partial(self._answer, kind, work) for kind, work in works.items()}
 
     def meta(self, parsed: Parsed, model: Model | JointModel) -> ReplyMeta:
         """Return what travels beside an answer.
@@ -116,7 +117,7 @@ class RequestParser:
             if meta.deadline is not None and age > meta.deadline:
                 what = f"the request waited {age:.3f} s; its answer was wanted within {meta.deadline:.3f} s."
                 raise ServiceError("STALE", what, hint="Ask less often, allow more time, or add a replica.")
-            response = work(Parsed(request, codec, meta, started))
+            response = work(Parsed(kind, request, codec, meta, started))
         except ServiceError as error:
             if error.status == "INTERNAL":
                 self._failed(kind)
@@ -143,16 +144,15 @@ class RequestParser:
             self.active.failed()
 
 
-def plain_response(parsed: Parsed, kind: Kind, message: msgspec.Struct) -> Response:
+def plain_response(parsed: Parsed, message: msgspec.Struct) -> Response:
     """Return an answer that needs nothing beside it.
 
     Parameters
     ----------
     parsed : Parsed
-    kind : str
     message : Struct
     """
-    return Response(parsed.codec.encode(message), parsed.codec.encoding(kind))
+    return Response(parsed.codec.encode(message), parsed.codec.encoding(parsed.kind))
 
 
 def refusal(request: Request, error: ServiceError, replica: str) -> Response:

@@ -95,7 +95,7 @@ class Estimator:
         if self._stream is None or model is not self._model:
             _check_estimates(model)
             self._model, self._stream = model, model.corrector.stream()
-            self._bound = RateBound(np.full(len(model.corrector.types), rate)) if np.isfinite(rate) else None
+            self._bound = RateBound(rate) if np.isfinite(rate) else None
         elif last is not None and (state.session != last.session or state.stamp < last.stamp - CLOCK_STEP):
             # Not the clock: a sample that waited while the arm was homed is as old as it is.
             self._stream.reset()
