@@ -92,6 +92,19 @@ def test_commands_without_a_stamp_are_refused():
         np.testing.assert_array_equal(arm.setpoint, before)
 
 
+@pytest.mark.parametrize("quaternion", [(1e-200, 0, 0, 0), (1e300, 0, 0, 0), (0, 0, 0, 0), (2, 0, 0, 0)])
+def test_a_pose_that_is_none_is_refused_and_the_arm_goes_on(quaternion):
+    """One such command ended the arm's server."""
+    with living_arm() as (settings, _), Robot(settings) as robot:
+        robot.make_ready()
+        said: list[str] = []
+        robot.bus.subscribe("error", lambda message: said.append(message.string))
+        robot.bus.publish("move_cp", Pose(robot.time, (0.0, 0.0, -0.1, *quaternion)))
+        wait_for(lambda: bool(said))
+        assert "norm" in said[0]
+        robot.operate("disable")
+
+
 @pytest.mark.parametrize("distro", get_args(RosDistro))
 def test_ros_users_are_understood_both_ways(distro: RosDistro):
     """On rmw_zenoh's keys a CDR command moves the arm, and its state is CDR that rosbags reads, attachment beside."""

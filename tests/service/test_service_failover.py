@@ -19,6 +19,7 @@ from service_support import (
     POSE,
     REGISTRATION,
     SHIFT,
+    ShiftCorrector,
     child,
     end_with_parent,
     endpoint_of,
@@ -35,8 +36,12 @@ from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings, 
 from gpcorrect_service.client.connection import Querier
 from gpcorrect_service.client.requests import Question
 from gpcorrect_service.ops.doctor import examine
+from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.router import route
 from gpcorrect_service.protocol.bounds import CorrectionBound
+from gpcorrect_service.server.handlers import Corrections
+from gpcorrect_service.server.models import Active, Model
+from gpcorrect_service.server.requests import Clock, Request, RequestParser
 
 ROUTED = Path(__file__).resolve().parents[2] / "service" / "deploy" / "router"
 
@@ -88,6 +93,27 @@ def test_identity_is_the_registered_pose() -> None:
     assert not one.in_domain
     assert not path.in_domain.any()
     assert np.isnan(one.std).all()
+
+
+def test_a_good_answer_does_not_wait_for_a_registration_that_nobody_gives() -> None:
+    """Where a network lets `correct` pass and `model` not, the first answer waited three seconds, and was too old."""
+    parser = RequestParser(Active(Model(ShiftCorrector(), id="m", hash="h")), ServerSettings(), open_logger(), Clock())
+    handler = Corrections(parser).handlers()["correct"]
+
+    def _reply(query: zenoh.Query) -> None:
+        with query:
+            assert query.payload is not None and query.attachment is not None
+            asked = (query.payload.to_bytes(), str(query.encoding), query.attachment.to_bytes())
+            answer = handler(Request(*asked, time.monotonic()))
+            query.reply(query.key_expr, answer.payload, encoding=answer.encoding, attachment=answer.attachment)
+
+    endpoint = endpoint_of(free_port())
+    listens = {"mode": "router", "listen": {"endpoints": [endpoint]}, "scouting": {"multicast": {"enabled": False}}}
+    with zenoh.open(zenoh.Config.from_json5(json.dumps(listens))) as session:
+        session.declare_queryable("gpcorrect/arm1/correct", _reply)
+        with CorrectionClient(endpoint, timeout=2.0, on_failure="identity") as client:
+            answers = [client.correct(POSE) for _ in range(3)]
+    assert [answer.status for answer in answers] == ["OK"] * 3
 
 
 def test_identity_without_a_good_answer_before_is_an_error() -> None:

@@ -148,7 +148,9 @@ def test_metrics_are_openmetrics_and_count_what_was_answered() -> None:
     """A monitor's own parser reads the text; counts, buckets, share out of domain and state are those of the server."""
     counters = Counters()
     for seconds in (1e-4, 3e-4, 2.0):
-        counters.add("correct", "OK", seconds)
+        counters.add("correct", "OK", seconds, rows=1)
+    counters.add("correct", "BAD_INPUT", 1e-4)
+    counters.add("correct", "DROPPED", None)
     counters.add("correct_path", "EXTRAPOLATING", 1e-2, rows=100, outside=7)
     active = Active(Model(ShiftCorrector(), id="m", hash="h"))
     parser = RequestParser(active, ServerSettings(replica="r1"), open_logger(io.StringIO()), Clock(lambda: NOW))
@@ -160,9 +162,10 @@ def test_metrics_are_openmetrics_and_count_what_was_answered() -> None:
     }
     assert answer.encoding == OPENMETRICS
     assert samples["gpcorrect_answers_total", ("key", "correct"), ("status", "OK")] == 3
-    assert samples["gpcorrect_latency_seconds_bucket", ("key", "correct"), ("le", "0.0002")] == 1
-    assert samples["gpcorrect_latency_seconds_bucket", ("key", "correct"), ("le", "+Inf")] == 3
-    assert samples["gpcorrect_latency_seconds_count", ("key", "correct")] == 3
+    assert samples["gpcorrect_latency_seconds_bucket", ("key", "correct"), ("le", "0.0002")] == 2
+    assert samples["gpcorrect_latency_seconds_bucket", ("key", "correct"), ("le", "+Inf")] == 4
+    assert samples["gpcorrect_latency_seconds_count", ("key", "correct")] == 4  # what was dropped took no time
+    assert samples["gpcorrect_poses_total", ("key", "correct")] == 3  # and a refusal answers no pose
     assert samples["gpcorrect_poses_total", ("key", "correct_path")] == 100
     assert samples["gpcorrect_out_of_domain_total", ("key", "correct_path")] == 7
     assert samples["gpcorrect_state", ("state", "ENABLED")] == 1

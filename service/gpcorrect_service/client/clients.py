@@ -168,11 +168,20 @@ class ClientBase(ABC, Generic[ReplyOf, TextOf, ModelOf, HealthOf]):
             answer, asked = await self._ask_servers(question)
             if (registration := self._build.registration()) is not None:
                 with suppress(ServiceError):
-                    await self._ask_servers(registration)
+                    await self._ask_registration(registration, time.monotonic() + question.patience / 2)
             question.require_wanted(time.monotonic() - asked)  # last thing: nothing that waits comes behind it
         except ServiceError as error:
             return question.rescue(error)
         return answer
+
+    async def _ask_registration(self, registration: Question[None], until: float) -> None:
+        """Ask where that key is answered; once it is waited for, and not so long that the answer in hand is stale."""
+        querier = self._queriers.get(registration.kind) or await self._connected(registration.kind)
+        if querier.fresh:
+            querier.fresh = False
+            await self._await_server(querier, until)
+        if querier.matched:
+            await self._ask_servers(registration)
 
     async def _ask_servers(self, question: Question[R]) -> tuple[R, float]:
         """Return the answer, and when it was asked for, s of the monotonic clock."""

@@ -21,7 +21,7 @@ from gpcorrect_service.crtk.bus import Bus
 from gpcorrect_service.crtk.messages import Heartbeat, JointState, OperatingState, Pose, Text, checked_numbers
 from gpcorrect_service.protocol.bounds import OLDEST
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.limits import checked_stamp
+from gpcorrect_service.protocol.limits import LIMITS, checked_pose, checked_stamp
 
 STATE_HZ = 10.0  # chosen by hand: fast enough for people
 BEAT_HZ = 2.0  # chosen by hand: who listens notices within a second that it ended
@@ -125,7 +125,7 @@ class ArmServer:
         age = (self._stamp() - checked_stamp(message.stamp)) / self._settings.time_scale
         if self._settings.corrected and age > self._settings.command_age:
             raise ServiceError("STALE", f"the pose is {age:.2f} s old.", hint="Was the pre-filter held up?")
-        numbers = np.array(checked_numbers(message.pose, 7, "a pose (x y z qw qx qy qz)"))
+        numbers = checked_pose(checked_numbers(message.pose, 7, "a pose (x y z qw qx qy qz)"), LIMITS.room)
         return se3.from_parts(numbers[:3], numbers[3:])
 
     def _stamp(self) -> float:

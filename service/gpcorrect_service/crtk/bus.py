@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, Self
 
-import msgspec
 import zenoh
 from zenoh.ext import AdvancedPublisher, CacheConfig, declare_advanced_publisher
 
 from gpcorrect.errors import DataError
 from gpcorrect_service.crtk.messages import TF, TOPICS, Message, Topic, from_cdr, tf_cdr, to_cdr
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError, bad_input
+from gpcorrect_service.protocol.limits import checked_stamp
 from gpcorrect_service.protocol.messages import JSON, MSGPACK
 from gpcorrect_service.protocol.ros import DEFAULT_QOS, LATCHED_QOS, RmwNode, attachment, gid_of, rmw_key
 from gpcorrect_service.protocol.sessions import (
@@ -238,22 +238,27 @@ def _ros_sender(
     return _send
 
 
-def read_message(payload: bytes, encoding: str, what: Topic) -> msgspec.Struct:
+def read_message(payload: bytes, encoding: str, what: Topic) -> Any:
     """Read a topic's message in whatever encoding it came; bytes without a name are ROS's, text without one is JSON.
 
     Parameters
     ----------
     payload : bytes
-    encoding : str, zenoh's; BAD_INPUT for another one, and where the bytes are no such message
+    encoding : str, zenoh's; BAD_INPUT for another one, and where the bytes are no such message, or none of a time
     what : Topic
     """
+    message: Any
     if encoding.startswith(MSGPACK.media_type):
-        return MSGPACK.decode(what.form, payload)
-    if encoding.startswith((JSON.media_type, "text/")):
-        return JSON.decode(what.form, payload)
-    if what.ros_type and encoding.startswith(("application/cdr", "zenoh/bytes")):
-        return from_cdr(payload, what.ros_type)
-    raise bad_input(f"{what.name} does not come as {encoding}.", "Send msgpack, JSON or CDR.")
+        message = MSGPACK.decode(what.form, payload)
+    elif encoding.startswith((JSON.media_type, "text/")):
+        message = JSON.decode(what.form, payload)
+    elif what.ros_type and encoding.startswith(("application/cdr", "zenoh/bytes")):
+        message = from_cdr(payload, what.ros_type)
+    else:
+        raise bad_input(f"{what.name} does not come as {encoding}.", "Send msgpack, JSON or CDR.")
+    if message.stamp:  # 0 is no time, which people leave out; no other stamp goes on that cannot be sent or written
+        checked_stamp(message.stamp)
+    return message
 
 
 def open_session(settings: BusSettings) -> zenoh.Session:

@@ -53,22 +53,23 @@ class Counters:
         self._keys: dict[str, _Key] = {}
         self._lock = threading.Lock()
 
-    def add(self, kind: str, status: str, seconds: float = 0.0, rows: int = 1, outside: int = 0) -> None:
-        """Count one answer.
+    def add(self, kind: str, status: str, seconds: float | None, rows: int = 0, outside: int = 0) -> None:
+        """Count one answer, or what became of a query without one.
 
         Parameters
         ----------
         kind, status : str
-        seconds : float
-        rows, outside : int, poses, and how many of them were out of domain
+        seconds : float or None, how long it took; None for a query that was never answered
+        rows, outside : int, poses that were answered, and how many of them were out of domain; none in a refusal
         """
         with self._lock:
             key = self._keys.get(kind)
             if key is None:
                 key = self._keys[kind] = _Key()
             key.statuses[status] += 1
-            key.latencies[bisect_left(LATENCY_BOUNDS, seconds)] += 1
-            key.seconds += seconds
+            if seconds is not None:
+                key.latencies[bisect_left(LATENCY_BOUNDS, seconds)] += 1
+                key.seconds += seconds
             key.poses += rows
             key.outside += outside
 

@@ -31,7 +31,9 @@ class Limits:
     speed: float = 20.0
     turning: float = 200.0
     shortest_step: float = 1e-6  # s between rows: no robot is asked more often, and velocities over less are rounding
-    latest: float = 1e11  # s: three thousand years; nanoseconds since 1970 are ten million times more
+    latest: float = (
+        2.0**31 - 1.0
+    )  # s: as late as a header of ROS can say; milliseconds since 1970 are a thousand times more
     # of a path: about a minute at 100 Hz; question and answer stay below the largest message in JSON too
     rows: int = 5000
     # m and rad of a joint: no arm inserts 2 m, and 20 rad are over three turns; more are millimetres or degrees
@@ -67,7 +69,7 @@ def checked_stamp(stamp: float) -> float:
     stamp : float, s
     """
     if not 0 < stamp <= LIMITS.latest:
-        raise bad_input(f"the stamp is {stamp}.", "Stamp messages with the robot's clock, in s and not in ns.")
+        raise bad_input(f"the stamp is {stamp}.", "Stamp messages with the robot's clock, in s, not in ms or ns.")
     return stamp
 
 

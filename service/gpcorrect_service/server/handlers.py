@@ -66,6 +66,7 @@ class Corrections:
             ros.CDR_ENCODING,
             parsed.codec.encode(beside),
             message.status,
+            rows=1,
             outside=not message.in_domain,
         )
 
@@ -74,7 +75,7 @@ class Corrections:
         model = self._active.pose_model()
         command, message = self._stamped(model, asked, twist)
         payload = ros.write_answer(command, message, model.hash)
-        return Response(payload, ros.CALL_ENCODING, b"", message.status, outside=not message.in_domain)
+        return Response(payload, ros.CALL_ENCODING, b"", message.status, rows=1, outside=not message.in_domain)
 
     def _stamped(
         self, model: Model, asked: ros.StampedPose, twist: messages.Numbers | None

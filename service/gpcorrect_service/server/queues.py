@@ -172,7 +172,8 @@ class Dispatcher:
         """
         busy = ServiceError(
             "BUSY",
-            f"{self.settings.queue_capacity} requests are waiting already, or the server is stopping.",
+            f"{self.settings.queue_capacity} requests are waiting already, more came than --max-rate allows, or the "
+            "server is stopping.",
             hint="Ask again later, or add a replica.",
         )
         with job.query as query:
@@ -185,7 +186,7 @@ class Dispatcher:
         ----------
         job : Job
         """
-        self.counters.add(job.kind, "DROPPED")
+        self.counters.add(job.kind, "DROPPED", None)
         with job.query:
             pass
 

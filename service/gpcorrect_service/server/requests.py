@@ -48,14 +48,17 @@ class Request(msgspec.Struct, frozen=True):
 
 
 class Response(msgspec.Struct, frozen=True):
-    """A reply as it goes: bytes, zenoh encoding, attachment; status, poses and poses out of domain, for the counts."""
+    """A reply as it goes: bytes, zenoh encoding, attachment; status, poses and poses out of domain, for the counts.
+
+    A refusal, and what is no correction, answers no pose.
+    """
 
     payload: bytes
     encoding: str
     attachment: bytes = b""
     status: str = "OK"
     is_error: bool = False
-    rows: int = 1
+    rows: int = 0
     outside: int = 0
 
 

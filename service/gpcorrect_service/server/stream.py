@@ -66,7 +66,7 @@ class Estimator:
             self._refuse(error, sample.arrived)
             return None
         seconds = self.monotonic() - sample.arrived
-        self.counters.add("estimate", message.status, seconds, outside=not message.in_domain)
+        self.counters.add("estimate", message.status, seconds, rows=1, outside=not message.in_domain)
         return codec.encode(message), codec.encoding("estimate")
 
     def _answer(self, state: JointState, arrived: float) -> EstimateAnswer:
@@ -150,7 +150,7 @@ def stream_queue(
             queue.offer(Request(sample.payload.to_bytes(), str(sample.encoding), b"", now))
 
     def _dropped(_: Request) -> None:
-        estimator.counters.add("estimate", "DROPPED")
+        estimator.counters.add("estimate", "DROPPED", None)
 
     queue: WorkerQueue[Request] = WorkerQueue(
         "estimate", _publish, _dropped, capacity=SAMPLES_WAITING, logger=estimator.logger
