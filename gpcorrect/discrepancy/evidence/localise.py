@@ -92,14 +92,13 @@ class Localisation:
         return not self.something and all(e.shown for e in self.equivalence)
 
 
-def localise(channels: Sequence[ChannelData], rng: np.random.Generator, *, tolerance: float = 0.0) -> Localisation:
+def localise(channels: Sequence[ChannelData], rng: np.random.Generator) -> Localisation:
     """Run every test of every channel, and the null law of the largest of them by parametric bootstrap from the noise.
 
     Parameters
     ----------
     channels : sequence of ChannelData
     rng : numpy.random.Generator, draws the bootstrap
-    tolerance : float, of the task, rad or m; the equivalence limit is the larger of it and a quarter of the noise
     """
     findings: list[Finding] = []
     bounds: list[Equivalence] = []
@@ -111,7 +110,7 @@ def localise(channels: Sequence[ChannelData], rng: np.random.Generator, *, toler
         null = np.maximum(null, null_nats)
         best = found[0].nats if found and found[0].counts else -np.inf
         largest = max(largest, best) if bounds else best
-        bounds.append(Equivalence(data.channel, upper, max(TESTS.equivalence, tolerance / data.noise.std)))
+        bounds.append(Equivalence(data.channel, upper, TESTS.equivalence))
     threshold = max(0.0, _quantile_of_largest(null)) if tested else 0.0
     above = sorted((f for f in findings if f.nats > threshold), key=_rank)
     return Localisation(tuple(above), threshold, largest, tuple(bounds))

@@ -111,7 +111,6 @@ def localise_residual(
     prepared: PreparedData,
     fitted: Sequence[FittedEffect],
     noises: tuple[ChannelNoise, ...],
-    tolerance: float,
     rng: np.random.Generator,
 ) -> Localisation:
     """Test what a set leaves on discovery and confirmation against noise.
@@ -121,7 +120,6 @@ def localise_residual(
     prepared : PreparedData
     fitted : sequence of FittedEffect
     noises : tuple of ChannelNoise
-    tolerance : float, of the task, rad or m
     rng : numpy.random.Generator, draws the null law
     """
     dataset = prepared.dataset
@@ -133,7 +131,7 @@ def localise_residual(
         ChannelData(c, dataset.time, residual[:, i], blocks[i], noises[i], prepared.tests[i], least.get(c.signal, 0.0))
         for i, c in enumerate(dataset.scene.channels)
     ]
-    return localise(channels, rng, tolerance=tolerance)
+    return localise(channels, rng)
 
 
 def open_beginnings(dataset: Dataset, effects: Sequence[Effect], noises: Sequence[ChannelNoise]) -> BoolArray:
