@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 from discrepancy_core import RUNS, SAMPLES, joint_log, motors
-from discrepancy_support import named, nominal
+from discrepancy_support import named, nominal, verdict_sentence
 
 from gpcorrect.discrepancy import Level, find_discrepancy
 from gpcorrect.discrepancy.naming.weigh import own_gain, weigh
-from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentence
+from gpcorrect.discrepancy.outcome.sentences import next_step
 from gpcorrect.discrepancy.outcome.verdict import closed_where_they_show
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import refine
