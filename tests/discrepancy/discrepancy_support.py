@@ -145,7 +145,7 @@ def result(
     return DiscrepancyResult(
         verdict=Verdict(Level(level), effects),
         not_named=(),
-        localisation=Localisation(findings, 7.0, (Equivalence(channels[0], 0.1, 0.25),)),
+        localisation=Localisation(findings, 7.0, (Equivalence(channels[0], 0.1),)),
         remainder=None,
         gap=(small, gap),
         next_experiment=None,

@@ -59,12 +59,11 @@ class Equivalence:
 
     channel: Channel
     upper: float  # 95 % bound
-    limit: float  # that it has to be under
 
     @property
     def shown(self) -> bool:
         """Whether the systematic part is shown to be too small to matter."""
-        return self.upper < self.limit
+        return self.upper < TESTS.equivalence
 
 
 @dataclass(frozen=True)
@@ -106,7 +105,7 @@ def localise(channels: Sequence[ChannelData], rng: np.random.Generator) -> Local
         found, null_nats, upper = _test_channel(data, rng)
         findings += found[:SHOWN]
         null = np.maximum(null, null_nats)
-        bounds.append(Equivalence(data.channel, upper, TESTS.equivalence))
+        bounds.append(Equivalence(data.channel, upper))
     threshold = max(0.0, _quantile_of_largest(null)) if bounds else 0.0
     above = sorted((f for f in findings if f.nats > threshold), key=_rank)
     return Localisation(tuple(above), threshold, tuple(bounds))
