@@ -10,7 +10,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentence
+from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentences
 from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.report import write_discrepancy_report
 from gpcorrect.sim import Model, effect_from_dict, model_from_dict
@@ -55,7 +55,7 @@ def main() -> None:
     nominal, true = machine()
     log = joint_motion_log(true, TRAJECTORIES, SECONDS, SEED, payloads=PAYLOADS)
     found = find_discrepancy(nominal, log)
-    print(verdict_sentence(found))
+    print(*verdict_sentences(found))
     print("next:", next_step(found))
     with tempfile.TemporaryDirectory() as folder:
         path = arguments.page or Path(folder) / "page.html"

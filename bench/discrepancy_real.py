@@ -15,7 +15,7 @@ from pathlib import Path
 from support import print_table, real_data
 
 from gpcorrect.discrepancy import find_discrepancy
-from gpcorrect.discrepancy.outcome.sentences import verdict_sentence
+from gpcorrect.discrepancy.outcome.sentences import verdict_sentences
 from gpcorrect.discrepancy.outcome.words import in_reader_units, number
 from gpcorrect.logs import read_log
 from gpcorrect.report.discrepancy_page import write_discrepancy_report
@@ -40,7 +40,8 @@ def main() -> None:
         )
     print_table(["joint", "verdict", "before", "after", "noise", "unit", "left / noise", "named"], rows)
     boxes = ", ".join(f"{g.channel.joint}: {100 * g.black_box_ceiling:.0f} %" for g in found.gap)
-    print(f"\na Gaussian process on the same inputs closes {boxes}\n{verdict_sentence(found)}\n{seconds:.0f} s")
+    verdict = " ".join(verdict_sentences(found))
+    print(f"\na Gaussian process on the same inputs closes {boxes}\n{verdict}\n{seconds:.0f} s")
     if arguments.page is not None:
         write_discrepancy_report(found, arguments.page)
 

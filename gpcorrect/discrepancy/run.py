@@ -47,7 +47,6 @@ def find_discrepancy(
     logs: CalibrationLog | Sequence[CalibrationLog],
     *,
     seed: int = 0,
-    tolerance: float = 0.0,
     progress: Progress | None = None,
     stages: Path | None = None,
 ) -> DiscrepancyResult:
@@ -62,8 +61,6 @@ def find_discrepancy(
         (external_jp or tracker_cp).
     seed : int
         Of the split and of everything drawn: the same inputs and seed give the same result.
-    tolerance : float
-        Of the task, rad or m: a systematic part below it does not matter.
     progress : Progress, optional
         Reported every stage.
     stages : Path, optional
@@ -86,11 +83,11 @@ def find_discrepancy(
     _refuse_still_clock(log)
     store = None
     if stages is not None:
-        key = inputs_key(log.digest, len(log), model_key(model), seed, tolerance, version("gpcorrect"))
+        key = inputs_key(log.digest, len(log), model_key(model), seed, version("gpcorrect"))
         store = StageStore(stages, key)
         if (finished := store.load_result()) is not None:
             return finished
-    result = _find(model, log, seed, tolerance, progress or Progress(), store)
+    result = _find(model, log, seed, progress or Progress(), store)
     if store is not None:
         store.save_result(result)
     return result
@@ -108,7 +105,7 @@ def _refuse_still_clock(log: CalibrationLog) -> None:
 
 
 def _find(
-    model: Model, log: CalibrationLog, seed: int, tolerance: float, progress: Progress, store: StageStore | None
+    model: Model, log: CalibrationLog, seed: int, progress: Progress, store: StageStore | None
 ) -> DiscrepancyResult:
     started, rng = time.monotonic(), np.random.default_rng(seed)
     progress.step("preparing", 0.0)
@@ -117,7 +114,7 @@ def _find(
     progress.step("preparing", 1.0)
     progress.step("localising", 0.0)
     noises = estimate_noises(dataset, dataset.residual(), dataset.training)
-    before = localise_residual(prepared, (), noises, tolerance, rng)
+    before = localise_residual(prepared, (), noises, rng)
     progress.step("localising", 1.0)
     candidates, lacks = split_by_needs(all_candidates(dataset.scene), dataset.scene, prepared.log)
     state = start_search(dataset, candidates if before.worth_a_search else [], progress)
@@ -132,7 +129,7 @@ def _find(
         )
     if (rare := name_rare(prepared, state, named, candidates, rng, progress)) is not None:
         prepared, state, named = rare
-    judge = partial(_judge, prepared, state, before, named, dropped, tolerance, rng, progress)
+    judge = partial(_judge, prepared, state, before, named, dropped, rng, progress)
     found = judge(only_large=False)
     effects = found.verdict.effects
     if found.verdict.level == Level.UNKNOWN and effects and all(e.is_minor for e in effects):
@@ -180,7 +177,6 @@ def _judge(
     before: Localisation,
     named: tuple[Named, ...],
     dropped: tuple[Named, ...],
-    tolerance: float,
     rng: np.random.Generator,
     progress: Progress,
     *,
@@ -206,7 +202,7 @@ def _judge(
     sure = [e for e in on_noise if e.named.may_be_named]
     prepared = prepared.without(open_beginnings(dataset, shown, noises))
     looked = before.worth_a_search or state.fitted
-    remainder = localise_residual(prepared, fitted, noises, tolerance, rng) if looked else None
+    remainder = localise_residual(prepared, fitted, noises, rng) if looked else None
     left = remainder or before
     progress.step("what is left", 1.0)
     progress.step("test set", 0.0)

@@ -99,7 +99,7 @@ def _where(result: DiscrepancyResult) -> Section:
     if not found:
         words = [f"None of the tests beats {limit:.1f} nats, the 99 % quantile of the largest of all tests in noise."]
         for e in (result.remainder or result.localisation).equivalence:
-            bound = f"{100 * e.upper:.0f} % of the noise (95 % bound; {100 * e.limit:.0f} % was asked for)"
+            bound = f"{100 * e.upper:.0f} % of the noise (95 % bound; {100 * TESTS.equivalence:.0f} % was asked for)"
             if np.isfinite(e.upper):
                 words.append(f"{_capital(channel_words(e.channel))}: a systematic part is below {bound}.")
         return Section("Where", words)

@@ -13,6 +13,7 @@ from gpcorrect.discrepancy.evidence.variables import Span
 from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level
 from gpcorrect.discrepancy.outcome.provenance import DataSource, DecisionThresholds, Provenance
 from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, Evidence, NamedEffect, Verdict
+from gpcorrect.discrepancy.outcome.sentences import verdict_sentences
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.scene import Channel
 from gpcorrect.discrepancy.search.candidates import Estimate
@@ -144,7 +145,7 @@ def result(
     return DiscrepancyResult(
         verdict=Verdict(Level(level), effects),
         not_named=(),
-        localisation=Localisation(findings, 7.0, 0.0, (Equivalence(channels[0], 0.1, 0.25),)),
+        localisation=Localisation(findings, 7.0, (Equivalence(channels[0], 0.1),)),
         remainder=None,
         gap=(small, gap),
         next_experiment=None,
@@ -152,6 +153,11 @@ def result(
         model=nominal(),
         evidence=evidence(seed),
     )
+
+
+def verdict_sentence(found: DiscrepancyResult) -> str:
+    """Return all of a verdict's sentences in a row."""
+    return " ".join(verdict_sentences(found))
 
 
 def evidence(seed: int = 0, rows: int = 400) -> Evidence:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from discrepancy_core import NOISE, RUNS, SAMPLES, joint_log
-from discrepancy_support import nominal
+from discrepancy_support import nominal, verdict_sentence
 
 from gpcorrect.discrepancy import Level, find_discrepancy
 from gpcorrect.discrepancy.evidence.bursts import bursts_of
 from gpcorrect.discrepancy.evidence.whitener import estimate_noises
-from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentence
+from gpcorrect.discrepancy.outcome.sentences import next_step
 from gpcorrect.discrepancy.search.prepared import prepare_data
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from discrepancy_support import estimate, finding, named, outside, result, rival
+from discrepancy_support import estimate, finding, named, outside, result, rival, verdict_sentence
 
 from gpcorrect.discrepancy.evidence.variables import Quantity, Span, Variable
 from gpcorrect.discrepancy.outcome.result import Experiment
-from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentence, verdict_sentences
+from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentences
 from gpcorrect.discrepancy.outcome.verdict import place_verdicts
 from gpcorrect.discrepancy.outcome.words import estimate_words, in_reader_units, number, region_words
 from gpcorrect.discrepancy.search.candidates import Estimate

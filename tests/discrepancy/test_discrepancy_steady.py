@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 from discrepancy_core import RUNS, SAMPLES, joint_log, motors
-from discrepancy_support import named, nominal
+from discrepancy_support import named, nominal, verdict_sentence
 
 from gpcorrect.discrepancy import Level, find_discrepancy
 from gpcorrect.discrepancy.naming.weigh import own_gain, weigh
-from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentence
+from gpcorrect.discrepancy.outcome.sentences import next_step
 from gpcorrect.discrepancy.outcome.verdict import closed_where_they_show
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import refine
@@ -88,13 +88,13 @@ def test_effects_that_show_in_one_channel_share_what_they_leave() -> None:
     """What is left counts where it is plain; who shows beside an effect there was fitted together with it."""
     shown: dict[str, list[float]] = {"delay": [2.0, 0.0, 0.0], "resonance": [1.0, 1.0, 0.0], "wave": [0.0, 0.0, 1.0]}
 
-    def predict(effects: Sequence[str] = ()) -> FloatArray:
-        return np.sum([np.zeros((5, 3)), *(np.tile(shown[e], (5, 1)) for e in effects)], axis=0)
+    def changes(effects: Sequence[str]) -> FloatArray:
+        return np.stack([np.tile(shown[e], (5, 1)) for e in effects], axis=2)
 
     def together(a: str, b: str) -> bool:
         return bool(np.any(np.multiply(shown[a], shown[b])))
 
-    state: Any = SimpleNamespace(dataset=SimpleNamespace(predict=predict), alike=together)
+    state: Any = SimpleNamespace(dataset=SimpleNamespace(changes=changes), alike=together)
     fitted: Any = [SimpleNamespace(effect=name, candidate=name) for name in shown]
     gaps: Any = [SimpleNamespace(channel=i, closed=0.5, noise=1.0) for i in range(3)]
     plain, faint = ({"counts": True, "size": size, "nats": 100.0} for size in (0.5, 0.2))

@@ -11,11 +11,10 @@ from gpcorrect.discrepancy.settings import SETTINGS
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "bench"))
 
-from discrepancy_support import result
+from discrepancy_support import result, verdict_sentence
 from truth import Spec, make_case
 
 from gpcorrect.discrepancy import DiscrepancyResult, Level
-from gpcorrect.discrepancy.outcome.sentences import verdict_sentence
 from gpcorrect.discrepancy.recording.scene import Channel
 from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.sim import model_from_dict

@@ -21,7 +21,7 @@ A, B = outside(1), outside(2)
 def localisation(nats: float, upper: float = 1.0, size: float = 0.5) -> Localisation:
     """One finding in channel A; B is quiet."""
     finding = Finding(A, (Variable(Quantity.POSITION, 1),), (), nats, size)
-    return Localisation((finding,), THRESHOLD, nats, (Equivalence(A, upper, 0.25), Equivalence(B, 0.1, 0.25)))
+    return Localisation((finding,), THRESHOLD, (Equivalence(A, upper), Equivalence(B, 0.1)))
 
 
 def dropped(level: Level, nats: float) -> Named:

@@ -59,12 +59,11 @@ class Equivalence:
 
     channel: Channel
     upper: float  # 95 % bound
-    limit: float  # that it has to be under
 
     @property
     def shown(self) -> bool:
         """Whether the systematic part is shown to be too small to matter."""
-        return self.upper < self.limit
+        return self.upper < TESTS.equivalence
 
 
 @dataclass(frozen=True)
@@ -73,13 +72,12 @@ class Localisation:
 
     findings: tuple[Finding, ...]  # above the threshold, largest first, those too small to count as well
     threshold: float  # nats that the largest of all tests stays below in noise, with the level's probability
-    largest: float  # nats of the best test whose finding counts
     equivalence: tuple[Equivalence, ...]
 
     @property
     def something(self) -> bool:
-        """Whether anything beats noise."""
-        return self.largest > self.threshold
+        """Whether anything beats noise that is large enough to count."""
+        return any(f.counts for f in self.findings)
 
     @property
     def worth_a_search(self) -> bool:
@@ -92,29 +90,25 @@ class Localisation:
         return not self.something and all(e.shown for e in self.equivalence)
 
 
-def localise(channels: Sequence[ChannelData], rng: np.random.Generator, *, tolerance: float = 0.0) -> Localisation:
+def localise(channels: Sequence[ChannelData], rng: np.random.Generator) -> Localisation:
     """Run every test of every channel, and the null law of the largest of them by parametric bootstrap from the noise.
 
     Parameters
     ----------
     channels : sequence of ChannelData
     rng : numpy.random.Generator, draws the bootstrap
-    tolerance : float, of the task, rad or m; the equivalence limit is the larger of it and a quarter of the noise
     """
     findings: list[Finding] = []
     bounds: list[Equivalence] = []
-    largest, null = 0.0, np.full(TESTS.draws, -np.inf)
-    tested = [c for c in channels if (c.block >= 0).any()]
-    for data in tested:
+    null = np.full(TESTS.draws, -np.inf)
+    for data in (c for c in channels if (c.block >= 0).any()):
         found, null_nats, upper = _test_channel(data, rng)
         findings += found[:SHOWN]
         null = np.maximum(null, null_nats)
-        best = found[0].nats if found and found[0].counts else -np.inf
-        largest = max(largest, best) if bounds else best
-        bounds.append(Equivalence(data.channel, upper, max(TESTS.equivalence, tolerance / data.noise.std)))
-    threshold = max(0.0, _quantile_of_largest(null)) if tested else 0.0
+        bounds.append(Equivalence(data.channel, upper))
+    threshold = max(0.0, _quantile_of_largest(null)) if bounds else 0.0
     above = sorted((f for f in findings if f.nats > threshold), key=_rank)
-    return Localisation(tuple(above), threshold, largest, tuple(bounds))
+    return Localisation(tuple(above), threshold, tuple(bounds))
 
 
 def _quantile_of_largest(null: FloatArray) -> float:

@@ -72,10 +72,10 @@ def travel_direction(path: FloatArray, run: IntArray) -> FloatArray:
         rows = np.flatnonzero(run == k)
         anchor, current = path[rows[0]], 0.0
         for row in rows:
-            if abs(path[row] - anchor) > threshold:
-                current = float(np.sign(path[row] - anchor))
-                anchor = path[row]
-            elif current * (path[row] - anchor) > 0:
+            moved = path[row] - anchor
+            if abs(moved) > threshold:
+                current = float(np.sign(moved))
+            if current * moved > 0:
                 anchor = path[row]
             direction[row] = current
     return direction
@@ -186,9 +186,7 @@ class Cells:
         ----------
         rows : int array, of the n rows
         """
-        columns = np.zeros((len(rows), len(self.spans)))
-        columns[np.arange(len(rows)), self.code[rows]] = 1.0
-        return columns
+        return np.eye(len(self.spans))[self.code[rows]]
 
 
 def all_cells(covariates: Covariates) -> list[Cells]:

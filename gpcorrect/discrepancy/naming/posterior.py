@@ -184,12 +184,9 @@ def overtone_nats(view: View, fit: FittedEffect) -> float:
     view : View
     fit : FittedEffect, one of the set
     """
-    effects = fit.effect.overtones()
-    if not effects:
-        return 0.0
-    dataset = view.search.dataset
-    columns = np.stack([dataset.predict([e]) - dataset.predict() for e in effects], axis=2)
-    return smooth_nats(view, view.search.fitted, view.search.touched(fit.candidate), view.whitened(columns))
+    search = view.search
+    columns = view.whitened(search.dataset.changes(fit.effect.overtones()))
+    return smooth_nats(view, search.fitted, search.touched(fit.candidate), columns)
 
 
 def name_effect(view: View, fit: FittedEffect, own: Own) -> tuple[Named, Weighed]:

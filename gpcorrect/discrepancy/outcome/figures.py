@@ -8,7 +8,6 @@ import numpy as np
 
 from gpcorrect.discrepancy.evidence.variables import travel_direction
 from gpcorrect.discrepancy.outcome.result import ChannelGap, Evidence
-from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.search.prepared import PreparedData
@@ -34,8 +33,8 @@ def gaps_of(
     rng : numpy.random.Generator, for bootstrap and controls
     """
     dataset = prepared.dataset.strict()
-    before, after = dataset.residual(), dataset.residual([f.effect for f in fitted])
-    signatures, test, train = _signatures(dataset, fitted), dataset.test, dataset.training
+    effects, test, train = [f.effect for f in fitted], dataset.test, dataset.training
+    before, after, signatures = dataset.residual(), dataset.residual(effects), dataset.changes(effects)
     gaps = []
     for i, channel in enumerate(dataset.scene.channels):
         noise, inputs = noises[i].std, np.stack(list(prepared.inputs[i].values.values()), axis=1)
@@ -150,13 +149,6 @@ def exchanged(values: FloatArray, block: IntArray, train: BoolArray, rng: np.ran
     return result
 
 
-def _signatures(dataset: Dataset, fitted: Sequence[FittedEffect]) -> FloatArray:
-    """Change of the channels `(m, c, k)` by each effect alone."""
-    nominal = dataset.predict()
-    changes = [dataset.predict([f.effect]) - nominal for f in fitted]
-    return np.stack(changes, axis=2) if changes else np.zeros((*nominal.shape, 0))
-
-
 def evidence_of(prepared: PreparedData, state: Search, fitted: Sequence[FittedEffect]) -> Evidence:
     """Return residuals, motor paths and likeness of the signatures, of the condensed rows.
 
@@ -166,14 +158,14 @@ def evidence_of(prepared: PreparedData, state: Search, fitted: Sequence[FittedEf
     state : Search, after the naming
     fitted : sequence of FittedEffect, named effects
     """
-    dataset, scene = prepared.dataset.strict(), prepared.dataset.scene
+    dataset, scene, effects = prepared.dataset.strict(), prepared.dataset.scene, [f.effect for f in fitted]
     motor, run = scene.motor_path(), scene.run_of_row()
     direction = np.stack([travel_direction(c, run) for c in motor.T], axis=1)
-    white = state.whitener.whiten_columns(_signatures(dataset, fitted))
+    white = state.whitener.whiten_columns(dataset.changes(effects))
     size = np.linalg.norm(white, axis=0)
     return Evidence(
         before=dataset.residual(),
-        after=dataset.residual([f.effect for f in fitted]),
+        after=dataset.residual(effects),
         motor=dataset.means(motor),
         direction=dataset.means(direction),
         joint=tuple(c.index if c.joint else -1 for c in scene.channels),

@@ -266,7 +266,7 @@ class DiscrepancyResult:
                 **_provenance(self.provenance),
                 "remainder": [] if remainder is None else [_finding(f) for f in remainder.findings],
                 "equivalence": [
-                    {"channel": e.channel.name, "systematic_upper": e.upper, "limit": e.limit}
+                    {"channel": e.channel.name, "systematic_upper": e.upper, "limit": TESTS.equivalence}
                     for e in (remainder or self.localisation).equivalence
                 ],
                 "not_named": [

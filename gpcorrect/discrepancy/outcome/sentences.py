@@ -86,16 +86,6 @@ def _excess(gap: ChannelGap | None) -> float:
     return 0.0 if gap is None else gap.before / gap.noise
 
 
-def verdict_sentence(result: DiscrepancyResult) -> str:
-    """Return all of the verdict's sentences in a row.
-
-    Parameters
-    ----------
-    result : DiscrepancyResult
-    """
-    return " ".join(verdict_sentences(result))
-
-
 def verdict_sentences(result: DiscrepancyResult) -> list[str]:
     """Return the verdict: first what matters most and how much of the gap it closes, then what is beside it.
 

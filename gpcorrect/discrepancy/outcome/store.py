@@ -55,12 +55,10 @@ class StageStore:
         """
         try:
             stored = json.loads((self.folder / f"{stage}.json").read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+            content = stored["content"] if stored["key"] == self.key else None
+        except (OSError, ValueError, KeyError, TypeError):
             return None
-        if not isinstance(stored, dict) or stored.get("key") != self.key or not isinstance(stored.get("content"), dict):
-            return None
-        content: dict[str, Any] = stored["content"]
-        return content
+        return content if isinstance(content, dict) else None
 
     def save(self, stage: str, content: Mapping[str, Any]) -> None:
         """Store a stage: whole, or not at all.

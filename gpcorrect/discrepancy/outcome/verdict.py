@@ -101,8 +101,8 @@ def closed_where_they_show(
     limit = VERDICT.plain * left.threshold
     plain = {f.channel for f in left.findings if f.counts and f.size > TESTS.equivalence and f.nats > limit}
     closed = np.array([min(np.nan_to_num(g.closed), 1.0) if g.channel in plain else 1.0 for g in gaps])
-    nominal, noise = state.dataset.predict(), np.array([g.noise for g in gaps])
-    changes = [np.nanmean((state.dataset.predict([f.effect]) - nominal) ** 2, axis=0) / noise**2 for f in fitted]
+    noise, signatures = np.array([g.noise for g in gaps]), state.dataset.changes([f.effect for f in fitted])
+    changes = np.nanmean(signatures**2, axis=0).T / noise**2
     own = [float(change @ closed / change.sum()) if change.any() else 1.0 for change in changes]
     return [min(c for g, c in zip(fitted, own, strict=True) if state.alike(f.candidate, g.candidate)) for f in fitted]
 

@@ -166,8 +166,6 @@ def estimate_words(estimate: Estimate, *, interval: bool = True) -> str:
     """
     value, ci95, unit = estimate.value, estimate.ci95, estimate.unit
     values = value if isinstance(value, tuple) else (value,)
-    if not unit and ci95 is None:
-        return ", ".join(map(str, values))
     intervals: Sequence[object] = [None] * len(values)
     if ci95 is not None:
         intervals = ci95 if isinstance(value, tuple) else [ci95]

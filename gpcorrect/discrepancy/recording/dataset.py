@@ -123,6 +123,17 @@ class Dataset:
             memory.keys.keep(wanted, [signal.key for signal in signals])
         return np.concatenate(found, axis=1)
 
+    def changes(self, effects: Sequence[Effect]) -> FloatArray:
+        """Return the change of the channels `(m, c, k)` by each of k effects alone.
+
+        Parameters
+        ----------
+        effects : sequence of Effect
+        """
+        nominal = self.predict()
+        alone = [self.predict([effect]) - nominal for effect in effects]
+        return np.stack(alone, axis=2) if alone else np.zeros((*nominal.shape, 0))
+
     def strict(self) -> Dataset:
         """Return the dataset with all of the residual in account, for what is reported of it."""
         if self.scene.slack is None:

@@ -25,16 +25,13 @@ HALVINGS = 8  # of sizes at which no machine could be
 HOPE = 3.0  # times the last step's gain, which steps that gain three quarters of the one before come to in all
 
 
-def signature(
-    dataset: Dataset, base: FloatArray, others: Sequence[FittedEffect], candidate: Candidate
-) -> FloatArray | None:
+def signature(dataset: Dataset, base: FloatArray, candidate: Candidate) -> FloatArray | None:
     """Return the change of the channels when a candidate is inserted at its start.
 
     Parameters
     ----------
     dataset : Dataset, of m rows and c channels
     base : (m, c) array, channels without it
-    others : sequence of FittedEffect, present beside it
     candidate : Candidate
 
     Returns
@@ -46,8 +43,7 @@ def signature(
     for i in candidate.amplitudes or (-1,):
         alone = [nothing[k] if k in candidate.amplitudes and k != i else u for k, u in enumerate(candidate.start)]
         try:
-            effect = candidate.build(np.array(alone))
-            columns.append(dataset.predict([*(f.effect for f in others), effect]) - base)
+            columns.append(dataset.predict([candidate.build(np.array(alone))]) - base)
         except DataError:
             return None
     return np.stack(columns, axis=2)

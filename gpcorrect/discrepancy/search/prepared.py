@@ -99,14 +99,11 @@ def _prepared(log: CalibrationLog, split: Split, dataset: Dataset, remarks: tupl
     used = np.flatnonzero(dataset.group >= 0)
     first, last = (np.searchsorted(dataset.group[used], np.arange(len(dataset)), side) for side in ("left", "right"))
     middle = used[(first + last - 1) // 2]  # not the mean, so that signs stay signs
-    inputs: dict[int, Covariates] = {}
-    for channel in scene.channels:
-        if channel.joint not in inputs:
-            inputs[channel.joint] = covariates_of(scene, channel.index if channel.joint else None, middle)
-    tests = {joint: tuple(all_cells(covariates)) for joint, covariates in inputs.items()}
-    own = [channel.joint for channel in scene.channels]
+    columns = [channel.index if channel.joint else None for channel in scene.channels]
+    inputs = {column: covariates_of(scene, column, middle) for column in dict.fromkeys(columns)}
+    tests = {column: tuple(all_cells(covariates)) for column, covariates in inputs.items()}
     return PreparedData(
-        log, split, dataset, tuple(tests[joint] for joint in own), tuple(inputs[joint] for joint in own), remarks
+        log, split, dataset, tuple(tests[c] for c in columns), tuple(inputs[c] for c in columns), remarks
     )
 
 
@@ -114,7 +111,6 @@ def localise_residual(
     prepared: PreparedData,
     fitted: Sequence[FittedEffect],
     noises: tuple[ChannelNoise, ...],
-    tolerance: float,
     rng: np.random.Generator,
 ) -> Localisation:
     """Test what a set leaves on discovery and confirmation against noise.
@@ -124,7 +120,6 @@ def localise_residual(
     prepared : PreparedData
     fitted : sequence of FittedEffect
     noises : tuple of ChannelNoise
-    tolerance : float, of the task, rad or m
     rng : numpy.random.Generator, draws the null law
     """
     dataset = prepared.dataset
@@ -136,7 +131,7 @@ def localise_residual(
         ChannelData(c, dataset.time, residual[:, i], blocks[i], noises[i], prepared.tests[i], least.get(c.signal, 0.0))
         for i, c in enumerate(dataset.scene.channels)
     ]
-    return localise(channels, rng, tolerance=tolerance)
+    return localise(channels, rng)
 
 
 def open_beginnings(dataset: Dataset, effects: Sequence[Effect], noises: Sequence[ChannelNoise]) -> BoolArray:

@@ -182,7 +182,7 @@ def start_search(dataset: Dataset, candidates: Iterable[Candidate], progress: Pr
     """
     whitener = whitener_on(dataset, dataset.residual(), dataset.discovery)
     todo = list(candidates)
-    changes = each(partial(signature, dataset, dataset.predict(), ()), todo, progress, "signatures")
+    changes = each(partial(signature, dataset, dataset.predict()), todo, progress, "signatures")
     traces: list[Trace] = []
     silent: dict[str, Candidate] = {}
     for candidate, change in zip(todo, changes, strict=True):
