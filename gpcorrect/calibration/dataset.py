@@ -114,17 +114,18 @@ def path_starts(time: FloatArray, session: IntArray, known: BoolArray) -> BoolAr
     return np.asarray(apart | homed | ~known | ~before)
 
 
-def pieces(time: FloatArray, trajectory: IntArray) -> IntArray:
+def pieces(time: FloatArray, trajectory: IntArray, longest: float = LIMITS.piece_seconds) -> IntArray:
     """Return the number `(n,)` of each sample's piece: trajectories in order, cut where they are longer than a piece.
 
     Parameters
     ----------
     time : (n,) array, s
     trajectory : (n,) int array, which motion
+    longest : float, of a piece, in the unit of `time`
     """
     begins = np.diff(trajectory, prepend=trajectory[:1] - 1) != 0
     first = np.maximum.accumulate(np.where(begins, np.arange(len(time)), 0))
-    inside = ((time - time[first]) // LIMITS.piece_seconds).astype(np.int64)
+    inside = ((time - time[first]) // longest).astype(np.int64)
     return np.cumsum(begins | (np.diff(inside, prepend=0) != 0)) - 1
 
 
