@@ -270,10 +270,11 @@ class JointTask:
         if still:
             remarks.append(f"joint {', '.join(map(str, still))} never moves in training: left uncorrected")
         kinds = settings.features or _default_features(log, settings)
-        stops = Stops.of(*((source, truth) if settings.direction == "estimate" else (truth, source)))
+        sent, ended = (source, truth) if settings.direction == "estimate" else (truth, source)
+        stops = Stops.of(sent, ended)
         path, error = path_and_error(log, source, truth, stops, moving, settings.direction, kinds)
         if stops is not None:
-            remarks += stops.remarks(truth if settings.direction == "command" else source, types)
+            remarks += stops.remarks(sent, types)
             source = stops.reached(source)
         features = JointFeatures.learn(kinds, path, error, rows, searched=searched)
         view = JointView(
