@@ -20,7 +20,7 @@ from support import print_table, save_results
 
 from gpcorrect.calibration import folds_of
 from gpcorrect.gpr import Predictor, SharedPredictor, SparseGPR, Statistics
-from gpcorrect.gpr.statistics import Points, updated
+from gpcorrect.gpr.statistics import Points
 from gpcorrect.types import FloatArray, Progress
 
 DEGREES = 4.0
@@ -106,7 +106,7 @@ def weighted(part: SharedPredictor, X: FloatArray, Y: FloatArray, weight: FloatA
         rows = levels == level
         sums = points.collect(X[rows], Y[rows], Progress())
         total = total.plus(Statistics(2**level * sums.G, 2**level * sums.Vy, 2**level * sums.n))
-    return updated(part, total)
+    return points.posterior(total)
 
 
 if __name__ == "__main__":

@@ -107,11 +107,6 @@ class _AimStream:
     def __init__(self, aim: Aim) -> None:
         self._share, self._streams = aim.share, [aim.reached.stream() for _ in range(STEPS)]
 
-    def reset(self) -> None:
-        """Forget the past."""
-        for stream in self._streams:
-            stream.reset()
-
     def moved(self, time: float, q: FloatArray, first: FloatArray) -> tuple[FloatArray, bool]:
         """Return what to command `(d,)`, see :meth:`Aim.moved`; NaN with a missing number, and the path begins anew."""
         found, beyond = first, False

@@ -174,9 +174,8 @@ def _require_determined(chain: Chain, q: FloatArray, length: float) -> None:
 
 def _pose_matrices(poses: PoseSignal) -> FloatArray:
     """Return poses with orientation as matrices `(n, 4, 4)`."""
-    rotations = rotations_of(poses)
-    assert rotations is not None
-    return se3.pose(rotations, poses.position)
+    assert poses.quaternion is not None
+    return se3.from_parts(poses.position, poses.quaternion)
 
 
 def with_poses(log: CalibrationLog, chain: Chain) -> CalibrationLog:
@@ -197,7 +196,7 @@ def with_poses(log: CalibrationLog, chain: Chain) -> CalibrationLog:
         joints = getattr(log, joint_name)
         if getattr(log, pose_name) is None and joints is not None:
             T = chain.forward(_of_chain(log, joints, chain))
-            found[pose_name] = PoseSignal(T[:, :3, 3], se3.quaternion_from_matrix(T[:, :3, :3]))
+            found[pose_name] = PoseSignal(*se3.to_parts(T))
     return replace(log, **found) if found else log
 
 
@@ -233,8 +232,7 @@ def with_outside_joints(log: CalibrationLog, chain: Chain) -> CalibrationLog:
     T = chain.forward(q[rows])
     length = workspace(T)
     _require_determined(chain, q[rows], length)
-    nominal = PoseSignal(T[:, :3, 3], se3.quaternion_from_matrix(T[:, :3, :3]))
-    rigid = register(tracker[rows], nominal, log.trajectory[rows], "auto", held_out=False).model
+    rigid = register(tracker[rows], PoseSignal(*se3.to_parts(T)), log.trajectory[rows], "auto", held_out=False).model
     base, marker = se3.pose(rigid.R_position, rigid.t), se3.pose(rigid.R_right, rigid.offset)
     seen = _pose_matrices(tracker[rows])
     few = evenly_spread(len(rows), SAMPLES)

@@ -254,5 +254,4 @@ def _samples_of_poses(
     begins, usable = np.zeros((2, n), dtype=bool)
     X[rows], begins[rows], usable[rows] = known, pairs.new, True
     target[rows] = pose_residual(reference, pairs.command)[:, :size]
-    nothing = np.zeros((n, size))
-    return Samples(log.time, log.trajectory, log.session, begins, X, target, nothing, usable, np.zeros((n, 0)))
+    return Samples(log.time, log.trajectory, begins, X, target, np.zeros((n, size)), usable)

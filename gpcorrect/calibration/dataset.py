@@ -20,9 +20,7 @@ class Samples:
     """All n samples of a log, incomplete ones included: paths go through them."""
 
     time: FloatArray  # (n,) s
-    # (n,) each: as in the log
-    trajectory: IntArray
-    session: IntArray
+    trajectory: IntArray  # (n,) as in the log
     new: BoolArray  # (n,) where an unbroken path begins: nothing is known of what the arm did before
     X: FloatArray  # (n, d) inputs of the learner; NaN in rows that lack one
     target: FloatArray  # (n, m) what the learner is to predict; NaN where unknown
@@ -30,7 +28,8 @@ class Samples:
     # positions
     origin: FloatArray
     usable: BoolArray  # (n,) rows that may be learned from: complete, and not rejected
-    path: FloatArray  # (n, d) joints that go in, for learners that filter a path; no columns where there are none
+    # (n, d) joints that go in, for learners that filter a path; empty where there are none
+    path: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     effort: FloatArray | None = None  # (n, d) efforts, likewise
 
     def __len__(self) -> int:
@@ -115,17 +114,18 @@ def path_starts(time: FloatArray, session: IntArray, known: BoolArray) -> BoolAr
     return np.asarray(apart | homed | ~known | ~before)
 
 
-def pieces(time: FloatArray, trajectory: IntArray) -> IntArray:
+def pieces(time: FloatArray, trajectory: IntArray, longest: float = LIMITS.piece_seconds) -> IntArray:
     """Return the number `(n,)` of each sample's piece: trajectories in order, cut where they are longer than a piece.
 
     Parameters
     ----------
     time : (n,) array, s
     trajectory : (n,) int array, which motion
+    longest : float, of a piece, in the unit of `time`
     """
     begins = np.diff(trajectory, prepend=trajectory[:1] - 1) != 0
     first = np.maximum.accumulate(np.where(begins, np.arange(len(time)), 0))
-    inside = ((time - time[first]) // LIMITS.piece_seconds).astype(np.int64)
+    inside = ((time - time[first]) // longest).astype(np.int64)
     return np.cumsum(begins | (np.diff(inside, prepend=0) != 0)) - 1
 
 

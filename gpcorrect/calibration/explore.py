@@ -56,7 +56,7 @@ def propose(
     count : int, at least 1
     rng : numpy.random.Generator, draws the candidates
     task : (t, d) array, optional
-        Features of the task region, as `log_samples` gives them; the training region by default.
+        Features of the task region, as :meth:`CommandCorrector.samples` gives them; the training region by default.
 
     Raises
     ------

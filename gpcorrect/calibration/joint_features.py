@@ -158,9 +158,8 @@ class JointFeatures:
     @property
     def smooth(self) -> IntArray:
         """Columns on which the error may depend in a curved way: no single plays, lags or accelerations."""
-        dof = len(self.centre)
-        plain = {"memory": dof * len(LADDER), "lags": dof * LAGS * self.n_lagged, "acceleration": dof * len(self.rates)}
-        curved = [np.arange(size) < size - plain.get(kind, 0) for kind, size in self._sizes]
+        first = {"memory": len(self.centre), "lags": 0, "acceleration": 0}
+        curved = [np.arange(size) < first.get(kind, size) for kind, size in self._sizes]
         return np.flatnonzero(np.concatenate(curved)[self.used])
 
     @property

@@ -351,12 +351,6 @@ class _RouteStream:
     def __init__(self, route: JointRoute) -> None:
         self._first, self._aim = route.joints.stream(), None if route.aim is None else route.aim.stream()
 
-    def reset(self) -> None:
-        """Forget the past."""
-        self._first.reset()
-        if self._aim is not None:
-            self._aim.reset()
-
     def correct(self, time: float, q: FloatArray) -> Correction:
         """Return what to command `(d,)`; with a missing number NaN, and the path begins anew."""
         answer = self._first.correct(time, q)

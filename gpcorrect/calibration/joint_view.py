@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from gpcorrect.calibration.joint_path import JointPath, joint_path, logged_path,
 from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.settings import Direction, InputSignal
 from gpcorrect.calibration.stops import Stops
-from gpcorrect.calibration.task import Corrector
+from gpcorrect.calibration.task import Corrector, Measured
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, frozen_array
@@ -26,15 +27,56 @@ STILL = {"R": 0.05, "P": 0.005}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class JointView:
-    """Which of a log's joints go in, and what is to come out."""
+class PathView(ABC):
+    """What goes in of a log, as features of a joint path, and what is to come out."""
+
+    features: JointFeatures  # what the law looks at
+
+    @abstractmethod
+    def of_log(self, log: CalibrationLog, keep: BoolArray, *, needs_truth: bool = True) -> tuple[FloatArray, Samples]:
+        """Return what is to be corrected `(n, d)`, and the samples of a log.
+
+        Parameters
+        ----------
+        log : CalibrationLog, n samples
+        keep : (n,) mask, samples that are not rejected
+        needs_truth : bool, whether what is to come out must be logged
+        """
+
+    @abstractmethod
+    def answer(self, given: FloatArray, prediction: Prediction) -> Correction:
+        """Return what was given `(n, d)`, corrected by the predictions of a law.
+
+        Parameters
+        ----------
+        given : (n, d) array, joints (rad or m) or positions (m)
+        prediction : Prediction, of the same samples
+        """
+
+    def samples(self, path: JointPath, trajectory: IntArray, error: FloatArray, keep: BoolArray) -> Samples:
+        """Return the samples of a path.
+
+        Parameters
+        ----------
+        path : JointPath, n samples of the joints
+        trajectory : (n,) int array, as in the log
+        error : (n, m) array, what is to be added to what is given, rad or m; NaN where unknown
+        keep : (n,) mask, samples that may be learned from where they are complete
+        """
+        X = self.features.transform(path)
+        usable = keep & np.isfinite(X).all(axis=1) & np.isfinite(error).all(axis=1)
+        return Samples(path.time, trajectory, path.new, X, error, np.zeros(error.shape), usable)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JointView(PathView):
+    """Which of a log's joints go in, and what is to come out; features are of the k joints that moved in training."""
 
     direction: Direction
     input_signal: InputSignal  # signal of the robot's side
     types: str  # "R" or "P" for each of the d joints
     moving: IntArray  # (k,) joints that moved in training; only these are corrected
     rest: FloatArray  # (d,) where each joint stood in the middle of training, rad or m
-    features: JointFeatures  # what the law looks at, of the k joints
     end_to_end: bool  # whether the law predicts the positions themselves, not their error
     # where joints end, whatever is wrong with them besides; None where training showed no stop
     stops: Stops | None = None
@@ -59,53 +101,28 @@ class JointView:
         return q if self.stops is None else self.stops.reached(q)
 
     def of_log(self, log: CalibrationLog, keep: BoolArray, *, needs_truth: bool = True) -> tuple[FloatArray, Samples]:
-        """Return the joints `(n, d)` that go in, and the samples of a log.
-
-        Parameters
-        ----------
-        log : CalibrationLog, n samples
-        keep : (n,) mask, samples that are not rejected
-        needs_truth : bool, whether what is to come out must be logged
-        """
+        """See :class:`PathView`."""
         source, truth = directed(log, self.input_signal, self.direction, needs_truth=needs_truth)
         if source.shape[1] != len(self.types):
             raise DataError(f"the model knows {len(self.types)} joints, the log has {source.shape[1]}.")
         path, error = path_and_error(log, source, truth, self.stops, self.moving, self.direction, self.features.kinds)
-        return source, self.samples(path, log.trajectory, log.session, error, keep)
+        return source, self.samples(path, log.trajectory, error, keep)
 
-    def samples(
-        self, path: JointPath, trajectory: IntArray, session: IntArray, error: FloatArray | None, keep: BoolArray
-    ) -> Samples:
-        """Return the samples of a path of the moving joints.
+    def samples(self, path: JointPath, trajectory: IntArray, error: FloatArray, keep: BoolArray) -> Samples:
+        """See :class:`PathView`; of the moving joints, which learners that filter a path may follow."""
+        samples = super().samples(path, trajectory, error, keep)
+        origin = path.q if self.end_to_end else samples.origin
+        return replace(samples, target=error + origin, origin=origin, path=path.q, effort=path.effort)
 
-        Parameters
-        ----------
-        path : JointPath, n samples of k joints
-        trajectory, session : (n,) int arrays, as in the log
-        error : (n, k) array or None, what is to be added; None where unknown
-        keep : (n,) mask, samples that may be learned from where they are complete
-        """
-        X = self.features.transform(path)
-        origin = path.q if self.end_to_end else np.zeros(path.q.shape)
-        target = np.full(path.q.shape, np.nan) if error is None else error + origin
-        usable = keep & np.isfinite(X).all(axis=1) & np.isfinite(target).all(axis=1)
-        return Samples(path.time, trajectory, session, path.new, X, target, origin, usable, path.q, path.effort)
-
-    def answer(self, q: FloatArray, prediction: Prediction) -> Correction:
-        """Return joints `(n, d)` corrected by predictions of the moving ones; the others stay as they are.
-
-        Parameters
-        ----------
-        q : (n, d) array, joints that went in, rad or m
-        prediction : Prediction, of the k moving joints
-        """
-        joints = np.array(self.reached(q))
+    def answer(self, given: FloatArray, prediction: Prediction) -> Correction:
+        """See :class:`PathView`; joints that were still in training stay as they are."""
+        joints = np.array(self.reached(given))
         joints[:, self.moving] += prediction.residual
         missing = ~np.isfinite(joints).all(axis=1)
         joints[missing] = np.nan
         still = np.setdiff1d(np.arange(len(self.types)), self.moving)
         limit = np.array([STILL[self.types[j]] for j in still])
-        strayed = (np.abs(q[:, still] - self.rest[still]) > limit).any(axis=1)
+        strayed = (np.abs(given[:, still] - self.rest[still]) > limit).any(axis=1)
         return Correction(
             position=None,
             quaternion=None,
@@ -135,7 +152,10 @@ class JointView:
 class ViewCorrector(Corrector):
     """A corrector whose samples and answers a view of the log makes, of features of a joint path."""
 
-    view: Any  # JointView or ToolView: what of a log goes in, and what is to come out
+    CHECK_SAMPLES: ClassVar[int]
+    """Along the swing that a model file is checked with."""
+
+    view: PathView
     # time between samples in training, s: what a pause is, and over what a velocity is taken
     usual_step: float
     shortest_step: float
@@ -154,25 +174,48 @@ class ViewCorrector(Corrector):
         """
         self.refuse_misread(log)
         reported, samples = self.view.of_log(log, np.ones(len(log), dtype=bool), needs_truth=False)
-        answer: Correction = self.view.answer(reported, self.law.predict(samples))
-        return answer
+        return self.view.answer(reported, self.law.predict(samples))
 
     def samples(self, log: CalibrationLog, keep: BoolArray) -> Samples:
         """See :class:`Corrector`."""
-        samples: Samples = self.view.of_log(log, keep)[1]
-        return samples
+        return self.view.of_log(log, keep)[1]
 
-    def swing(self, n: int) -> JointPath:
-        """Return a short swing through the middle of the training range, all else at zero, to verify a file with.
+    def measure(self, log: CalibrationLog, keep: BoolArray) -> Measured:
+        """See :class:`Corrector`."""
+        given, samples = self.view.of_log(log, keep)
+        prediction = self.law.predict(samples)
+        answer = self.view.answer(given, prediction)
+        rows = np.flatnonzero(samples.usable & np.isfinite(prediction.residual).all(axis=1))
+        if rows.size == 0:
+            raise LogError("no sample has both positions and their truth.", path=log.name)
+        raw, registered, corrected = self._errors(log, given, samples, prediction)
+        return Measured(
+            raw=raw[rows],
+            registered=registered[rows],
+            corrected=corrected[rows],
+            interval95=answer.interval95[rows],
+            in_domain=answer.in_domain[rows],
+            speed=np.full(len(rows), np.nan),
+            rows=rows,
+            time=log.time[rows],
+            trajectory=log.trajectory[rows],
+        )
 
-        Parameters
-        ----------
-        n : int, samples
-        """
-        features: JointFeatures = self.view.features
+    @abstractmethod
+    def _errors(
+        self, log: CalibrationLog, given: FloatArray, samples: Samples, prediction: Prediction
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the errors `(n, m)` of the three methods that are measured."""
+
+    def check_answers(self) -> FloatArray:
+        """See :class:`Corrector`: along a short swing through the middle of the training range, all else at zero."""
+        n, features = self.CHECK_SAMPLES, self.view.features
         q = features.centre + np.sin(np.linspace(0.0, 2.0 * np.pi, n))[:, None] * features.half
         state = np.zeros((n, features.n_state)) if features.n_state else None
-        return joint_path(np.arange(n, dtype=np.float64), np.zeros(n, dtype=np.int64), q, np.zeros(q.shape), state)
+        one, unknown = np.zeros(n, dtype=np.int64), np.full((n, len(self.law.zero)), np.nan)
+        path = joint_path(np.arange(n, dtype=np.float64), one, q, np.zeros(q.shape), state)
+        prediction = self.law.predict(self.view.samples(path, one, unknown, np.zeros(n, dtype=bool)))
+        return np.nan_to_num(np.hstack([prediction.residual, prediction.std]))
 
 
 def joint_layout(features: JointFeatures, targets: int, *, owned: bool, inducing: int) -> Layout:
@@ -255,22 +298,22 @@ def path_and_error(
     moving: IntArray,
     direction: str,
     kinds: Sequence[str],
-) -> tuple[JointPath, FloatArray | None]:
+) -> tuple[JointPath, FloatArray]:
     """Return the path of k moving joints, back at their stops, and what is to be added to them `(n, k)`.
 
     Parameters
     ----------
     log : CalibrationLog, n samples
-    source, truth : (n, d) arrays, joints that go in, and what is to come out, rad or m
+    source, truth : (n, d) arrays, joints that go in, and what is to come out, rad or m; None where it is not known
     stops : Stops or None, where joints end
     moving : (k,) int array, joints that moved in training
     direction : str, "estimate" or "command"; commands are taken back to their stops too
     kinds : sequence of str, kinds of features; the whole state is read for "state" only
     """
+    truth = np.full(source.shape, np.nan) if truth is None else truth
     if stops is not None:
         source = stops.reached(source)
-        truth = truth if truth is None or direction == "estimate" else stops.reached(truth)
+        truth = truth if direction == "estimate" else stops.reached(truth)
     effort = None if log.measured_jf is None or direction == "command" else log.measured_jf[:, moving]
     state = state_columns(log)[1] if "state" in kinds else None
-    path = logged_path(log, source[:, moving], effort, state)
-    return path, None if truth is None else (truth - source)[:, moving]
+    return logged_path(log, source[:, moving], effort, state), (truth - source)[:, moving]

@@ -13,6 +13,7 @@ from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.joint_features import JointFeatures
 from gpcorrect.calibration.joint_path import JointPath, joint_path, usual_steps
 from gpcorrect.calibration.joint_view import JointView, ViewCorrector, directed, joint_layout, path_and_error
+from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.metrics import joint_units, spread
 from gpcorrect.calibration.queries import checked_times, numbers
 from gpcorrect.calibration.settings import LIMITS, FitSettings, InputSignal
@@ -30,7 +31,6 @@ LEAST_MOTION = {"R": 1e-5, "P": 1e-6}  # rad and m: a joint that moves less show
 LEAST_RUN_SECONDS = 5.0  # s of motion from which zeros are set anew; chosen by hand
 MOVED_STDS = 1.0  # a mean error of this many standard deviations of the model is beyond chance; chosen by hand
 INDUCING = 500  # points of the Gaussian process; chosen by hand
-CHECK_SAMPLES = 12  # along the swing that a model file is checked with; chosen by hand
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -46,6 +46,7 @@ class JointCorrector(ViewCorrector):
     KIND: ClassVar[str] = "gpcorrect.joint_corrector"
     TASK: ClassVar[str] = "joints"
     METHODS: ClassVar[tuple[str, str, str]] = ("raw", "fixed_offset", "corrected")
+    CHECK_SAMPLES: ClassVar[int] = 12  # chosen by hand
 
     view: JointView
     offset: FloatArray
@@ -116,7 +117,7 @@ class JointCorrector(ViewCorrector):
         self.trained.refuse_far(joints, UNITS)
         self.trained.refuse_slow(joints, seconds, homed)
         path = joint_path(seconds, homed, self.view.reached(joints)[:, moving], effort)
-        samples = self.view.samples(path, homed, homed, None, np.zeros(n, dtype=bool))
+        samples = self.view.samples(path, homed, np.full(path.q.shape, np.nan), np.zeros(n, dtype=bool))
         return self.view.answer(joints, self.law.predict(samples))
 
     def stream(self) -> JointStream:
@@ -127,27 +128,13 @@ class JointCorrector(ViewCorrector):
         """See :class:`Corrector`."""
         return directed(log, self.view.input_signal, self.view.direction, needs_truth=False)[0]
 
-    def measure(self, log: CalibrationLog, keep: BoolArray) -> Measured:
-        """See :class:`Corrector`; the fixed offset is that of the training."""
-        q, samples = self.view.of_log(log, keep)
-        prediction = self.law.predict(samples)
-        answer = self.view.answer(q, prediction)
-        missed = samples.target - samples.origin
-        raw = missed + (self.view.reached(q) - q)[:, self.view.moving]
-        rows = np.flatnonzero(samples.usable & np.isfinite(prediction.residual).all(axis=1))
-        if rows.size == 0:
-            raise LogError("no sample has both positions and their truth.", path=log.name)
-        return Measured(
-            raw=self.view.wide(raw[rows]),
-            registered=self.view.wide((raw - self.offset)[rows]),
-            corrected=self.view.wide((missed - prediction.residual)[rows]),
-            interval95=answer.interval95[rows],
-            in_domain=answer.in_domain[rows],
-            speed=np.full(len(rows), np.nan),
-            rows=rows,
-            time=log.time[rows],
-            trajectory=log.trajectory[rows],
-        )
+    def _errors(
+        self, log: CalibrationLog, given: FloatArray, samples: Samples, prediction: Prediction
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """See :class:`ViewCorrector`; the fixed offset is that of the training."""
+        wide, missed = self.view.wide, samples.target - samples.origin
+        raw = missed + (self.view.reached(given) - given)[:, self.view.moving]
+        return wide(raw), wide(raw - self.offset), wide(missed - prediction.residual)
 
     def error_table(self, errors: FloatArray) -> Any:
         """See :class:`Corrector`: RMSE, and mean, SD, 95th percentile and maximum of the size, of every joint."""
@@ -158,12 +145,6 @@ class JointCorrector(ViewCorrector):
         """See :class:`Corrector`."""
         names, scale = joint_units(self.types)
         return tuple(Part(f"joint {j + 1}", names[j], (j,), float(scale[j])) for j in range(m))
-
-    def check_answers(self) -> FloatArray:
-        """See :class:`Corrector`: answers along a short swing through the middle of the training range."""
-        homed, unknown = np.zeros(CHECK_SAMPLES, dtype=np.int64), np.zeros(CHECK_SAMPLES, dtype=bool)
-        prediction = self.law.predict(self.view.samples(self.swing(CHECK_SAMPLES), homed, homed, None, unknown))
-        return np.nan_to_num(np.hstack([prediction.residual, prediction.std]))
 
     def rezeroed(self, log: CalibrationLog) -> Self:
         """Return the model with its zeros set anew from a short run, as after a homing: all else stays.
@@ -289,11 +270,11 @@ class JointTask:
         if still:
             remarks.append(f"joint {', '.join(map(str, still))} never moves in training: left uncorrected")
         kinds = settings.features or _default_features(log, settings)
-        stops = Stops.of(*((source, truth) if settings.direction == "estimate" else (truth, source)))
+        sent, ended = (source, truth) if settings.direction == "estimate" else (truth, source)
+        stops = Stops.of(sent, ended)
         path, error = path_and_error(log, source, truth, stops, moving, settings.direction, kinds)
-        assert error is not None
         if stops is not None:
-            remarks += stops.remarks(truth if settings.direction == "command" else source, types)
+            remarks += stops.remarks(sent, types)
             source = stops.reached(source)
         features = JointFeatures.learn(kinds, path, error, rows, searched=searched)
         view = JointView(
@@ -306,7 +287,7 @@ class JointTask:
             end_to_end=settings.end_to_end and settings.method != "ukf",
             stops=stops,
         )
-        samples = view.samples(path, log.trajectory, log.session, error, keep)
+        samples = view.samples(path, log.trajectory, error, keep)
         remarks += features.remarks((moving + 1).tolist())
         return cls(view, path, source, error, rows, samples, still, tuple(remarks))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +23,10 @@ from gpcorrect.calibration.training_motion import UNITS, StreamGuard
 from gpcorrect.correction import Correction
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
+
+if TYPE_CHECKING:
+    from gpcorrect.calibration.joints import JointCorrector
+    from gpcorrect.calibration.tool_position import PositionEstimator
 
 ALMOST = 0.9
 """Of the training's shortest step, over which a faster stream takes its velocities: clocks jitter; chosen by hand."""
@@ -150,6 +155,8 @@ class JointStream(_ViewStream):
     corrector : JointCorrector, what answers
     """
 
+    _corrector: JointCorrector
+
     def _begin(self) -> None:
         super()._begin()
         learned = self._corrector.law.learned
@@ -185,8 +192,7 @@ class JointStream(_ViewStream):
         else:
             self._begin()
             prediction = law.unknown()
-        answer: Correction = view.answer(joints[None], prediction)[0]
-        return answer
+        return view.answer(joints[None], prediction)[0]
 
     def _predicted(
         self, time: float, moving: FloatArray, effort: FloatArray | None, state: FloatArray | None
@@ -240,6 +246,8 @@ class ToolStream(_ViewStream):
     corrector : PositionEstimator, what answers
     """
 
+    _corrector: PositionEstimator
+
     def correct(self, state: RobotState) -> Correction:
         """Return the estimated position `(3,)`, base frame, m.
 
@@ -272,9 +280,7 @@ class ToolStream(_ViewStream):
         self._arrive(state.time, q)
         x = self._follower.columns(state.time, q, effort, whole)
         self._follower.passed(state.time, q)
-        prediction = law.predict_one(x, np.zeros(3))
-        answer: Correction = view.answer(position[None], prediction)[0]
-        return answer
+        return view.answer(position[None], law.predict_one(x, np.zeros(3)))[0]
 
 
 def _whole_state(state: RobotState, expected: Sequence[str]) -> FloatArray:

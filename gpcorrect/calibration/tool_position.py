@@ -11,11 +11,11 @@ from gpcorrect import se3
 from gpcorrect.calibration.dataset import Samples
 from gpcorrect.calibration.joint_features import JointFeatures
 from gpcorrect.calibration.joint_path import JointPath, logged_path, refuse_other_columns, state_columns, usual_steps
-from gpcorrect.calibration.joint_view import ViewCorrector, joint_layout
+from gpcorrect.calibration.joint_view import PathView, ViewCorrector, joint_layout
 from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.calibration.stream import ToolStream
-from gpcorrect.calibration.task import LearnLaw, Measured, Outcome
+from gpcorrect.calibration.task import LearnLaw, Outcome
 from gpcorrect.calibration.training_motion import TrainingMotion
 from gpcorrect.cleaning import TOOL, FittedCleaner, Pair
 from gpcorrect.correction import Correction, Reason
@@ -24,29 +24,20 @@ from gpcorrect.rigid import RigidModel, fit_position
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, PoseSignal
 
 INDUCING = 400  # points of the Gaussian process; chosen by hand
-CHECK_SAMPLES = 8  # along the swing that a model file is checked with; chosen by hand
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ToolView:
-    """What of a log the estimator looks at, and what it is to predict."""
+class ToolView(PathView):
+    """What of a log the estimator looks at: its features, and the positions that the robot reports."""
 
     # from the tracker's frame to the base: as the log states it, or the best rigid motion of the training
     registration: RigidModel
-    features: JointFeatures  # what the law looks at
     state_names: tuple[str, ...]  # columns of the whole state; empty for a law that does not look at it
     extra: tuple[str, ...]  # extra columns of the log in it
     reported: TrainingMotion | None = None  # where the training's tool was reported; models of before do not know
 
     def of_log(self, log: CalibrationLog, keep: BoolArray, *, needs_truth: bool = True) -> tuple[FloatArray, Samples]:
-        """Return the reported positions `(n, 3)` and the samples of a log.
-
-        Parameters
-        ----------
-        log : CalibrationLog, n samples
-        keep : (n,) mask, samples that are not rejected
-        needs_truth : bool, whether there must be a tracker
-        """
+        """See :class:`PathView`."""
         path = _path_of(log, self.features.kinds, self.extra)
         if "state" in self.features.kinds:
             refuse_other_columns(state_columns(log, self.extra)[0], self.state_names)
@@ -54,37 +45,15 @@ class ToolView:
         error = np.full(reported.shape, np.nan)
         if seen is not None:
             error = self.registration.apply(PoseSignal(seen)).position - reported
-        return reported, self.samples(path, log, error, keep)
+        return reported, self.samples(path, log.trajectory, error, keep)
 
-    def samples(self, path: JointPath, log: CalibrationLog, error: FloatArray, keep: BoolArray) -> Samples:
-        """Return the samples of a path whose positions are off by `error` (n, 3), NaN where unknown.
-
-        Parameters
-        ----------
-        path : JointPath, n samples of the joints
-        log : CalibrationLog, the same samples
-        error : (n, 3) array, what is to be added to reported positions, m; NaN where unknown
-        keep : (n,) mask, samples that are not rejected
-        """
-        X = self.features.transform(path)
-        usable = keep & np.isfinite(X).all(axis=1) & np.isfinite(error).all(axis=1)
-        nothing = np.zeros(error.shape)
-        return Samples(
-            log.time, log.trajectory, log.session, path.new, X, error, nothing, usable, np.zeros((len(X), 0))
-        )
-
-    def answer(self, reported: FloatArray, prediction: Prediction) -> Correction:
-        """Return reported positions `(n, 3)` corrected by the predictions of a law.
+    def answer(self, given: FloatArray, prediction: Prediction) -> Correction:
+        """See :class:`PathView`.
 
         The law looks at the joints; a position that did not come with such joints in the training, as one in another
         frame or of another tool, is outside the training region by itself.
-
-        Parameters
-        ----------
-        reported : (n, 3) array, reported positions, m
-        prediction : Prediction, of the same samples
         """
-        position = reported + prediction.residual
+        position = given + prediction.residual
         missing = ~np.isfinite(position).all(axis=1)
         return Correction(
             position=position,
@@ -94,7 +63,7 @@ class ToolView:
             interval95=prediction.interval95,
             reasons=prediction.reasons
             | np.where(missing, int(Reason.MISSING), 0)
-            | np.where(self._elsewhere(reported), int(Reason.OUTSIDE), 0),
+            | np.where(self._elsewhere(given), int(Reason.OUTSIDE), 0),
         )
 
     def _elsewhere(self, reported: FloatArray) -> BoolArray:
@@ -117,6 +86,7 @@ class PositionEstimator(ViewCorrector):
 
     KIND: ClassVar[str] = "gpcorrect.position_estimator"
     TASK: ClassVar[str] = "tool_position"
+    CHECK_SAMPLES: ClassVar[int] = 8  # chosen by hand
 
     view: ToolView
     rigid: RigidModel
@@ -152,31 +122,18 @@ class PositionEstimator(ViewCorrector):
         """See :class:`Corrector`."""
         return _reported_joints(log)
 
-    def measure(self, log: CalibrationLog, keep: BoolArray) -> Measured:
-        """See :class:`Corrector`.
+    def _errors(
+        self, log: CalibrationLog, given: FloatArray, samples: Samples, prediction: Prediction
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """See :class:`ViewCorrector`.
 
         Raw is what the robot reports, with the frames as the log states them (`tracker_base` in its sidecar), or after
         the best rigid motion of the training where it does not; registered is after that motion always.
         """
-        reported, samples = self.view.of_log(log, keep)
-        answer = self.view.answer(reported, self.law.predict(samples))
-        assert answer.position is not None
-        rows = np.flatnonzero(samples.usable & np.isfinite(answer.position).all(axis=1))
-        if rows.size == 0:
-            raise LogError("no sample has a state and a label.", path=log.name)
         seen = _positions(log)[1]
         assert seen is not None
-        return Measured(
-            raw=samples.target[rows],
-            registered=(self.rigid.apply(PoseSignal(seen)).position - reported)[rows],
-            corrected=(reported + samples.target - answer.position)[rows],
-            interval95=answer.interval95[rows],
-            in_domain=answer.in_domain[rows],
-            speed=np.full(len(rows), np.nan),
-            rows=rows,
-            time=log.time[rows],
-            trajectory=log.trajectory[rows],
-        )
+        registered = self.rigid.apply(PoseSignal(seen)).position - given
+        return samples.target, registered, given + samples.target - (given + prediction.residual)
 
     def error_table(self, errors: FloatArray) -> Any:
         """See :class:`Corrector`: RMS and SD (about the mean, axis by axis), in mm."""
@@ -188,11 +145,6 @@ class PositionEstimator(ViewCorrector):
             "rms_axes_mm": rms.tolist(),
             "sd_axes_mm": sd.tolist(),
         }
-
-    def check_answers(self) -> FloatArray:
-        """See :class:`Corrector`: answers along a short swing."""
-        prediction = self.law.predict_rows(self.view.features.transform(self.swing(CHECK_SAMPLES)))
-        return np.nan_to_num(np.hstack([prediction.residual, prediction.std]))
 
     @classmethod
     def learn(
@@ -222,7 +174,7 @@ class PositionEstimator(ViewCorrector):
             extra=settings.extra,
             reported=TrainingMotion.of(reported, log, keep, joints=False),
         )
-        samples = view.samples(path, log, error, keep)
+        samples = view.samples(path, log.trajectory, error, keep)
         law, left_out = learn_law(samples, joint_layout(features, 3, owned=False, inducing=INDUCING))
         report = {"method": settings.method, "features": list(features.kinds), "state_numbers": features.n_state}
         remarks = features.remarks(range(1, path.q.shape[1] + 1))

@@ -24,8 +24,8 @@ from gpcorrect.calibration.learners import GPMap
 from gpcorrect.calibration.poses import PosePairs
 from gpcorrect.calibration.task import Corrector
 from gpcorrect.errors import DataError, LogError
-from gpcorrect.gpr import IntervalCalibration, LeftOut, Predictor, Statistics
-from gpcorrect.gpr.statistics import Points, updated
+from gpcorrect.gpr import IntervalCalibration, LeftOut, Statistics
+from gpcorrect.gpr.statistics import Points, collected, resting_on
 from gpcorrect.logs.copies import marks_of, remembered
 from gpcorrect.one_thread import on_one_thread
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal, Progress
@@ -165,11 +165,12 @@ def _learn(law: Law, samples: Samples, progress: Progress) -> tuple[Law, float, 
     left = target - law.zero - (0.0 if learned.linear is None else learned.linear.mean(law.inputs(X)))
     chosen, trajectory = X[:, learned.columns], samples.trajectory[samples.rows]
     folds = folds_of(trajectory)
-    by_fold = [_collected(learned.predictor, chosen[folds == f], left[folds == f]) for f in np.unique(folds)]
+    points = tuple(map(Points.of, learned.predictor.parts))
+    by_fold = [collected(points, chosen[folds == f], left[folds == f]) for f in np.unique(folds)]
     new = tuple(reduce(Statistics.plus, group) for group in zip(*by_fold, strict=True))
     tries = []
     for i, keep in enumerate(KEEPS):
-        tries.append(_left_out(learned, chosen, left, folds, by_fold, new, keep))
+        tries.append(_left_out(points, learned.statistics, chosen, left, folds, by_fold, new, keep))
         progress.step("weight of the old data", (i + 1) / len(KEEPS))
     squares = [float(((errors / left.std(axis=0)) ** 2).mean()) for errors, _ in tries]
     best = int(np.argmax(np.array(squares) <= WORTH_FORGETTING * min(squares)))  # the first: the largest weight
@@ -180,7 +181,7 @@ def _learn(law: Law, samples: Samples, progress: Progress) -> tuple[Law, float, 
     bounded, near = len(law.domain.low), law.domain.near
     grown = Domain.of(X[:, :bounded], np.zeros(bounded), law.domain.novelty, correction)
     changed = Law(
-        learned=replace(learned, predictor=_resting_on(learned.predictor, statistics), statistics=statistics),
+        learned=replace(learned, predictor=resting_on(points, statistics), statistics=statistics),
         intervals=intervals,
         domain=replace(law.domain.widened(grown), near=None if near is None else near.joined(X[:, :bounded])),
         bounds=law.bounds.widened(Bounds.of(correction, law.bounds.sizes)),
@@ -194,18 +195,9 @@ def _widest(one: IntervalCalibration, other: IntervalCalibration) -> IntervalCal
     return IntervalCalibration(np.maximum(one.factor, other.factor))
 
 
-def _resting_on(predictor: Predictor, statistics: Sequence[Statistics]) -> Predictor:
-    return Predictor(tuple(map(updated, predictor.parts, statistics)))
-
-
-def _collected(predictor: Predictor, X: FloatArray, Y: FloatArray) -> tuple[Statistics, ...]:
-    stops = np.cumsum([len(part.offset) for part in predictor.parts])[:-1]
-    pairs = zip(predictor.parts, np.split(Y, stops, axis=1), strict=True)
-    return tuple(Points.of(part).collect(X, columns, Progress()) for part, columns in pairs)
-
-
 def _left_out(
-    learned: GPMap,
+    points: Sequence[Points],
+    learned: Sequence[Statistics],
     X: FloatArray,
     Y: FloatArray,
     folds: IntArray,
@@ -217,7 +209,7 @@ def _left_out(
     errors, std = np.empty((2, *Y.shape))
     for fold, own in zip(np.unique(folds), by_fold, strict=True):
         rows = folds == fold
-        rest = [old.plus(a.minus(b), keep) for old, a, b in zip(learned.statistics, new, own, strict=True)]
-        mean, std[rows], _ = _resting_on(learned.predictor, rest).mean_std_batch(X[rows])
+        rest = [old.plus(a.minus(b), keep) for old, a, b in zip(learned, new, own, strict=True)]
+        mean, std[rows], _ = resting_on(points, rest).mean_std_batch(X[rows])
         errors[rows] = Y[rows] - mean
     return errors, std

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from gpcorrect.errors import DataError
-from gpcorrect.gpr.statistics import Statistics
+from gpcorrect.gpr.statistics import Statistics, collected
 from gpcorrect.types import FloatArray, IntArray, Progress, frozen_array
 
 if TYPE_CHECKING:
@@ -220,7 +220,7 @@ def _less(regressor: SparseGPR, X: FloatArray, Y: FloatArray, folds: IntArray) -
     """Models without each fold, under the hyperparameters and points of all: the sums of all less those of the fold."""
     for k, fold in enumerate(np.unique(folds)):
         parts = regressor.by_part_
-        own = parts[k] if parts else regressor.collected(X[folds == fold], Y[folds == fold])
+        own = parts[k] if parts else collected(regressor.points_, X[folds == fold], Y[folds == fold])
         yield regressor, [a.minus(b) for a, b in zip(regressor.statistics_, own, strict=True)]
 
 

@@ -158,16 +158,6 @@ class Predictor:
         object.__setattr__(self, "tables", _tables(self.parts))
         self.mean_std(self.parts[0].basis[0])  # compiled here (or read from numba's cache), never in the first query
 
-    @property
-    def signal(self) -> FloatArray:
-        """Prior variance `(m,)` of every output."""
-        return np.concatenate([part.signal for part in self.parts])
-
-    @property
-    def noise(self) -> FloatArray:
-        """Noise variance `(m,)` of every output."""
-        return np.concatenate([part.noise for part in self.parts])
-
     def mean_std(self, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         """Predict one input: mean and standard deviation `(m,)` of a new observation, and novelty.
 

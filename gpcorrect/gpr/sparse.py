@@ -20,7 +20,7 @@ from gpcorrect.gpr.kernels import Kernel
 from gpcorrect.gpr.learning import KernelOption, Learned
 from gpcorrect.gpr.linalg import cholesky
 from gpcorrect.gpr.predictor import Predictor, SharedPredictor
-from gpcorrect.gpr.statistics import Points, Statistics
+from gpcorrect.gpr.statistics import Points, Statistics, collected, resting_on
 from gpcorrect.types import FloatArray, IntArray, Progress
 
 CANDIDATES_PER_POINT = 5  # chosen by hand, as is the next: more candidates cost time in proportion
@@ -102,7 +102,7 @@ class SparseGPR(GaussianProcess):
         ----------
         X, Y : (n, d) and (n, m) arrays, inputs and outputs
         parts : (n,) array, which samples are left out together; `by_part_` is in the order of their labels
-        terms : (n, k) array, optional, see :meth:`collected`
+        terms : (n, k) array, optional, see :meth:`Points.collect`
         stride : int
             Every so-manieth sample of a part is summed, and stands for those between, which are like it; see
             :meth:`with_all`.
@@ -125,7 +125,8 @@ class SparseGPR(GaussianProcess):
             As for :meth:`fit_by_parts`.
         """
         other = copy(self)
-        other.by_part_ = tuple(self.collected(X[parts == part], Y[parts == part]) for part in np.unique(parts))
+        each = [parts == part for part in np.unique(parts)]
+        other.by_part_ = tuple(collected(self.points_, X[rows], Y[rows]) for rows in each)
         return other.resting_on([reduce(Statistics.plus, found) for found in zip(*other.by_part_, strict=True)])
 
     def inflated(self, inflation: Sequence[float]) -> Self:
@@ -149,19 +150,8 @@ class SparseGPR(GaussianProcess):
         """
         other = copy(self)
         other.statistics_ = tuple(statistics)
-        pairs = zip(self.points_, other.statistics_, strict=True)
-        other.predictor_ = Predictor(tuple(points.posterior(own, self.n_variance) for points, own in pairs))
+        other.predictor_ = resting_on(self.points_, other.statistics_)
         return other
-
-    def collected(self, X: FloatArray, Y: FloatArray) -> tuple[Statistics, ...]:
-        """Return the statistics of samples under this model's points and hyperparameters, see :meth:`Points.collect`.
-
-        Parameters
-        ----------
-        X, Y : (n, d) and (n, m) arrays
-        """
-        pairs = zip(self.points_, self.learned_, strict=True)
-        return tuple(points.collect(X, Y[:, own.columns], Progress()) for points, own in pairs)
 
     def _predictor(self, X: FloatArray, Y: FloatArray, rng: np.random.Generator, progress: Progress) -> Predictor:
         self.jitter_, self.unseen_, self.points_, self.statistics_, self.by_part_ = 0.0, 0.0, (), (), ()
@@ -173,14 +163,14 @@ class SparseGPR(GaussianProcess):
         kernel = learned.kernel
         basis = choose_inducing(kernel, X, self.n_inducing, rng)
         L, jitter = cholesky(kernel(basis, basis))
-        points = Points(kernel, basis, L, learned.scaling.y_centre, learned.signal, learned.noise)
+        points = Points(kernel, basis, L, learned.scaling.y_centre, learned.signal, learned.noise, self.n_variance)
         inflation = 1.0 if self.inflation is None else self.inflation[len(self.statistics_)]
         statistics = replace(self._collect(points, X, Y, progress), inflation=inflation)
         self.points_ = (*self.points_, points)
         self.statistics_ = (*self.statistics_, statistics)
         self.jitter_ = max(self.jitter_, jitter)
         self.unseen_ = max(self.unseen_, statistics.unseen(len(basis)))
-        return points.posterior(statistics, self.n_variance)
+        return points.posterior(statistics)
 
     def _collect(self, points: Points, X: FloatArray, Y: FloatArray, progress: Progress) -> Statistics:
         """Return the statistics of all samples; with parts to be left out later, the sum of theirs."""

@@ -7,6 +7,7 @@ be left out again, at a cost that knows nothing of the other samples.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -15,7 +16,7 @@ from scipy.linalg import blas, cho_factor, cho_solve, solve_triangular
 
 from gpcorrect.gpr.kernels import Kernel
 from gpcorrect.gpr.linalg import cholesky, triangular_inverse
-from gpcorrect.gpr.predictor import SharedPredictor
+from gpcorrect.gpr.predictor import Predictor, SharedPredictor
 from gpcorrect.types import FloatArray, Progress
 
 BLOCK = 2048  # rows at once: memory stays flat however many samples there are
@@ -127,6 +128,7 @@ class Points:
     # (m,) each: prior and noise variances
     signal: FloatArray
     noise: FloatArray
+    n_variance: int  # how many of them, the first, the variance rests on
 
     @classmethod
     def of(cls, part: SharedPredictor) -> Self:
@@ -137,7 +139,7 @@ class Points:
         part : SharedPredictor
         """
         L = cholesky(part.kernel(part.basis, part.basis))[0]
-        return cls(part.kernel, part.basis, L, part.offset, part.signal, part.noise)
+        return cls(part.kernel, part.basis, L, part.offset, part.signal, part.noise, part.projection.shape[1])
 
     def collect(self, X: FloatArray, Y: FloatArray, progress: Progress, terms: FloatArray | None = None) -> Statistics:
         """Sum over samples in blocks: memory does not grow with their number.
@@ -159,16 +161,15 @@ class Points:
             progress.step("posterior", min(1.0, (start + BLOCK) / len(X)))
         return Statistics(np.tril(G) + np.tril(G, -1).T, Vy, float(len(X)))
 
-    def posterior(self, statistics: Statistics, n_variance: int) -> SharedPredictor:
-        """Return the predictor of these statistics, whose variance rests on the first `n_variance` points.
+    def posterior(self, statistics: Statistics) -> SharedPredictor:
+        """Return the predictor of these statistics.
 
         Parameters
         ----------
         statistics : Statistics
-        n_variance : int
         """
         ratio = self.noise / self.signal
-        projection, explained = statistics.variance_factors(self.L, ratio, min(n_variance, len(self.basis)))
+        projection, explained = statistics.variance_factors(self.L, ratio, min(self.n_variance, len(self.basis)))
         return SharedPredictor(
             kernel=self.kernel,
             basis=self.basis,
@@ -181,12 +182,25 @@ class Points:
         )
 
 
-def updated(part: SharedPredictor, statistics: Statistics) -> SharedPredictor:
-    """Return the predictor of other statistics under the same points and hyperparameters.
+def collected(points: Sequence[Points], X: FloatArray, Y: FloatArray) -> tuple[Statistics, ...]:
+    """Return the statistics of samples, see :meth:`Points.collect`.
 
     Parameters
     ----------
-    part : SharedPredictor
-    statistics : Statistics
+    points : sequence of Points, of each group of outputs
+    X, Y : (n, d) and (n, m) arrays, inputs and outputs, the groups' one after the other
     """
-    return Points.of(part).posterior(statistics, part.projection.shape[1])
+    stops = np.cumsum([len(own.offset) for own in points])[:-1]
+    pairs = zip(points, np.split(Y, stops, axis=1), strict=True)
+    return tuple(own.collect(X, columns, Progress()) for own, columns in pairs)
+
+
+def resting_on(points: Sequence[Points], statistics: Sequence[Statistics]) -> Predictor:
+    """Return the predictor of statistics under points and hyperparameters that stand.
+
+    Parameters
+    ----------
+    points : sequence of Points, of each group of outputs
+    statistics : sequence of Statistics, likewise
+    """
+    return Predictor(tuple(own.posterior(sums) for own, sums in zip(points, statistics, strict=True)))

@@ -8,7 +8,7 @@ from support import small_log
 
 from gpcorrect.calibration import CommandCorrector, FitSettings, fit_corrector, propose
 from gpcorrect.errors import DataError
-from gpcorrect.gpr.statistics import Points, updated
+from gpcorrect.gpr.statistics import Points
 from gpcorrect.types import CalibrationLog, Progress
 
 
@@ -98,6 +98,6 @@ def _variance(corrector: CommandCorrector, X: np.ndarray, task: np.ndarray) -> f
     total = 0.0
     for part, statistics in zip(corrector.law.learned.predictor.parts, corrector.law.learned.statistics, strict=True):
         new = Points.of(part).collect(X, np.zeros((len(X), len(part.offset))), Progress())
-        _, std, _ = updated(part, statistics.plus(new)).mean_std_batch(task)
+        _, std, _ = Points.of(part).posterior(statistics.plus(new)).mean_std_batch(task)
         total += float(((std**2 - part.noise) / part.signal).mean())
     return total

@@ -27,6 +27,7 @@ from gpcorrect.calibration.learners.network import NetworkMap
 from gpcorrect.calibration.learners.polynomial import PolynomialMap, Scaler
 from gpcorrect.errors import DataError, DegenerateError, LogError
 from gpcorrect.gpr import SparseGPR
+from gpcorrect.gpr.statistics import collected
 from gpcorrect.logs import read_log
 from gpcorrect.types import CalibrationLog, FloatArray
 
@@ -75,7 +76,7 @@ def test_left_out_predictions_are_those_of_law_and_regression_of_the_other_folds
     left_out, of_law = _left_out(regressor, linear, X, Y, layout, folds)
     out = folds == 2
     law = PolynomialMap.fit(X[~out], Y[~out], 1, layout.penalties)
-    others = regressor.collected(X[~out, :2], Y[~out] - law.mean(X[~out]))
+    others = collected(regressor.points_, X[~out, :2], Y[~out] - law.mean(X[~out]))
     mean, std, _ = regressor.resting_on(others).predictor_.mean_std_batch(X[out, :2])
     np.testing.assert_allclose(of_law[out], Y[out] - law.mean(X[out]), atol=1e-12)
     np.testing.assert_allclose(left_out.errors[out], of_law[out] - mean, atol=1e-8)

@@ -13,7 +13,7 @@ from gpcorrect import se3
 from gpcorrect.calibration import CommandCorrector, FitSettings, fit_corrector, load, save, update_model
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import SparseGPR
-from gpcorrect.gpr.statistics import Points, updated
+from gpcorrect.gpr.statistics import Points
 from gpcorrect.types import CalibrationLog, PoseSignal, Progress
 
 
@@ -48,7 +48,7 @@ def test_data_in_two_parts_are_data_at_once() -> None:
     (part,), (whole,) = model.predictor_.parts, model.statistics_
     halves = (slice(250), slice(250, None))
     first, second = (Points.of(part).collect(X[rows], Y[rows], Progress()) for rows in halves)
-    together = updated(part, first.plus(second))
+    together = Points.of(part).posterior(first.plus(second))
     added, once = together.mean_std_batch(X), part.mean_std_batch(X)
     np.testing.assert_allclose(added[0], once[0], rtol=1e-6, atol=1e-7)
     for a, b in zip(added[1:], once[1:], strict=True):  # differences of inverses, whose rounding depends on the machine

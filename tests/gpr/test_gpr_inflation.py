@@ -11,6 +11,7 @@ from gpr_fields import correlated_noise, smooth_field, stretches
 from gpcorrect.codec import pack, unpack
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import SparseGPR, Statistics, learn_inflation
+from gpcorrect.gpr.statistics import collected
 from gpcorrect.types import FloatArray, IntArray
 
 GROUPS, STEPS, STEP = 20, 60, 0.01
@@ -59,7 +60,7 @@ def test_the_left_out_are_those_of_the_other_folds() -> None:
     folds = trajectory % 3
     inflated, left_out = learn_inflation(fitted(X, Y, trajectory), X, Y, folds)
     assert inflated.inflation is not None
-    others = inflated.resting_on(inflated.collected(X[folds != 1], Y[folds != 1])).inflated(inflated.inflation)
+    others = inflated.resting_on(collected(inflated.points_, X[folds != 1], Y[folds != 1])).inflated(inflated.inflation)
     mean, std, novelty = others.predictor_.mean_std_batch(X[folds == 1])
     np.testing.assert_allclose(left_out.errors[folds == 1], Y[folds == 1] - mean, atol=1e-8)
     np.testing.assert_allclose(left_out.std[folds == 1], std, rtol=1e-8)

@@ -40,13 +40,14 @@ def test_novelty_is_small_amid_data_and_one_far_away(predictor: Predictor) -> No
         mean, std, novelty = predictor.mean_std(np.full(3, distance))
         assert novelty == pytest.approx(1.0)
         np.testing.assert_allclose(mean, np.concatenate([part.offset for part in predictor.parts]))
-        np.testing.assert_allclose(std, np.sqrt(predictor.signal + predictor.noise))
+        np.testing.assert_allclose(std, np.sqrt(np.concatenate([part.signal + part.noise for part in predictor.parts])))
 
 
 def test_deviation_is_at_least_the_noise(predictor: Predictor) -> None:
     """The latent variance never goes below zero, whatever rounding does."""
     X, _, _ = planted(150, seed=0)
-    assert (predictor.mean_std_batch(X)[1] >= np.sqrt(predictor.noise) * (1 - 1e-12)).all()
+    noise = np.concatenate([part.noise for part in predictor.parts])
+    assert (predictor.mean_std_batch(X)[1] >= np.sqrt(noise) * (1 - 1e-12)).all()
 
 
 def test_what_is_stored_holds_everything(predictor: Predictor) -> None:

@@ -42,7 +42,7 @@ def test_exact_agrees_with_scikit_learn_under_the_same_hyperparameters() -> None
     model = ExactGPR().fit(X, Y)
     mean, std = model.predict(X[:20] + 0.3, return_std=True)
     scales = model.learned_[0].kernel.length_scales[0]
-    signal, noise = model.predictor_.signal, model.predictor_.noise
+    signal, noise = model.predictor_.parts[0].signal, model.predictor_.parts[0].noise
     for o in range(2):
         kernel = ConstantKernel(signal[o]) * RBF(scales) + WhiteKernel(noise[o])
         peer = GaussianProcessRegressor(kernel, optimizer=None).fit(X, Y[:, o] - Y[:, o].mean())

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gpcorrect.calibration.dataset import Layout, Samples, folds_of, in_order
+from gpcorrect.calibration.dataset import Layout, Samples, folds_of, in_order, pieces
 from gpcorrect.calibration.learners.learner import Fitted
 from gpcorrect.calibration.learners.polynomial import PolynomialMap
 from gpcorrect.calibration.settings import FitSettings
@@ -228,8 +228,4 @@ def _levels(values: FloatArray, gain: float) -> FloatArray:
 
 def _stretches(trajectory: IntArray) -> IntArray:
     """Return trajectories `(n,)`, cut further into at least `FEWEST_STRETCHES` stretches of the recording."""
-    longest = -(-len(trajectory) // FEWEST_STRETCHES)
-    begins = np.diff(trajectory, prepend=trajectory[:1] - 1) != 0
-    place = np.arange(len(trajectory))
-    inside = (place - np.maximum.accumulate(np.where(begins, place, 0))) % longest == 0
-    return np.cumsum(begins | inside)
+    return pieces(np.arange(len(trajectory), dtype=np.float64), trajectory, -(-len(trajectory) // FEWEST_STRETCHES))
