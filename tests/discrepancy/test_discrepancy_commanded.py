@@ -63,6 +63,14 @@ def test_missing_poses_leave_their_rows_out() -> None:
     assert any(r.startswith("5 of") for r in remarks)
 
 
+def test_poses_without_a_number_are_refused() -> None:
+    """A signal that was never recorded says so, and ends in no error of its own."""
+    model = arm("raven2_left", 1, 2, 3)
+    nothing = PoseSignal(np.full((20, 3), np.nan), np.full((20, 4), np.nan))
+    with pytest.raises(DataError, match="setpoint_cp holds no whole pose"):
+        joint_path_of_poses(machine_of(model).body, nothing, np.zeros(20, dtype=np.int64), "setpoint_cp")
+
+
 def test_poses_of_another_arm_are_refused() -> None:
     """Poses that the nominal arm cannot reach are refused, with by how much it misses them."""
     log = poses_only(joint_motion_log(arm("raven2_left", 1, 2, 3, 4, 5, 6), 3, 5.0, seed=2))

@@ -37,6 +37,20 @@ def test_noise_gets_no_name(tail: float, sessions: int, seed: int) -> None:
     assert not found.effects
 
 
+@pytest.mark.parametrize("silent", [(1,), (0, 1)])
+def test_a_sensor_that_says_nothing_shows_nothing(silent: tuple[int, ...], tmp_path: Path) -> None:
+    """A column without a number is no proof that its joint is right: "nothing is missing" was said of it."""
+    log = joint_log(1)
+    seen = np.array(log.external_jp)
+    seen[:, silent] = np.nan
+    found = find_discrepancy(nominal(), replace(log, external_jp=seen), seed=1)
+    assert found.level == Level.INCONCLUSIVE
+    levels = {place.place: place.level for place in found.verdict.places}
+    assert [levels[j + 1] for j in silent] == [Level.INCONCLUSIVE] * len(silent)
+    write_discrepancy_report(found, tmp_path / "report.html")
+    jsonschema.validate(json.loads(json.dumps(found.to_report(), allow_nan=False)), SCHEMA)
+
+
 @pytest.mark.parametrize(
     "hidden",
     [

@@ -6,15 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from discrepancy.discrepancy_core import joint_log
+from discrepancy.discrepancy_core import joint_log, raven_swings
 from discrepancy.discrepancy_support import nominal
 from scipy.signal import lfilter
 
 from gpcorrect.discrepancy.naming.sensor_noise import Growth, growth_of, levels_of, stated_level
 from gpcorrect.discrepancy.naming.speed_noise import SpeedGrowth, speed_growth
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
-from gpcorrect.discrepancy.recording.stated_noise import quantisation_of
+from gpcorrect.discrepancy.recording.stated_noise import quantisation_of, stated_noises
 from gpcorrect.discrepancy.run import find_discrepancy
+from gpcorrect.discrepancy.search.prepared import prepare_data
+from gpcorrect.sim import machine_of, model_from_dict, simulate
 from gpcorrect.sim.effects import EncoderQuantisation, NoiseChange
 from gpcorrect.sim.effects.noise import SpeedNoise
 from gpcorrect.types import FloatArray
@@ -170,6 +172,23 @@ def test_noise_effects_are_named_written_and_then_known() -> None:
     assert effect.joint == 2
     assert effect.std == pytest.approx(2e-3, rel=0.1)
     assert abs(effect.since - float(np.median(log.time))) < 70.0
+
+
+def test_a_noisier_tracker_is_named_with_the_size_of_its_positions() -> None:
+    """Its orientations have noise of their own, in rad, which `noise_change` does not act on: no mean of both."""
+    noise = {"tracker_white": 2e-4, "tracker_rotation_white": 1e-3}
+    model = model_from_dict({"arm": "raven2_left", "joints": [1, 2, 3], "log_rate_hz": 100, "noise": noise})
+    noisier = machine_of(model).with_effects(NoiseChange("tool", 4e-4))
+    log = replace(simulate(noisier, raven_swings(3, 12, 6.0), seed=4), external_jp=None)
+    found = find_discrepancy(model, log, seed=0)
+    (effect,) = found.effects
+    assert (effect.name, effect.joint) == ("noise_change", "tool")
+    low, high = effect.parameters["std"].ci95
+    assert low < 4e-4 < high
+    scene = prepare_data(log, found.model, np.random.default_rng(0)).dataset.scene
+    stated = {c.signal: n.white for c, n in zip(scene.channels, stated_noises(scene), strict=True) if n is not None}
+    assert stated["tracker_cp"] == pytest.approx(np.hypot(2e-4, effect.parameters["std"].value))
+    assert stated["tracker_rotation"] == pytest.approx(1e-3)
 
 
 def test_an_unsure_instant_is_named_written_and_then_known() -> None:

@@ -102,7 +102,8 @@ def test_a_good_answer_does_not_wait_for_a_registration_that_nobody_gives() -> N
 
     def _reply(query: zenoh.Query) -> None:
         with query:
-            assert query.payload is not None and query.attachment is not None
+            assert query.payload is not None
+            assert query.attachment is not None
             asked = (query.payload.to_bytes(), str(query.encoding), query.attachment.to_bytes())
             answer = handler(Request(*asked, time.monotonic()))
             query.reply(query.key_expr, answer.payload, encoding=answer.encoding, attachment=answer.attachment)

@@ -101,12 +101,15 @@ def localise(channels: Sequence[ChannelData], rng: np.random.Generator) -> Local
     findings: list[Finding] = []
     bounds: list[Equivalence] = []
     null = np.full(TESTS.draws, -np.inf)
-    for data in (c for c in channels if (c.block >= 0).any()):
+    for data in channels:
+        if not (data.block >= 0).any():  # no sample: nothing is known of it
+            bounds.append(Equivalence(data.channel, np.inf))
+            continue
         found, null_nats, upper = _test_channel(data, rng)
         findings += found[:SHOWN]
         null = np.maximum(null, null_nats)
         bounds.append(Equivalence(data.channel, upper))
-    threshold = max(0.0, _quantile_of_largest(null)) if bounds else 0.0
+    threshold = max(0.0, _quantile_of_largest(null)) if np.isfinite(null).all() else 0.0
     above = sorted((f for f in findings if f.nats > threshold), key=_rank)
     return Localisation(tuple(above), threshold, tuple(bounds))
 

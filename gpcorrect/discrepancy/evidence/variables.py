@@ -192,12 +192,15 @@ class Cells:
 def all_cells(covariates: Covariates) -> list[Cells]:
     """Return tests of every variable alone, and of the channel's own position and direction with every other one.
 
+    Of too many, as of a tracker that sees six joints, those of one joint come first.
+
     Parameters
     ----------
     covariates : Covariates
     """
     values, units, primary = covariates.values, covariates.units, covariates.primary
     pairs = [(a, b) for a, b in combinations(values, 2) if a in primary or b in primary]
+    pairs.sort(key=lambda pair: pair[0].joint != pair[1].joint)
     found = []
     for variables in [*((v,) for v in values), *pairs][: TESTS.max_tests]:
         code, spans = np.zeros(1, dtype=np.int64), []

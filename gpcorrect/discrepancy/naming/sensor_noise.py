@@ -17,7 +17,7 @@ from gpcorrect.discrepancy.naming.speed_noise import second_differences, speed_g
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.recording.noise import NORMAL_MAD, ChannelNoise
 from gpcorrect.discrepancy.recording.scene import Scene
-from gpcorrect.discrepancy.recording.stated_noise import UNIFORM, quantisation_of, stated_noises
+from gpcorrect.discrepancy.recording.stated_noise import NOISY, UNIFORM, quantisation_of, stated_noises
 from gpcorrect.discrepancy.search.candidates import Candidate, Estimate, FittedEffect
 from gpcorrect.discrepancy.search.coordinates import coordinate_of
 from gpcorrect.discrepancy.search.state import penalty
@@ -170,7 +170,7 @@ def _grown(dataset: Dataset, effects: Sequence[Effect], coarse: set[int | str]) 
         return []
     groups: dict[int | str, list[int]] = {}
     for i, channel in enumerate(scene.channels):
-        if channel.signal != "measured_jp" and channel.joint not in coarse:
+        if channel.signal in NOISY and channel.joint not in coarse:
             groups.setdefault(channel.joint or "tool", []).append(i)
     residual, seen = scene.residual(effects), dataset.group >= 0
     seen[seen] = dataset.training[dataset.group[seen]]

@@ -79,6 +79,8 @@ def joint_path_of_poses(
         More than a few of the poses are out of reach.
     """
     rows = np.flatnonzero(signal.finite)
+    if not rows.size:
+        raise DataError(f"{name} holds no whole pose.", hint="Was the signal recorded? Its columns have no numbers.")
     position = signal.position[rows]
     goals = []
     if signal.quaternion is not None:

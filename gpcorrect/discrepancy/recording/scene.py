@@ -101,6 +101,10 @@ class ReplayMemory:
     paths: Remembered[FloatArray] = field(default_factory=partial(Remembered, REMEMBERED_BYTES))
     _free: Iterator[int] = field(default_factory=count)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return what makes an empty one, as of all that is remembered."""
+        return type(self), ()
+
     def number(self, *made: Hashable) -> int:
         """Return the number that stands for what made a path."""
         return self.numbers.setdefault(made, next(self._free))

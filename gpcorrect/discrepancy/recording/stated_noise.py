@@ -16,6 +16,7 @@ from gpcorrect.types import FloatArray
 
 FINEST = 1e-9  # rad or m; a sensor without any white noise is rounding
 TRIES = 25  # step sizes near a first guess
+NOISY = ("external_jp", "tracker_cp")  # signals that `noise_change` acts on: of a tracker's poses, the positions
 UNIFORM = np.sqrt(12.0)  # step of a rounded value over the standard deviation of its error
 
 
@@ -39,9 +40,10 @@ def _of_channel(scene: Scene, channel: Channel, noise: Noise) -> ChannelNoise | 
         return None
     effects = scene.model.effects
     parts = [white, FINEST]
-    parts += [e.std for e in of_kind(effects, NoiseChange) if e.joint == (channel.joint or "tool")]
+    if channel.signal in NOISY:
+        parts += [e.std for e in of_kind(effects, NoiseChange) if e.joint == (channel.joint or "tool")]
     for effect in of_kind(effects, SpeedNoise):
-        if effect.joint == channel.joint:
+        if effect.joint == channel.joint and channel.signal == "external_jp":
             speed = scene.motion.velocity[..., effect.column(scene.joints)]
             parts.append(effect.seconds * float(np.sqrt(np.nanmean(speed**2))))
     parts += [e.step / UNIFORM for e in of_kind(effects, EncoderQuantisation) if e.joint == channel.joint]

@@ -58,7 +58,8 @@ def _tangents(
         low, high = fit.candidate.bounds
         for j, u in enumerate(fit.u):
             step = max(STEP * abs(u), SMALLEST_STEP)
-            moved = fit.moved(j, max(u + (step if u + step <= high[j] else -step), low[j]))
+            ahead = u + step <= high[j] or high[j] - u > u - low[j]
+            moved = fit.moved(j, min(u + step, high[j]) if ahead else max(u - step, low[j]))
             sets.append([*fixed, *free[:i], moved, *free[i + 1 :]])
             steps.append(np.inf if j == fit.candidate.instant else moved.u[j] - u)  # an instant has no slope
     others = each_here(dataset.predict, [[f.effect for f in fitted] for fitted in sets])
@@ -116,9 +117,10 @@ def refine(
         if len(costs) > 1 and costs[-1] - HOPE * (costs[-2] - costs[-1]) > worth:
             raise StopIteration
 
-    start = np.clip(np.concatenate([f.u for f in free]), np.nextafter(low, high), np.nextafter(high, low))
+    inside = np.nextafter(low, high), np.nextafter(high, low)
+    start = np.clip(np.concatenate([f.u for f in free]), *inside)
     nothing = np.array([c.identity if c.amplitude else u for c, u in zip(coordinates, start, strict=True)])
-    sizes = (nothing + 0.5**k * (start - nothing) for k in range(HALVINGS))
+    sizes = (np.clip(nothing + 0.5**k * (start - nothing), *inside) for k in range(HALVINGS))
     with np.errstate(over="ignore"):  # of a step to a loop that is all but unstable, which is not taken
         found = least_squares(
             errors,

@@ -163,10 +163,9 @@ def _one_of_each_signature(ranked: Sequence[Ranked]) -> list[Ranked]:
 def _ranked_there(state: Search, linearised: Linearisation, leaders: Sequence[Ranked]) -> list[Ranked]:
     """Rank a few again by the change that they make at their first estimates, no longer at their start.
 
-    What does not grow as a line, such as a capstan's friction, may be far better than it looked.
+    What does not grow as a line, such as a capstan's friction, may be far better than it looked; what is no machine at
+    the size that its line asks for is none of them.
     """
-    if len(leaders) <= SEARCH.refined:
-        return list(leaders)
     whitener, z, slopes = state.whitener, linearised.z, linearised.slopes
     base = grams(slopes, z, whitener.block)
     fold = fold_of(int(whitener.block.max()) + 1)
@@ -238,7 +237,7 @@ def _merged(state: Search, threshold: float) -> Search:
             one = _gain_over(state, bare, fitted, leader.fit, both)
             if not fitted[-1].at_edge and one > pair - threshold:
                 label = f"{leader.candidate.label} for {a.candidate.label} and {b.candidate.label}"
-                steps = (*state.waterfall, Step(label, leader.nats - pair))
+                steps = (*state.waterfall, Step(label, one - pair))
                 return replace(state, fitted=fitted, waterfall=steps).refreshed()
     return state
 

@@ -31,9 +31,7 @@ class Limits:
     speed: float = 20.0
     turning: float = 200.0
     shortest_step: float = 1e-6  # s between rows: no robot is asked more often, and velocities over less are rounding
-    latest: float = (
-        2.0**31 - 1.0
-    )  # s: as late as a header of ROS can say; milliseconds since 1970 are a thousand times more
+    latest: float = 2.0**31 - 1.0  # s: as late as a header of ROS can say; milliseconds since 1970 are far more
     # of a path: about a minute at 100 Hz; question and answer stay below the largest message in JSON too
     rows: int = 5000
     # m and rad of a joint: no arm inserts 2 m, and 20 rad are over three turns; more are millimetres or degrees
