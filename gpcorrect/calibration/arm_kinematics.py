@@ -174,7 +174,9 @@ def _require_determined(chain: Chain, q: FloatArray, length: float) -> None:
 
 def _pose_matrices(poses: PoseSignal) -> FloatArray:
     """Return poses with orientation as matrices `(n, 4, 4)`."""
-    assert poses.quaternion is not None
+    if poses.quaternion is None:
+        hint = "Log orientations too, or leave `joints` out of --features."
+        raise DataError("joints are computed from whole poses, and these have no orientation.", hint=hint)
     return se3.from_parts(poses.position, poses.quaternion)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.joint_features import JointFeatures, law_penalties
-from gpcorrect.calibration.joint_path import JointPath, joint_path, logged_path, state_columns
+from gpcorrect.calibration.joint_path import JointPath, joint_path, logged_path, refuse_other_columns, state_columns
 from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.settings import Direction, InputSignal
 from gpcorrect.calibration.stops import Stops
@@ -80,6 +80,8 @@ class JointView(PathView):
     end_to_end: bool  # whether the law predicts the positions themselves, not their error
     # where joints end, whatever is wrong with them besides; None where training showed no stop
     stops: Stops | None = None
+    # columns of the whole state; empty for a law that does not look at it, and in models of before
+    state_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "moving", frozen_array(self.moving, np.int64))
@@ -105,6 +107,8 @@ class JointView(PathView):
         source, truth = directed(log, self.input_signal, self.direction, needs_truth=needs_truth)
         if source.shape[1] != len(self.types):
             raise DataError(f"the model knows {len(self.types)} joints, the log has {source.shape[1]}.")
+        if self.state_names:
+            refuse_other_columns(state_columns(log)[0], self.state_names)
         path, error = path_and_error(log, source, truth, self.stops, self.moving, self.direction, self.features.kinds)
         return source, self.samples(path, log.trajectory, error, keep)
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.joint_features import JointFeatures
-from gpcorrect.calibration.joint_path import JointPath, joint_path, usual_steps
+from gpcorrect.calibration.joint_path import JointPath, joint_path, state_columns, usual_steps
 from gpcorrect.calibration.joint_view import JointView, ViewCorrector, directed, joint_layout, path_and_error
 from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.metrics import joint_units, spread
@@ -286,6 +286,7 @@ class JointTask:
             features=features,
             end_to_end=settings.end_to_end and settings.method != "ukf",
             stops=stops,
+            state_names=state_columns(log)[0] if "state" in kinds else (),
         )
         samples = view.samples(path, log.trajectory, error, keep)
         remarks += features.remarks((moving + 1).tolist())

@@ -175,15 +175,18 @@ def _learn(law: Law, samples: Samples, progress: Progress) -> tuple[Law, float, 
     squares = [float(((errors / left.std(axis=0)) ** 2).mean()) for errors, _ in tries]
     best = int(np.argmax(np.array(squares) <= WORTH_FORGETTING * min(squares)))  # the first: the largest weight
     statistics = tuple(old.plus(added, KEEPS[best]) for old, added in zip(learned.statistics, new, strict=True))
-    intervals = IntervalCalibration.fit(*tries[best], trajectory, folds)
+    intervals = IntervalCalibration.fit(*tries[best], trajectory, folds).widened(samples.widening)
     if len(np.unique(trajectory)) < ENOUGH:
         intervals = _widest(intervals, law.intervals)
     bounded, near = len(law.domain.low), law.domain.near
     grown = Domain.of(X[:, :bounded], np.zeros(bounded), law.domain.novelty, correction)
+    # Outside the region intervals are as wide as they were, by deviations in what these are worth now.
+    spread = law.domain.spread * law.intervals.factor / np.maximum(intervals.factor, np.finfo(float).tiny)
+    near = None if near is None else near.joined(X[:, :bounded])
     changed = Law(
         learned=replace(learned, predictor=resting_on(points, statistics), statistics=statistics),
         intervals=intervals,
-        domain=replace(law.domain.widened(grown), near=None if near is None else near.joined(X[:, :bounded])),
+        domain=replace(law.domain.widened(grown), spread=spread, near=near),
         bounds=law.bounds.widened(Bounds.of(correction, law.bounds.sizes)),
         zero=law.zero,
     )

@@ -256,3 +256,14 @@ def test_real_wrist_is_better_than_every_reference() -> None:
     log = read_log(real_data("dvrk_random.csv"))
     found = rmse(run_experiment(log, FitSettings(), task=JointCorrector))
     assert (found < np.array([0.042, 0.035, 0.110, 1.36, 3.5, 2.5])).all()
+
+
+def test_a_state_of_other_columns_is_refused(tmp_path: Path) -> None:
+    """As many columns of other names were taken for those of the training, and the answers were degrees off."""
+    beside = np.random.default_rng(0).normal(size=len(LOG))
+    model = fitted_to(replace(LOG, extra={"current": beside}), "linear", features=("position", "state")).corrector
+    save(model, tmp_path / "m.gpc")
+    for corrector in (model, load(tmp_path / "m.gpc", JointCorrector)):
+        corrector.correct_log(replace(LOG, extra={"current": beside}))
+        with pytest.raises(DataError, match="missing: current_1; new: pressure_1"):
+            corrector.correct_log(replace(LOG, extra={"pressure": beside}))

@@ -55,6 +55,17 @@ def poses_of(log: CalibrationLog, n: int) -> tuple[FloatArray, FloatArray]:
     return np.hstack([log.tracker_cp.position, log.tracker_cp.quaternion])[rows], log.time[rows]
 
 
+def test_a_tracker_without_orientations_is_fitted_without_joints() -> None:
+    """Joints are of whole poses: such a recording ended in an error of our own, and by name it is refused in words."""
+    log = reaches(0)
+    assert log.tracker_cp is not None
+    bare = replace(log, tracker_cp=PoseSignal(log.tracker_cp.position))
+    said = [remark for remark in fit_model(bare, SETTINGS).remarks if "joints are not used" in remark]
+    assert ["no orientation" in remark for remark in said] == [True]
+    with pytest.raises(DataError, match="no orientation"):
+        fit_model(bare, BY_NAME)
+
+
 def test_joints_are_taken_where_they_help(learned: FitResult) -> None:
     """On other motion of the same machine they leave less in position and rotation; intervals hold; the fit says so."""
     with_joints, alone = (

@@ -47,6 +47,11 @@ def sticky() -> FitResult:
     return fit_model(sticky_log(0), SETTINGS)
 
 
+def test_a_network_may_remember() -> None:
+    """It tells of one part of its samples only, which left nothing to choose the slack's width on."""
+    assert fit_model(sticky_log(0), replace(SETTINGS, method="network", epochs=5)).corrector.memory is not None
+
+
 def rmse(corrector: CommandCorrector, log: CalibrationLog) -> float:
     return float(evaluate_model(corrector, log).dirty_errors["corrected"]["position_mm"]["norm"]["rmse"])
 

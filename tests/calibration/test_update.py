@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.special import stdtrit
 from support import small_log
 
 from gpcorrect import se3
 from gpcorrect.calibration import CommandCorrector, FitSettings, fit_corrector, load, save, update_model
+from gpcorrect.calibration.dataset import Samples
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import SparseGPR
 from gpcorrect.gpr.statistics import Points
@@ -88,6 +90,21 @@ def test_an_unchanged_robot_loses_nothing_and_the_size_stays(corrector: CommandC
         part.G.shape for part in corrector.law.learned.statistics
     ]
     assert len(twice.summary["updates"]) == 2
+
+
+def test_few_new_motions_promise_no_more_than_they_know(
+    corrector: CommandCorrector, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Intervals are widened by Student's t as a fit's are; outside the region they stay as wide as they were."""
+    few = aged_log(4, 0.001, trajectories=6)
+    law = update_model(corrector, few, holdout=0.0).corrector.law
+    monkeypatch.setattr(Samples, "widening", 1.0)
+    plain = update_model(corrector, few, holdout=0.0).corrector.law
+    ratio = law.intervals.factor / plain.intervals.factor
+    np.testing.assert_allclose(ratio, stdtrit(5, 0.975) * np.sqrt(1 + 1 / 6) / 1.959964, rtol=1e-5)
+    for updated in (law, plain):
+        width = updated.domain.spread * updated.intervals.factor
+        np.testing.assert_allclose(width, corrector.law.domain.spread * corrector.law.intervals.factor)
 
 
 def test_what_got_worse_is_said(corrector: CommandCorrector) -> None:
