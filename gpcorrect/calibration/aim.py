@@ -16,6 +16,7 @@ from typing import Self
 
 import numpy as np
 
+from gpcorrect.calibration.dataset import clocks
 from gpcorrect.calibration.joints import JointCorrector
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, frozen_array
@@ -92,7 +93,7 @@ class Aim:
         self, q: FloatArray, commands: FloatArray, time: FloatArray, sessions: IntArray
     ) -> tuple[FloatArray, BoolArray]:
         """Return by how much commands `(n, d)` miss the joints of a path, and where the model cannot know `(n,)`."""
-        reached = self.reached.correct_path(commands, time, sessions=sessions)
+        reached = self.reached.correct_path(commands, time, sessions=clocks(time, sessions))
         assert reached.joints is not None
         return q - reached.joints, ~np.asarray(reached.in_domain)
 

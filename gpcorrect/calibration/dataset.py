@@ -114,6 +114,17 @@ def path_starts(time: FloatArray, session: IntArray, known: BoolArray) -> BoolAr
     return np.asarray(apart | homed | ~known | ~before)
 
 
+def clocks(time: FloatArray, session: IntArray) -> IntArray:
+    """Return the number `(n,)` of each sample's clock: one a session, or more where it starts again at each motion.
+
+    Parameters
+    ----------
+    time : (n,) array, s
+    session : (n,) int array, homing or day
+    """
+    return np.cumsum((np.diff(time, prepend=-np.inf) <= 0) | (np.diff(session, prepend=session[:1]) != 0))
+
+
 def pieces(time: FloatArray, trajectory: IntArray, longest: float = LIMITS.piece_seconds) -> IntArray:
     """Return the number `(n,)` of each sample's piece: trajectories in order, cut where they are longer than a piece.
 

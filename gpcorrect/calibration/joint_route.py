@@ -15,7 +15,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.calibration.aim import Aim
 from gpcorrect.calibration.arm_kinematics import ArmKinematics
-from gpcorrect.calibration.dataset import Layout, Samples, folds_of
+from gpcorrect.calibration.dataset import Layout, Samples, clocks, folds_of
 from gpcorrect.calibration.domain import Bounds
 from gpcorrect.calibration.joints import JointCorrector, JointTask
 from gpcorrect.calibration.law import Law
@@ -193,7 +193,8 @@ class JointRoute:
         joints, samples, left_out
             As for :meth:`calibrated`.
         """
-        answer = self.joints.correct_path(joints.wanted, joints.log.time, sessions=joints.log.session)
+        time = joints.log.time
+        answer = self.joints.correct_path(joints.wanted, time, sessions=clocks(time, joints.log.session))
         assert answer.joints is not None
         known, found = np.isfinite(left_out.errors).all(axis=1), answer.joints
         cells = np.ix_(samples.rows[known], self.joints.view.moving)
@@ -260,7 +261,7 @@ class JointRoute:
         bounds : Bounds, largest believed correction of a pose
         """
         q = self.kinematics.inverse(reference)
-        in_joints = self.joints.correct_path(q, time, sessions=session)
+        in_joints = self.joints.correct_path(q, time, sessions=clocks(time, session))
         if self.aim is not None:
             assert in_joints.joints is not None
             moved, beyond = self.aim.moved(q, in_joints.joints, time, session)

@@ -55,6 +55,20 @@ def poses_of(log: CalibrationLog, n: int) -> tuple[FloatArray, FloatArray]:
     return np.hstack([log.tracker_cp.position, log.tracker_cp.quaternion])[rows], log.time[rows]
 
 
+def test_a_clock_that_starts_again_at_each_motion_is_well() -> None:
+    """Logs may have one; joints were left out of account in such a recording, and asked for by name refused."""
+
+    def restarted(log: CalibrationLog) -> CalibrationLog:
+        starts = {number: log.time[rows][0] for number, rows in log.trajectories()}
+        return replace(log, time=log.time - np.array([starts[number] for number in log.trajectory]))
+
+    model = fit_model(restarted(reaches(0)), BY_NAME).corrector
+    assert model.route is not None
+    other = reaches(1, 6)
+    found, plain = (evaluate_model(model, one).clean_errors["corrected"] for one in (restarted(other), other))
+    assert found["position_mm"]["norm"]["rmse"] < 1.5 * plain["position_mm"]["norm"]["rmse"]
+
+
 def test_a_tracker_without_orientations_is_fitted_without_joints() -> None:
     """Joints are of whole poses: such a recording ended in an error of our own, and by name it is refused in words."""
     log = reaches(0)
