@@ -1,5 +1,6 @@
 import json
 import threading
+from dataclasses import replace
 from typing import get_args
 
 import numpy as np
@@ -143,6 +144,23 @@ def test_ros_users_are_understood_both_ways(distro: RosDistro):
         assert any("/MP/" in t and "%arm1%measured_js" in t for t in tokens)
         assert any("/MS/" in t and "%arm1%servo_cp" in t for t in tokens)
         assert all(("TypeHashNotSupported" in t) == (distro == "humble") for t in tokens if "/NN/" not in t)
+
+
+def test_who_speaks_both_ways_is_heard_once():
+    """Arm and tools in one ROS domain send on native keys and on those of ROS: a move was made twice."""
+    with living_arm(ros_domain=5) as (settings, arm), Robot(replace(settings, ros_domain=5)) as robot:
+        stamps: list[float] = []
+        robot.bus.subscribe("measured_js", lambda message: stamps.append(message.stamp))
+        moves: list[object] = []
+        with Bus(replace(settings, ros_domain=5)) as other:
+            other.subscribe("move_jp", moves.append)
+            robot.make_ready()
+            goal = robot.setpoint + 0.001
+            robot.move_jp(goal)
+            wait_for(lambda: len(stamps) > 20)
+        np.testing.assert_allclose(arm.setpoint, goal, atol=1e-6)
+    assert len(moves) == 1
+    assert len(set(stamps)) == len(stamps)
 
 
 def test_a_ros_node_that_comes_late_hears_the_state():

@@ -32,6 +32,8 @@ from gpcorrect_service.protocol.settings import DEFAULT_NAMESPACE, RosDistro, ch
 
 CLAIM_SECONDS = 2.0  # chosen by hand: in which a router says who else there is; it answers at once
 
+OWN_CDR = "application/cdr;gpcorrect"  # of what we send on keys of ROS, whose nodes look at no encoding
+
 DEFAULT_ROBOT = "tcp/127.0.0.1:7448"  # on this machine only
 
 
@@ -168,6 +170,8 @@ class Bus:
 
     def _listen(self, key: str, what: Topic, inbox: Callable[[Any], None], refused: Refused | None) -> None:
         def _receive(sample: zenoh.Sample) -> None:
+            if sample.encoding == OWN_CDR:  # on its native key it comes too
+                return
             try:
                 message = read_message(sample.payload.to_bytes(), str(sample.encoding), what)
             except ServiceError as error:
@@ -233,7 +237,7 @@ def _ros_sender(
 
     def _send(message: Message) -> None:
         beside = attachment(next(numbers), round(message.stamp * 1e9), gid)
-        publisher.put(encode(message), attachment=beside)
+        publisher.put(encode(message), encoding=OWN_CDR, attachment=beside)
 
     return _send
 
