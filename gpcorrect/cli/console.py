@@ -16,6 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gpcorrect.atomic import atomic_path
+from gpcorrect.cli.options import rejected_table
 from gpcorrect.errors import GpCorrectError
 from gpcorrect.plain import json_ready
 from gpcorrect.types import Progress as ProgressCallback
@@ -268,7 +269,7 @@ def write_evaluation_page(
 
 def _write_dropped(reports: Mapping[str, CleaningReport], page: Path) -> None:
     rows: list[dict[str, Any]] = [{"set": name, **row} for name, report in reports.items() for row in report.to_table()]
-    with atomic_path(page.with_name("cleaning.csv")) as path, path.open("w", newline="") as file:
+    with atomic_path(rejected_table(page)) as path, path.open("w", newline="") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]) if rows else ["set"])
         writer.writeheader()
         writer.writerows(rows)

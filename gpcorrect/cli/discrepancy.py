@@ -14,6 +14,7 @@ from gpcorrect.atomic import make_folder, write_file
 from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar, styled
 from gpcorrect.cli.options import Columns, Jobs, Json, Scheduler
 from gpcorrect.cli.reading import model_named, read_logs
+from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -43,7 +44,7 @@ def run(
     log: Annotated[list[Path], typer.Option(help="Recording; repeat it for several sessions of one machine.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for report, page and model; made if absent.")],
     columns: Columns = None,
-    seed: Annotated[int, typer.Option(help="Seed of the split and of everything drawn.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the split and of everything drawn.", min=0)] = 0,
     jobs: Annotated[int, typer.Option(help="Threads to spread the work over; -1 for one a core.")] = -1,
     scheduler: Scheduler = None,
     json: Json = False,
@@ -72,6 +73,8 @@ def run(
     from gpcorrect.report import write_discrepancy_report  # the report's libraries are an extra: say so before the work
     from gpcorrect.sim.model import write_completed
 
+    if (output / "model.toml").exists() and (output / "model.toml").resolve() == Path(machine).resolve():
+        raise DataError(f"the completed model would be written over {machine}.", hint="Name another --output.")
     make_folder(output)
     model, recording = model_named(machine), read_logs(log, columns, learned=LEARNED)
     with progress_bar(quiet=json) as progress, workers(jobs, scheduler, threads=True):

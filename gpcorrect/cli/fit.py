@@ -64,7 +64,7 @@ def fit(
     from gpcorrect.rigid import MarkerOption
 
     require_model_place(output)
-    page = opt.report_page(report)
+    page = opt.report_page(report, output, rejected=True)
     learner_named(method)
     by = HoldOut(opt.one_of(hold_out_by, tuple(HoldOut), "what is held out"))
     settings = FitSettings(
@@ -106,7 +106,7 @@ def evaluate(
     """
     from gpcorrect.calibration import evaluate_model, load
 
-    page = opt.report_page(report)
+    page = opt.report_page(report, rejected=True)
     if mcap is not None:
         require_new(mcap)
     corrector = load(model)

@@ -65,7 +65,7 @@ def fit(
     from gpcorrect.calibration import HoldOut, JointCorrector, learner_named, require_model_place
 
     require_model_place(output)
-    page = opt.report_page(report)
+    page = opt.report_page(report, output, rejected=True)
     learner_named(method)
     by = HoldOut(opt.one_of(hold_out_by, tuple(HoldOut), "what is held out"))
     widths = console.split_names(layers)
@@ -103,7 +103,7 @@ def evaluate(model: Model, logs: opt.Logs, reading: Reading, report: opt.Report 
     """
     from gpcorrect.calibration import JointCorrector, evaluate_model, load
 
-    page = opt.report_page(report)
+    page = opt.report_page(report, rejected=True)
     corrector = load(model, JointCorrector)
     log, clocks = corrector.on_one_clock(reading.joint_log(logs), reading.clock_left)
     evaluation = evaluate_model(corrector, log)
@@ -183,7 +183,10 @@ def rezero(model: Model, logs: opt.Logs, output: opt.ModelOutput, reading: Readi
     from gpcorrect.calibration import JointCorrector, joint_units, load, require_model_place, save
 
     require_model_place(output)
-    corrector, log = load(model, JointCorrector), reading.joint_log(logs)
+    corrector = load(model, JointCorrector)
+    log, clocks = corrector.on_one_clock(reading.joint_log(logs), reading.clock_left)
+    for sentence in clocks.notes:
+        console.note(sentence)
     fresh = corrector.rezeroed(log)
     names, scale = joint_units(corrector.types)
     shift = (fresh.zero - corrector.zero) * scale

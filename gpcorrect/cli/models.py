@@ -130,14 +130,24 @@ class Place:
     config: Config = None
 
 
+def _stored(place: Place) -> ModelStore | None:
+    """Return the folder that was named, None for servers; both at once are refused."""
+    if place.store is None:
+        return None
+    if place.endpoint is not None or place.config is not None:
+        hint = "Leave out --store for the servers, or --endpoint and --config for the folder."
+        raise DataError("models are either in a folder or in running servers, and both were named.", hint=hint)
+    return _folder(place.store)
+
+
 @models_app.command("list")
 def list_models(place: Place, json: Json = False) -> None:
     """List the models, oldest first.
 
     Example: gpcorrect models list --store models/
     """
-    if place.store is not None:
-        rows = _stored_rows(_folder(place.store))
+    if (folder := _stored(place)) is not None:
+        rows = _stored_rows(folder)
     else:
         with _operator(place) as operator:
             import msgspec  # comes with the same extra as zenoh
@@ -177,8 +187,7 @@ def activate(model: Name, place: Place, json: Json = False) -> None:
 
     Example: gpcorrect models activate monday --endpoint tcp/127.0.0.1:7449
     """
-    if place.store is not None:
-        folder = _folder(place.store)
+    if (folder := _stored(place)) is not None:
         entry = folder.find(model)
         folder.activate(entry)
         print_result(asdict(entry), f"active {entry.kind}: {entry.id} {entry.hash[:DIGITS]}", as_json=json)
@@ -194,8 +203,8 @@ def rollback(place: Place, kind: Kind = "pose", json: Json = False) -> None:
     Example: gpcorrect models rollback --store models/
     """
     one_of(kind, ("pose", "joints"), "a kind")
-    if place.store is not None:
-        entry = _folder(place.store).rollback(kind)
+    if (folder := _stored(place)) is not None:
+        entry = folder.rollback(kind)
         print_result(asdict(entry), f"active {kind}: {entry.id} {entry.hash[:DIGITS]}", as_json=json)
         return
     with _operator(place) as operator:

@@ -156,20 +156,38 @@ class ServicePlace(RobotPlace):
     endpoint: Endpoint = SERVICE
 
 
-def report_page(report: Path | None) -> Path | None:
+def report_page(report: Path | None, model: Path | None = None, *, rejected: bool = False) -> Path | None:
     """Return the file of a report, after a look whether it can be written; None where none is asked for.
 
     Parameters
     ----------
     report : Path or None, an .html file, or the folder for report.html
+    model : Path, optional, file of the model that the same command writes: the page must be another
+    rejected : bool, whether the samples that were rejected are written beside it, see :func:`rejected_table`
     """
     if report is None:
         return None
-    if report.suffix.lower() in (".html", ".htm"):
-        require_own(report, rb"(?i)\s*<!doctype html", "page")
-        return report
-    make_folder(report)
-    return report / "report.html"
+    page = report
+    if report.suffix.lower() not in (".html", ".htm"):
+        make_folder(report)
+        page = report / "report.html"
+    beside = [rejected_table(page)] if rejected else []
+    if model is not None and model.resolve() in (page.resolve(), *(table.resolve() for table in beside)):
+        raise DataError(f"the model and the report would both be {model}.", hint="Name another --output or --report.")
+    require_own(page, rb"(?i)\s*<!doctype html", "page")
+    for table in beside:
+        require_own(table, rb"set\b", "list of rejected samples")
+    return page
+
+
+def rejected_table(page: Path) -> Path:
+    """Return the file beside a page that lists the samples which cleaning rejected.
+
+    Parameters
+    ----------
+    page : Path
+    """
+    return page.with_name("cleaning.csv" if page.name == "report.html" else f"{page.stem}-cleaning.csv")
 
 
 def takes_groups(command: Callable[..., None]) -> Callable[..., None]:

@@ -240,7 +240,7 @@ def extract(
     recording: Annotated[Path, typer.Argument(help="A recording: CSV, Parquet, bag, MCAP, C3D.")],
     output: opt.LogOutput,
     signals: Annotated[str | None, typer.Option(help="Signals to keep, with commas; all without it.")] = None,
-    begin: Annotated[float, typer.Option(help="First second to keep.")] = 0.0,
+    begin: Annotated[float | None, typer.Option(help="First second to keep.")] = None,
     end: Annotated[float | None, typer.Option(help="Last second to keep.")] = None,
     every: Annotated[int, typer.Option(help="Keep every n-th sample.", min=1)] = 1,
     columns: opt.Columns = None,
@@ -262,9 +262,11 @@ def extract(
             raise DataError(f"the recording holds no {', '.join(sorted(unknown))}.", hint=hint)
         without: dict[str, Any] = dict.fromkeys(set(log.signals) - wanted)
         chosen = replace(log, extra={}, **without)
-    rows = np.flatnonzero((log.time >= begin) & (log.time <= (np.inf if end is None else end)))[::every]
+    first, last = -np.inf if begin is None else begin, np.inf if end is None else end
+    rows = np.flatnonzero((log.time >= first) & (log.time <= last))[::every]
     if not len(rows):
-        raise DataError(f"no sample lies between {begin:g} s and {end} s; the recording has {log.time[-1]:.3f} s.")
+        whole = f"{log.time.min():.3f} to {log.time.max():.3f} s"
+        raise DataError(f"no sample lies between {first:g} and {last:g} s; the recording goes from {whole}.")
     part = chosen.select(rows)
     write_log(part, output)
     facts = {"samples": len(part), "signals": list(part.signals), "output": str(output)}

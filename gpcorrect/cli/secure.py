@@ -20,9 +20,9 @@ secure_app = typer.Typer(help="Certificates, passwords and access rules for a si
 def init(
     folder: Annotated[Path, typer.Argument(help="Where to write; made.")],
     host: Annotated[str, typer.Option(help="The router's machine, as clients write it.")] = "localhost",
-    port: Annotated[int, typer.Option(help="Port of the router.")] = 7450,
+    port: Annotated[int, typer.Option(help="Port of the router.", min=1, max=65535)] = 7450,
     namespace: KeyRoot = "gpcorrect",
-    days: Annotated[int, typer.Option(help="How long certificates are valid.")] = 365,
+    days: Annotated[int, typer.Option(help="How long certificates are valid.", min=1, max=36500)] = 365,
     json: Json = False,
 ) -> None:
     """Make a certificate authority, certificates and passwords, and a configuration for the router and every role.

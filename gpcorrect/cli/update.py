@@ -110,7 +110,7 @@ def drift(
     worn_out: Annotated[float, typer.Option(help="Worn out: errors this many times those at the fit.")] = 2.0,
     report: Report = None,
     old_plot: Annotated[Path | None, renamed("--plot", "--report", "drawings are pages")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of tie-breaking and bootstrap.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of tie-breaking and bootstrap.", min=0)] = 0,
     json: Json = False,
 ) -> None:
     """Tell from recordings, oldest first, whether a model has aged, and estimate its remaining useful time.
@@ -204,7 +204,7 @@ def explore(
     ] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="CSV file to write.")] = None,
     columns: Columns = None,
-    seed: Annotated[int, typer.Option(help="Seed of the candidates.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the candidates.", min=0)] = 0,
     json: Json = False,
 ) -> None:
     """Propose the poses and velocities that reduce the uncertainty in the task region most, best first.

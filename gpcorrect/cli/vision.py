@@ -257,7 +257,7 @@ def fit(
     extra: Annotated[str | None, typer.Option(help="Extra columns of the log that belong to the state.")] = None,
     columns: opt.Columns = None,
     as_is: opt.AsIs = False,
-    seed: Annotated[int, typer.Option(help="Seed of everything random.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of everything random.", min=0)] = 0,
     report: opt.Report = None,
     json: opt.Json = False,
 ) -> None:

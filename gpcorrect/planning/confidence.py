@@ -11,7 +11,7 @@ import numpy as np
 from gpcorrect.errors import DataError
 from gpcorrect.planning.paths import CommandPath, Corrects, DesiredPath, Mode, corrected
 
-Cause = Literal["out of domain", "position interval", "rotation interval"]
+Cause = Literal["out of domain", "cut", "position interval", "rotation interval"]
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,8 @@ class Doubt:
         match self.cause:
             case "out of domain":
                 return f"{100 * self.value:.0f} % of the poses are out of domain"
+            case "cut":
+                return "the command at the goal is not the whole correction: its status is not OK"
             case "position interval":
                 return f"the tool's place is known to {1e3 * self.value:.1f} mm, {1e3 * self.allowed:.1f} mm are needed"
             case "rotation interval":
@@ -56,6 +58,10 @@ class Margins:
     rotation: float = np.deg2rad(12.0)
     outside: float = 0.5
 
+    def __post_init__(self) -> None:
+        if not (self.position > 0 and self.rotation > 0 and 0 <= self.outside <= 1):
+            raise DataError(f"margins are lengths and angles above 0, and a fraction from 0 to 1; got {self}.")
+
     def doubt(self, command: CommandPath) -> Doubt | None:
         """Return the first reason not to trust a command, or None.
 
@@ -66,6 +72,8 @@ class Margins:
         outside = 1.0 - float(np.mean(command.in_domain))
         if outside > self.outside or not command.in_domain[-1]:
             return Doubt("out of domain", outside, self.outside)
+        if command.status[-1] != "OK":  # its interval is of the correction that was not made
+            return Doubt("cut", 1.0, 0.0)
         # NaN marks what was not learned, and so is not known at all.
         half_widths = np.where(np.isnan(command.interval95[-1]), np.inf, command.interval95[-1])
         position, rotation = float(half_widths[:3].max()), float(half_widths[3:].max())

@@ -199,6 +199,15 @@ def test_a_folder_that_cannot_be_made_is_refused_before_the_work(gpcorrect: Comm
     assert_refused(gpcorrect("discrepancy", "run", *words), "cannot make the folder")
 
 
+def test_the_model_that_is_read_is_not_written_over(gpcorrect: CommandLine, blind: Path, tmp_path: Path) -> None:
+    """A completed model takes no place of the nominal one, which the same command would then begin with."""
+    nominal = tmp_path / "model.toml"
+    nominal.write_bytes((blind / "nominal.toml").read_bytes())
+    words = ("--machine", nominal, "--log", blind / "case_000.parquet", "--output", tmp_path)
+    assert_refused(gpcorrect("discrepancy", "run", *words), "written over")
+    assert nominal.read_bytes() == (blind / "nominal.toml").read_bytes()
+
+
 def test_help_tells_files_and_resuming(gpcorrect: CommandLine) -> None:
     """The help names the files, the exit status, how a killed run goes on, and an example."""
     said = " ".join(gpcorrect("discrepancy", "run", "--help").out.split())

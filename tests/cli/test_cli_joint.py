@@ -79,13 +79,15 @@ def test_zigzag_writes_a_trajectory_and_its_duration(gpcorrect: CommandLine, tmp
     assert facts["seconds"] == pytest.approx(log.time[-1] - log.time[0], abs=0.04)
 
 
-def test_bad_requests_end_with_status_2(gpcorrect: CommandLine, joints: Path, tmp_path: Path) -> None:
+def test_bad_requests_end_with_status_2(gpcorrect: CommandLine, joints: Path, linear: Path, tmp_path: Path) -> None:
     """Unknown method, direction, feature or limits: one message each."""
     out = ("--output", tmp_path / "x.gpc")
     assert_refused(gpcorrect("joint", "fit", joints, "--method", "magic", *out), "magic", "quadratic")
     assert_refused(gpcorrect("joint", "fit", joints, "--features", "colour", *out), "colour")
     assert_refused(gpcorrect("joint", "fit", joints, "--input", "tracker", *out), "measured_jp")
     assert_refused(gpcorrect("joint", "fit", joints, "--method", "network", "--layers", "wide", *out), "600,500,400")
+    words = ("joint", "rezero", linear, joints, "--time-offset", "soon")
+    assert_refused(gpcorrect(*words, *out), "soon")
     assert_refused(gpcorrect("zigzag", "--limits", "60:20,55:110,330:420", "--output", tmp_path / "z.csv"), "lowest")
 
 

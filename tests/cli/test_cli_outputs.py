@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from command_line import CommandLine, assert_refused
 
 from gpcorrect.atomic import require_own
 from gpcorrect.calibration import CommandCorrector, save
+from gpcorrect.cli.options import rejected_table
 from gpcorrect.errors import GpCorrectError
 from gpcorrect.logs import read_log, write_log
 
@@ -28,6 +30,9 @@ OVER_A_LOG = (
     ("vision", "calibrate", "rig.toml", "-o", "rig.toml"),
     ("vision", "rig", ".", "-o", "rig.toml"),
     ("fit", "log.csv", "-o", "new.gpc", "--report", "notes.html"),
+    ("fit", "log.csv", "-o", "new.gpc", "--report", "."),  # where somebody's own report.html is
+    ("joint", "fit", "log.csv", "-o", "new.gpc", "--report", "tables.html"),
+    ("evaluate", "model.gpc", "other.csv", "--report", "tables.html"),
     ("explore", "model.gpc", "-o", "model.gpc"),
     ("convert", "log.csv", "map.parquet", "--columns", "map.toml"),
 )
@@ -42,11 +47,42 @@ def test_a_command_never_replaces_a_file_of_another_kind(
     monkeypatch.chdir(folder)
     shutil.copy(log_file, "other.csv")
     shutil.copy(small_model, "model.gpc")
-    for name in ("rig.toml", "map.toml", "notes.html"):
+    for name in ("rig.toml", "map.toml", "notes.html", "report.html", "tables-cleaning.csv"):
         Path(name).write_text("[tracker_cp]  # by hand")
     before = {path: path.read_bytes() for path in folder.iterdir()}
     assert_refused(gpcorrect(*words), "is there already")
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_a_model_and_its_page_are_two_files(gpcorrect: CommandLine, log_file: Path) -> None:
+    """Of one name for both only the page was left, and the fit was gone."""
+    both = log_file.parent / "both.html"
+    for words in (("fit", log_file), ("joint", "fit", log_file)):
+        assert_refused(gpcorrect(*words, "-o", both, "--report", both), "would both be")
+    assert not both.exists()
+
+
+def test_models_are_in_one_place(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """With a folder and an address the folder was changed, and the running servers, which were meant, were not."""
+    both = ("--store", tmp_path, "--endpoint", "tcp/127.0.0.1:1")
+    for words in (("list",), ("activate", "one"), ("rollback",)):
+        assert_refused(gpcorrect("models", *words, *both), "both were named")
+
+
+def test_each_page_has_a_table_of_its_own(tmp_path: Path) -> None:
+    assert rejected_table(tmp_path / "report.html").name == "cleaning.csv"
+    assert rejected_table(tmp_path / "monday.html").name == "monday-cleaning.csv"
+
+
+def test_times_before_zero_are_part_of_a_recording(gpcorrect: CommandLine, log_file: Path, tmp_path: Path) -> None:
+    """Taken out of a recording without a first second, they were left out without a word."""
+    log = read_log(log_file)
+    early = tmp_path / "early.csv"
+    write_log(replace(log, time=log.time - log.time[-1]), early)
+    gpcorrect("robot", "extract", early, "-o", tmp_path / "part.csv", "--json")
+    assert len(read_log(tmp_path / "part.csv")) == len(log)
+    words = ("robot", "extract", early, "-o", tmp_path / "none.csv", "--begin", 5)
+    assert_refused(gpcorrect(*words), "no sample lies between 5 and inf s")
 
 
 def test_a_model_is_saved_over_a_model_and_over_nothing_else(

@@ -5,6 +5,7 @@ import pytest
 from planning_support import Moves
 
 from gpcorrect import se3
+from gpcorrect.correction import Reason
 from gpcorrect.errors import DataError
 from gpcorrect.planning import DesiredPath, Margins, corrected, first_trusted, reach
 from gpcorrect.sim.reaching import Pace
@@ -71,6 +72,27 @@ def test_a_doubt_names_what_went_beyond_its_margin(corrector, margins, cause):
     """A command is doubted for its domain first, then its position, then its rotation, and not without reason."""
     doubt = margins.doubt(corrected(corrector, path()))
     assert (doubt.cause if doubt else None) == cause
+
+
+def test_a_command_that_was_cut_is_doubted_however_sure_it_was():
+    """Its interval is of the correction that was not made: an arm of 34 mm corrected by 1 mm was trusted to 5 mm."""
+
+    class Cut(Moves):
+        """Moves poses no further than an operator allows."""
+
+        def correct_path(self, poses, times):
+            return super().correct_path(poses, times).because(Reason.BOUNDED, np.ones(len(poses), dtype=bool))
+
+    planned = first_trusted(Cut(SHIFT, interval=0.001), [path()], Margins())
+    assert not planned.trusted
+    assert [doubt.cause for doubt in planned.doubts] == ["cut"]
+    assert "status" in str(planned.doubts[0])
+
+
+@pytest.mark.parametrize("wrong", [{"position": np.nan}, {"rotation": 0.0}, {"outside": 1.5}])
+def test_margins_that_are_none_are_refused(wrong):
+    with pytest.raises(DataError, match="margins"):
+        Margins(**wrong)
 
 
 def test_a_goal_out_of_domain_is_doubted_however_good_the_way():
