@@ -23,7 +23,7 @@ from gpcorrect_service.protocol.messages import Numbers
 from gpcorrect_service.protocol.settings import RosDistro
 
 POSE_STAMPED = "geometry_msgs/msg/PoseStamped"  # this and the next are names of ROS types
-JOINT_STATE = "sensor_msgs/msg/JointState"
+JOINT_STATE = "sensor_msgs/msg/JointState"  # name of the ROS type
 OPERATING_STATE = "crtk_msgs/msg/OperatingState"  # crtk_msgs, ROS 2
 STRING_STAMPED = "crtk_msgs/msg/StringStamped"  # crtk_msgs, ROS 2
 TF_MESSAGE = "tf2_msgs/msg/TFMessage"  # what `/tf` carries

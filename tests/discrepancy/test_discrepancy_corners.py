@@ -1,0 +1,71 @@
+"""Corners of the numerical core: tests of many joints, tangents at a bound, copies of memories."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from gpcorrect.discrepancy.evidence.variables import Covariates, Quantity, Variable, all_cells
+from gpcorrect.discrepancy.recording.scene import ReplayMemory
+from gpcorrect.discrepancy.search.linearisation import _tangents
+from gpcorrect.discrepancy.settings import TESTS
+from gpcorrect.types import FloatArray
+
+JOINTS = range(1, 7)
+
+
+def test_each_of_six_joints_is_tested_by_its_own_variables() -> None:
+    """Of a tracker's 450 pairs the first 150 were tested, all of which held a variable of joint 1."""
+    rng = np.random.default_rng(0)
+    kinds = (Quantity.POSITION, Quantity.DIRECTION, Quantity.SPEED, Quantity.LOAD, Quantity.ACCELERATION)
+    values = {Variable(kind, joint): rng.normal(size=40) for joint in JOINTS for kind in kinds}
+    primary = tuple(v for v in values if v.quantity in kinds[:2])
+    cells = all_cells(Covariates(values, primary, dict.fromkeys(values, "")))
+    assert len(cells) == TESTS.max_tests
+    tested = {frozenset(c.variables) for c in cells}
+    for joint in JOINTS:
+        position, direction, *others = (Variable(kind, joint) for kind in kinds)
+        assert {frozenset((position, v)) for v in (direction, *others)} <= tested
+
+
+@dataclass(frozen=True)
+class Line:
+    """As much of a fit of one number: the channel is one more than it."""
+
+    u: FloatArray
+    candidate: SimpleNamespace
+
+    @property
+    def effect(self) -> float:
+        return float(self.u[0])
+
+    def moved(self, j: int, value: float) -> Line:
+        return Line(np.array([value]), self.candidate)
+
+
+@pytest.mark.parametrize("u", [np.nextafter(0.0, 1.0), 5e-5, np.nextafter(1e-4, 0.0)])
+def test_a_tangent_at_a_bound_is_taken_to_where_there_is_room(u: float) -> None:
+    """In a range narrower than a step, from the lower end, it was taken over one rounding, and was nothing."""
+
+    def predict(effects: Sequence[float]) -> FloatArray:
+        return np.array([[1.0 + sum(effects)]])
+
+    bounds = np.zeros(1), np.full(1, 1e-4)
+    line = Line(np.array([u]), SimpleNamespace(bounds=bounds, instant=None))
+    _, slopes = _tangents(SimpleNamespace(predict=predict), [], [line])  # type: ignore[arg-type, list-item]
+    assert slopes[0, 0, 0] == pytest.approx(1.0, rel=1e-6)
+
+
+def test_a_copy_of_a_memory_is_empty() -> None:
+    """So are those in other processes: its counter cannot be pickled for much longer."""
+    memory = ReplayMemory()
+    first = memory.number("motion", 1)
+    assert memory.number("motion", 1) == first
+    again = copy.deepcopy(memory)
+    assert not again.numbers
+    assert again.number("path") != again.number("motion", 1)
