@@ -14,6 +14,7 @@ import typer
 from gpcorrect.atomic import require_folder, require_new, require_own, write_file
 from gpcorrect.cli import console
 from gpcorrect.cli import options as opt
+from gpcorrect.cli.processes import stop_signal
 from gpcorrect.cli.reading import read_logs
 from gpcorrect.errors import DataError
 
@@ -108,8 +109,11 @@ def record(
 ) -> None:
     """Record cameras into a folder that `track` takes: a video each, and when every picture was taken.
 
+    Ctrl-C ends it early, and what came is kept; a recording is never overwritten.
+
     Example: gpcorrect vision record 0 2 4 6 --seconds 30 --output monday
     """
+    stop = stop_signal()
     from gpcorrect.vision import record as record_cameras
     from gpcorrect.vision import side_by_side
 
@@ -120,7 +124,7 @@ def record(
             if view is not None:
                 view.show(lambda: side_by_side(pictures))
 
-        frames = record_cameras(cameras, output, seconds, fps, on_pictures=show)
+        frames = record_cameras(cameras, output, seconds, fps, on_pictures=show, stopped=stop.is_set)
     words = f"{frames} frames of {len(cameras)} cameras   next: gpcorrect vision track {output}"
     console.print_result({"output": str(output), "cameras": cameras, "frames": frames}, words, as_json=json)
 
@@ -187,7 +191,10 @@ def track(
         bool, typer.Option("--measured-only", help="Leave out poses that were predicted through an occlusion.")
     ] = False,
     first_look: Annotated[
-        bool, typer.Option("--first-look/--no-first-look", help="Check pictures, calibration and target first.")
+        bool,
+        typer.Option(
+            "--first-look/--no-first-look", help="Check what was given, and learn delays, first."
+        ),
     ] = True,
     workers: Annotated[int, typer.Option(help="Whole pictures searched at the same time.", min=1)] = 2,
     *,
@@ -216,7 +223,7 @@ def track(
         require_folder(annotated)
     page = opt.report_page(report)
     followed, known = _target(target, ball), read_cameras(cameras)
-    sources = open_sources(videos, [camera.name for camera in known])
+    sources = open_sources(videos, [camera.name for camera in known], timed=fps is None)
     settings = TrackSettings(fps=fps, first_look=first_look, workers=workers)
     with ExitStack() as stack:
         progress = stack.enter_context(console.progress_bar(quiet=json))

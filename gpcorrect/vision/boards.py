@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -191,6 +192,10 @@ def rig_text(folders: Sequence[Path], board: Chessboard, beside: Path) -> str:
     if board.turns_alike:
         cause = f"a board of {board.columns} x {board.rows} inner corners looks the same turned by half."
         raise DataError(cause, hint="Take one even and one odd number, as `gpcorrect vision board` does.")
+    names = [folder.name for folder in folders]
+    if len(set(names)) < len(names):
+        cause = f"cameras are named as their folders, and two of these have one name: {', '.join(names)}."
+        raise DataError(cause, hint="Name each folder as its camera.")
     pictures: list[dict[str, Path]] = []
     for folder in folders:
         files = sorted(folder.iterdir()) if folder.is_dir() else []
@@ -212,6 +217,7 @@ def rig_text(folders: Sequence[Path], board: Chessboard, beside: Path) -> str:
     lines = ["[board]", f"columns = {board.columns}", f"rows = {board.rows}", f"square = {board.square}"]
     for folder, one in zip(folders, pictures, strict=True):
         where = Path(os.path.relpath(folder, beside)).as_posix()
-        lines += ["", "[[camera]]", f'name = "{folder.name}"', f'boards = "{where}"']
-        lines += [f'board_at = {{picture = "{where}/{one[name].name}", position = [0.0, 0.0, 0.0]}}']
+        lines += ["", "[[camera]]", f"name = {json.dumps(folder.name)}", f"boards = {json.dumps(where)}"]
+        at = json.dumps(f"{where}/{one[name].name}")  # a string of JSON is one of TOML
+        lines += [f"board_at = {{picture = {at}, position = [0.0, 0.0, 0.0]}}"]
     return "\n".join(lines) + "\n"

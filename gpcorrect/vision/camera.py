@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -47,18 +48,23 @@ class Intrinsics:
             )
 
     def require_size(self, image: Image, name: str) -> None:
-        """Check that a picture has the size that the lens is known for: at another one, pixels mean other rays.
+        """Check that a picture is one in colour of the size that the lens is known for: else pixels mean other rays.
 
         Parameters
         ----------
-        image : (height, width, ...) uint8 array
+        image : (height, width, 3) uint8 array
         name : str, of the camera, for the message
 
         Raises
         ------
         DataError
-            It has another size.
+            It has another size, or is no such array.
         """
+        if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
+            raise DataError(
+                f"a picture of camera {name} is a (height, width, 3) array of uint8; got {image.dtype} of "
+                f"{image.shape}."
+            )
         if image.shape[:2] != (self.height, self.width):
             raise DataError(
                 f"camera {name} was calibrated at {self.width} x {self.height}, its picture has {image.shape[1]} x "
@@ -175,3 +181,19 @@ def _is_rigid(T: FloatArray) -> bool:
     R = T[:3, :3]
     square = np.allclose(R @ R.T, np.eye(3), rtol=0.0, atol=1e-3) and np.linalg.det(R) > 0
     return bool(np.isfinite(T).all() and square and np.allclose(T[3], [0.0, 0.0, 0.0, 1.0], rtol=0.0))
+
+
+def require_two(cameras: Sequence[Camera]) -> None:
+    """Check that there are cameras enough for places in space.
+
+    Parameters
+    ----------
+    cameras : sequence of Camera
+
+    Raises
+    ------
+    DataError
+        There are fewer than two.
+    """
+    if len(cameras) < 2:
+        raise DataError(f"tracking in space needs two cameras or more, got {len(cameras)}.")

@@ -10,7 +10,7 @@ import numpy as np
 
 from gpcorrect.errors import LogError
 from gpcorrect.vision.agreement import Hypothesis, acquire, hypotheses
-from gpcorrect.vision.camera import Camera
+from gpcorrect.vision.camera import Camera, require_two
 from gpcorrect.vision.opencv import Image, cv2
 from gpcorrect.vision.rim import Outline
 from gpcorrect.vision.search import detect_everywhere
@@ -55,11 +55,12 @@ def check_fit(
     Raises
     ------
     DataError
-        A picture has another size than its camera's calibration.
+        There is one camera, or a picture has another size than its camera's calibration.
     LogError
         A ball's colour is nowhere, the cameras are in the wrong order, the calibration is of another set of cameras,
         or the balls are larger or farther apart than the target says.
     """
+    require_two(cameras)
     check = settings.check
     for camera, image in itertools.chain.from_iterable(zip(cameras, images, strict=True) for images in frames):
         if image is not None:

@@ -29,6 +29,7 @@ class Clocks:
         self._information = np.diag(np.where(known, settings.known, settings.unknown) ** -2.0)
         self._prior, self._start = self._information, given
         self._right = self._prior @ given
+        self.learned_until = -np.inf  # s: frames until then are known already, and count once
 
     @property
     def delays(self) -> FloatArray:

@@ -34,7 +34,7 @@ Row4 = tuple[float, float, float, float]
 
 
 class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 
 Model = TypeVar("Model", bound=_Strict)
@@ -144,7 +144,7 @@ def _read(path: str | Path, model: type[Model], what: str) -> Model:
     """Read and check a JSON or TOML file."""
     try:
         text = Path(path).read_text(encoding="utf-8")
-        values = tomllib.loads(text) if Path(path).suffix == ".toml" else json.loads(text)
+        values = json.loads(text) if text.lstrip().startswith("{") else tomllib.loads(text)
     except OSError as error:
         raise DataError(f"cannot read the {what} {path}: {error.strerror}.", hint=HINTS[what]) from error
     except ValueError as error:  # what tomllib, json and a wrong encoding raise
@@ -286,8 +286,9 @@ def _rig_camera(row: _RigCamera, folder: Path) -> RigCamera:
     patterns = (row.boards,) if isinstance(row.boards, str) else row.boards
     boards: list[Path] = []
     for pattern in patterns:  # of files, or the name of a folder of images
-        whole = folder / pattern / "*" if (folder / pattern).is_dir() else folder / pattern
-        images = [file for file in map(Path, sorted(glob.glob(str(whole)))) if file.suffix.lower() in IMAGES]
+        whole = folder / pattern
+        files = whole.iterdir() if whole.is_dir() else (folder / name for name in glob.glob(pattern, root_dir=folder))
+        images = sorted(file for file in files if file.suffix.lower() in IMAGES and not file.name.startswith("."))
         if not images:
             raise DataError(f"there are no pictures {whole}.", hint=HINTS["rig file"])
         boards += images
@@ -314,10 +315,13 @@ def _markers(
     path = _file(folder, given)
     if path.suffix.lower() in IMAGES:
         return {}, path
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = [line for line in csv.reader(file) if line and not line[0].startswith("#")]
     try:
-        return {name: np.array([float(u), float(v)]) for name, u, v in rows if name.strip().lower() != "marker"}, None
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = [[cell.strip() for cell in line] for line in csv.reader(file) if line and line[0][:1] != "#"]
+        seen = {name: np.array([float(u), float(v)]) for name, u, v in rows if name.lower() != "marker"}
+        if bad := [name for name, pixel in seen.items() if not np.isfinite(pixel).all()]:
+            raise ValueError(f"no pixel of {', '.join(bad)}")
+        return seen, None
     except ValueError as error:
         hint = HINTS["rig file"]
         raise DataError(f"{path}: expected lines of marker, u, v; got something else ({error}).", hint=hint) from error

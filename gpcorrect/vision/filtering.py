@@ -124,6 +124,8 @@ class PoseFilter:
         if T_tracker_tool is not None and self._believed(T_tracker_tool, noise, sure):
             self._seen = time
             return self._estimate(Status.MEASURED)
+        if T_tracker_tool is None:
+            self._refused = 0
         if time - self._seen > self.settings.coast:
             self._kalman = None
         return self._estimate(Status.COASTING)

@@ -79,7 +79,10 @@ def poses_from_points(points: FloatArray, pixels: FloatArray, lens: Intrinsics) 
 
 def _solve_pnp(points: FloatArray, pixels: FloatArray, lens: Intrinsics, method: int) -> list[FloatArray]:
     points, pixels = np.ascontiguousarray(points), np.ascontiguousarray(pixels)
-    found, rotvec, shift = cv2.solvePnP(points, pixels, lens.matrix, lens.distortion, flags=method)
+    try:
+        found, rotvec, shift = cv2.solvePnP(points, pixels, lens.matrix, lens.distortion, flags=method)
+    except cv2.error:  # too few points, or all on a line
+        return []
     return [_pose(np.concatenate([np.ravel(rotvec), np.ravel(shift)]))] if found else []
 
 
@@ -114,13 +117,17 @@ def refine_pose(
     Raises
     ------
     DataError
-        Fewer than six points, or no start.
+        A pixel is missing (NaN).
     DegenerateError
-        The points do not determine the pose.
+        The points do not determine the pose: they are fewer than six or on a line, or there is no start.
     """
     fewest = settings.fewest_points
-    if len(points) < fewest or not len(starts):
-        raise DataError(f"a camera's place needs at least {fewest} known points and a start; got {len(points)}.")
+    if len(points) < fewest:
+        raise DegenerateError(f"a camera's place needs at least {fewest} known points; got {len(points)}.")
+    if not len(starts):
+        raise DegenerateError("these known points determine no place of the camera: do they lie on a line?")
+    if not np.isfinite(pixels).all():
+        raise DataError("a pixel of a known point is missing (NaN); leave out what was not seen.")
     vectors = [np.concatenate([se3.rotvec_from_matrix(T[:3, :3]), T[:3, 3]]) for T in starts]
     fits = [_fit(points, pixels, lens, x, method="trf", loss="soft_l1") for x in vectors]
     best = min(fits, key=lambda fit: float(fit.cost))

@@ -19,8 +19,8 @@ USUAL_NOISE_PX = 0.1  # of a centre without a covariance: what this package's ou
 STEPS, CONVERGED = 10, 1e-9  # steps of Gauss-Newton, which takes three or four, and its last step (m and rad)
 LEAST_DEPTH = 1e-9  # m: keeps the projection of a point behind a camera finite
 POSE = 6  # numbers of a pose: position, rotation vector
-FIXED_TURN = 1e-6  # rad^2: variance of the rotation of a target without orientation, which never turns
-THIN = 1e-3  # height of a triangle over its spread, below which three balls are on a line
+FIXED_TURN = 1e-6  # rad^2: variance of a turn that nothing shows: of one ball, and of two about their line
+THIN = 1e-3  # of the second over the first singular value of the balls' places: below, they are on a line
 WORST_CONDITION = 1e14  # of an information matrix in m and rad: beyond it, rounding decides
 
 
@@ -265,9 +265,9 @@ def pose_closed_form(points: FloatArray, places: FloatArray) -> PoseFit:
         raise DataError(f"a pose needs three balls or more, seen and known; got {points.shape} and {places.shape}.")
     if not np.isfinite(points).all():
         raise DataError("a ball's place is missing (NaN): no pose follows from it.")
-    across = np.linalg.norm(np.cross(points[1] - points[0], points[2] - points[0]))
-    if across <= THIN * float(((points[:3] - points[:3].mean(axis=0)) ** 2).sum()):
-        raise DegenerateError("three balls lie on a line, which determines no pose.")
+    first, second, _ = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if second <= THIN * first:
+        raise DegenerateError("the balls lie on a line, which determines no pose.")
     mean_points, mean_places = points.mean(axis=0), places.mean(axis=0)
     R = se3.nearest_rotation((points - mean_points).T @ (places - mean_places))
     # The covariance is that of what the fit leaves of the distances.
@@ -278,6 +278,18 @@ def pose_closed_form(points: FloatArray, places: FloatArray) -> PoseFit:
     turns = np.cross(arms[:, None, :], np.eye(3))  # a turn w moves a ball by w x arm
     J = np.concatenate([np.broadcast_to(np.eye(3), turns.shape), turns], axis=2).reshape(-1, 6)
     return PoseFit(T, variance * np.linalg.inv(J.T @ J), residuals)
+
+
+def along(direction: FloatArray, place: FloatArray, R: FloatArray) -> FloatArray:
+    """Return the rotation `(3, 3)` that turns `place` into a direction, and else is nearest to another rotation.
+
+    Parameters
+    ----------
+    direction, place : (3,) arrays, not zero
+    R : (3, 3) array
+    """
+    one = np.outer(direction, place) / (np.linalg.norm(direction) * np.linalg.norm(place))
+    return se3.nearest_rotation(one / THIN + R)
 
 
 def pose_from_observations(
@@ -296,7 +308,7 @@ def pose_from_observations(
     ----------
     cameras : sequence of Camera
     places : (b, 3) array
-        Balls in the tool frame, m. One ball determines a position: the tool then does not turn.
+        Balls in the tool frame, m. With one, the tool does not turn; with two, not about the line through them.
     observations : Observations
     start : (4, 4) array, a pose nearby: the closed form's, or a prediction
     motion : Motion, optional, what is known of the velocity; delays are left out of account without it
@@ -326,6 +338,9 @@ def pose_from_observations(
         if motion is not None and prior is not None:
             information[free:, free:] += prior
             right[free:] += prior @ (motion.twist - twist)[:free]
+        if len(places) == 2:
+            line = (T[:3, :3] @ (places[1] - places[0])) / np.linalg.norm(places[1] - places[0])
+            information[3:POSE, 3:POSE] += np.outer(line, line) / FIXED_TURN
         if np.linalg.cond(information) > WORST_CONDITION:
             raise DegenerateError(f"{len(residual)} observations do not determine the tool's pose.")
         step = np.linalg.solve(information, right)

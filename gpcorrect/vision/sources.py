@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 import time
 from collections.abc import Callable, Sequence
@@ -74,6 +75,10 @@ class Source:
         self.read_so_far += 1
         return image
 
+    def goes_on(self) -> bool:
+        """Whether a video that was read as far as its header says holds more pictures; one is lost by asking."""
+        return self._video is not None and self.ended and bool(self._video.grab())
+
     def peek(self, index: int) -> Image | None:
         """Return one picture out of order; reading in order goes on as before.
 
@@ -116,8 +121,7 @@ def open_source(path: str | Path) -> Source:
         if all(STAMP.fullmatch(file.stem) for file in files):
             files.sort(key=lambda file: (float(file.stem), file.name))
             return Source(path, len(files), times=np.array([float(file.stem) for file in files]), files=tuple(files))
-        numbers = re.compile(r"(\d+)")  # 2 before 10
-        files.sort(key=lambda file: [int(p) if p.isdigit() else p for p in numbers.split(file.name)])
+        files.sort(key=_in_order)
         return Source(path, len(files), files=tuple(files))
     if not path.is_file():
         raise LogError("there is no such video or folder of images.", path=str(path))
@@ -130,7 +134,7 @@ def open_source(path: str | Path) -> Source:
     return Source(path, count, fps if np.isfinite(fps) and fps > 0 else None, _video=video)
 
 
-def open_sources(paths: Sequence[str | Path], names: Sequence[str]) -> list[Source]:
+def open_sources(paths: Sequence[str | Path], names: Sequence[str], *, timed: bool = True) -> list[Source]:
     """Open recordings, one a camera; a single folder of videos or of folders stands for what it holds.
 
     Parameters
@@ -138,26 +142,60 @@ def open_sources(paths: Sequence[str | Path], names: Sequence[str]) -> list[Sour
     paths : sequence of str or Path, as :func:`open_source`
     names : sequence of str
         Of the cameras: recordings in a folder that are named as they are put in their order, others in order of name.
+    timed : bool, whether the times of a folder's table are taken
 
     Raises
     ------
     LogError
-        As :func:`open_source`.
+        As :func:`open_source`; or the table is none of these recordings.
     """
-    folder = Path(paths[0])
-    if len(paths) > 1 or not folder.is_dir():
+    if len(paths) != 1 or not Path(paths[0]).is_dir():
         return [open_source(path) for path in paths]
-    found = sorted(file for file in folder.iterdir() if file.suffix.lower() in VIDEOS or _holds_images(file))
+    folder = Path(paths[0])
+    found = [file for file in folder.iterdir() if file.suffix.lower() in VIDEOS or _holds_images(file)]
     if not found:
         return [open_source(folder)]
-    by_name = {file.stem: file for file in found}
-    sources = [open_source(file) for file in ([by_name[n] for n in names] if set(names) <= set(by_name) else found)]
-    if (folder / TIMES).is_file():
-        table = np.genfromtxt(folder / TIMES, delimiter=",", names=True, deletechars="", replace_space=" ")
-        for source in sources:
-            if source.path.stem in (table.dtype.names or ()):
-                source.times = np.atleast_1d(table[source.path.stem])[: source.count]
+    by_name = {file.stem.lower(): file for file in found}
+    named = [by_name[name.lower()] for name in names if name.lower() in by_name]
+    sources = [open_source(file) for file in (named if len(named) == len(names) else sorted(found, key=_in_order))]
+    if timed and (folder / TIMES).is_file():
+        _take_times(sources, folder / TIMES)
     return sources
+
+
+def _take_times(sources: Sequence[Source], path: Path) -> None:
+    """Give pictures the times of a table that has a column a camera, named as its video, and a row a frame."""
+    hint = f"Take the {TIMES} of this recording; or say the frames a second with --fps."
+    cause = "it is no table of times: names, then lines of as many numbers."
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            head, *rows = [line for line in csv.reader(file) if line]
+        table = np.array(rows, dtype=np.float64).reshape(len(rows), len(head))
+    except ValueError as error:  # no line, lines of other lengths, other things than numbers
+        raise LogError(cause, path=str(path), hint=hint) from error
+    columns = dict(zip([name.strip().lower() for name in head], table.T, strict=True))
+    of = [(source, columns[name]) for source in sources if (name := source.path.stem.lower()) in columns]
+    names, pictures = ", ".join(source.path.stem for source in sources), max(source.count for source in sources)
+    if not of:
+        raise LogError(f"it has columns {', '.join(columns)}; the pictures are {names}.", path=str(path), hint=hint)
+    if abs(len(table) - pictures) > 1:  # a recording may break off between a picture and its time
+        raise LogError(f"it has {len(table)} times, the recording {pictures} pictures.", path=str(path), hint=hint)
+    period = float(np.median(np.diff(of[0][1]))) if len(table) > 1 else np.inf
+    for source, times in of:
+        source.count = min(source.count, len(table))
+        source.times = times[: source.count]
+        if (late := abs(float(np.median(times - of[0][1])))) > period:
+            raise LogError(
+                f"{source.path.name} and {of[0][0].path.name} were looked at {1e3 * late:.0f} ms apart, more than from "
+                "one frame to the next: pictures of one line are not of one moment.",
+                path=str(path),
+                hint="Leave out the pictures that the others lack, so that those of one moment have one number.",
+            )
+
+
+def _in_order(path: Path) -> list[tuple[int, str]]:
+    """Sort 2 before 10."""
+    return [(int(part or 0), "") if i % 2 else (0, part) for i, part in enumerate(re.split(r"(\d+)", path.name))]
 
 
 def _holds_images(path: Path) -> bool:
@@ -263,8 +301,9 @@ def record(
     fps: float = USUAL_FPS,
     clock: Callable[[], float] = time.monotonic,
     on_pictures: Callable[[Sequence[Image]], None] | None = None,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> int:
-    """Record until the time is over or a camera gives no more pictures; return the number of frames.
+    """Record until the time is over or video files are at their end; return the number of frames.
 
     All cameras are asked to hold their picture before the first is decoded: as near in time as they can be.
 
@@ -272,59 +311,71 @@ def record(
     ----------
     cameras : sequence of str, numbers of devices (0, 1, ...) or their paths, or video files that stand for cameras
     folder : str or Path
-        Gets camera0.avi, camera1.avi, ... and times.csv; made when missing.
+        Gets camera0.avi, camera1.avi, ... and times.csv, of video files by their own rate; made when missing.
     seconds : float
     fps : float, asked of the devices, and written into the videos
     clock : callable, seconds
     on_pictures : callable, optional, called with the pictures of every moment: for showing them
+    stopped : callable, asked before every moment; the recording ends where it answers True
 
     Raises
     ------
     GpCorrectError
-        A camera cannot be opened or gives no picture, or a video cannot be written.
+        The folder holds a recording already, a camera cannot be opened or gives no picture, or no more (what it gave is
+        written), or a video cannot be written.
     """
     make_folder(folder)
+    if any(Path(folder).glob("camera*.avi")) or (Path(folder) / TIMES).exists():
+        raise GpCorrectError(f"{folder} holds a recording already.", hint="Name another folder, or move it away.")
     opened = [_opened(camera, fps) for camera in cameras]
     names = [f"camera{k}" for k in range(len(cameras))]
+    files = [Path(folder) / f"{name}.avi" for name in names]
     writers: list[Any] = []
     times: list[list[float]] = []
+    gone: list[str] = []
     try:
         first = clock()
-        while not times or times[-1][-1] < seconds:
-            stamps = [(one.grab(), clock() - first) for one in opened]
-            pictures = [one.retrieve() for one in opened] if all(good for good, _ in stamps) else [(False, None)]
-            if not all(good for good, _ in pictures):
+        while not stopped() and (not times or times[-1][-1] < seconds):
+            grabbed = [(one.grab(), clock() - first if rate is None else len(times) / rate) for one, rate in opened]
+            gone = [camera for camera, (good, _) in zip(cameras, grabbed, strict=True) if not good]
+            pictures = [] if gone else [one.retrieve() for one, _ in opened]
+            gone = gone or [camera for camera, (good, _) in zip(cameras, pictures, strict=True) if not good]
+            if gone:
                 break
-            files = [Path(folder) / f"{name}.avi" for name in names]
             writers = writers or [_writer(file, p, fps) for file, (_, p) in zip(files, pictures, strict=True)]
             for writer, (_, picture) in zip(writers, pictures, strict=True):
                 writer.write(picture)
-            times.append([stamp for _, stamp in stamps])
+            times.append([stamp for _, stamp in grabbed])
             if on_pictures is not None:
                 on_pictures([picture for _, picture in pictures])
     finally:
-        for one in (*opened, *writers):
+        for one in (*(one for one, _ in opened), *writers):
             one.release()
+        if times:
+            rows = [names, *([f"{stamp:.6f}" for stamp in row] for row in times)]
+            write_file(Path(folder) / TIMES, "".join(",".join(row) + "\n" for row in rows))
+    hint = "Close other programs that use them; try fewer at once."
     if not times:
-        hint = "Close other programs that use them; try fewer at once."
         raise GpCorrectError("the cameras gave no picture.", hint=hint)
-    rows = [names, *([f"{stamp:.6f}" for stamp in row] for row in times)]
-    write_file(Path(folder) / TIMES, "".join(",".join(row) + "\n" for row in rows))
+    if lost := [camera for camera, (_, rate) in zip(cameras, opened, strict=True) if rate is None and camera in gone]:
+        words = f"camera {', '.join(lost)} gave no more pictures after {times[-1][0]:.1f} s; what came is in {folder}."
+        raise GpCorrectError(words, hint=hint)
     return len(times)
 
 
-def _opened(camera: str, fps: float) -> Any:
-    """Open a device by its number or path, or a video file."""
+def _opened(camera: str, fps: float) -> tuple[Any, float | None]:
+    """Open a device by its number or path, or a video file, which has a rate instead of a clock."""
     number = camera.isdecimal() and not Path(camera).exists()
     device = number or Path(camera).is_char_device()
     opened = cv2.VideoCapture(int(camera) if number else camera)
     if not opened.isOpened():
         hint = "Give numbers of devices (on Linux 0 is /dev/video0) or video files; look who may read /dev/video*."
         raise GpCorrectError(f"camera {camera} cannot be opened.", hint=hint)
-    if device:
-        opened.set(cv2.CAP_PROP_FPS, fps)
-        opened.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-    return opened
+    if not device:
+        return opened, float(opened.get(cv2.CAP_PROP_FPS)) or fps
+    opened.set(cv2.CAP_PROP_FPS, fps)
+    opened.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+    return opened, None
 
 
 def _writer(path: Path, picture: Any, fps: float) -> Any:

@@ -204,6 +204,8 @@ def track(
             if on_frame is not None:
                 on_frame(frame, images)
             progress.step("frames", (i + 1) / count)
+    if not rows:
+        raise LogError(f"no picture of {', '.join(names)} can be read.", hint="Copy the recordings again.")
     whole = Track(*(np.array(column) for column in zip(*rows, strict=True)))
     remarks = unpaired + _interruptions(sources, len(whole.time))
     found = zip(cameras, 1e3 * tracker.clocks.delays, 1e3 * tracker.clocks.stds, strict=True)
@@ -233,6 +235,7 @@ def _clocks(
     with Tracker(cameras, target, settings.vision, settings.workers) as tracker:
         for time_ in times[:look]:
             tracker.step([source.read() for source in again], float(time_))
+        tracker.clocks.learned_until = float(times[look - 1])
         return tracker.clocks
 
 
@@ -258,6 +261,10 @@ def _interruptions(sources: Sequence[Source], frames: int) -> list[str]:
         readable = source.count - (len(source.unreadable) - len(bad))
         if readable < frames:
             remarks.append(f"{source.path.name} ends after {readable} of {frames} frames; the others go on without it.")
+        if source.goes_on():
+            remarks.append(
+                f"{source.path.name} holds more than the {source.count} pictures that its header says: left out."
+            )
         if bad:
             remarks.append(f"{source.path.name}: {len(bad)} pictures cannot be read, the first is number {bad[0] + 1}.")
         if source.repeated:

@@ -18,16 +18,16 @@ from gpcorrect import se3
 from gpcorrect.errors import DataError, DegenerateError
 from gpcorrect.types import FloatArray, IntArray
 from gpcorrect.vision.agreement import LoneBall, View, acquire, agree, hypotheses, limit_px
-from gpcorrect.vision.camera import Camera
+from gpcorrect.vision.camera import Camera, require_two
 from gpcorrect.vision.clocks import Clocks
 from gpcorrect.vision.filtering import Filtered, PoseFilter, Status
 from gpcorrect.vision.opencv import Image
 from gpcorrect.vision.pose import (
-    FIXED_TURN,
     Located,
     Motion,
     Observations,
     PoseFit,
+    along,
     pose_closed_form,
     pose_from_observations,
 )
@@ -97,12 +97,13 @@ class Tracker:
         workers: int = 2,
         clocks: Clocks | None = None,
     ) -> None:
-        if len(cameras) < 2:
-            raise DataError(f"tracking in space needs two cameras or more, got {len(cameras)}.")
+        require_two(cameras)
         self.cameras, self.target, self.settings = cameras, target, settings
         self._filter = PoseFilter(settings.motion)
         self._views = [[View() for _ in target.balls] for _ in cameras]
-        self._memory = [_BallMemory(ball.radius) for ball in target.balls]
+        self._forget_sizes()
+        # Two balls leave the turn about their line open: what is followed is their middle, on that line.
+        self._places = target.places - (target.places.mean(axis=0) if len(target.balls) == 2 else 0.0)
         self.clocks = clocks or Clocks(cameras, settings.clocks)
         self._lone = LoneBall(settings.agreement)
         self._spread = 1.0  # running mean of chi squared a degree of freedom, at least 1
@@ -139,15 +140,16 @@ class Tracker:
         predicted, motion = self._filter.predicted(time), self._filter.motion(time)
         fit, before = None, self._copied()
         balls: list[Located | None] = []
+        sizes: list[list[float]] = []
         if predicted is not None:
             self._follow(images, time)
-            balls = self._agree(motion, predicted, settled=True)
+            balls, sizes = self._agree(motion, predicted, settled=True)
             fit = self._fitted(balls, predicted, motion)
         anew = fit is None and self._wait == 0
         if anew:
             followed = self._copied()
             self._acquire(images, time, predicted)
-            balls = self._agree(motion, predicted, settled=False)
+            balls, sizes = self._agree(motion, predicted, settled=False)
             fit = self._fitted(balls, predicted, motion)
             if fit is None:  # what was found is not the tool
                 self._views = followed if predicted is not None else before
@@ -163,8 +165,12 @@ class Tracker:
         none = np.full(3, np.nan)
         if fit is None or pose.status != Status.MEASURED:  # a ball is reported as part of the tool, or not at all
             fit, balls = None, [None] * len(self.target.balls)
-        elif motion is not None:
-            self._learn(fit, motion)
+        else:
+            self._remember(sizes)
+            if motion is not None and time > self.clocks.learned_until:
+                self._learn(fit, motion)
+        if pose.status == Status.LOST:
+            self._forget_sizes()
         if self.clocks.middle and pose.status != Status.LOST:
             back = self._filter.predicted(frame_time)
             assert back is not None
@@ -180,6 +186,17 @@ class Tracker:
             tuple(tuple(replace(view) for view in row) for row in self._views),
             float("nan") if fit is None else fit.rms,
         )
+
+    def _forget_sizes(self) -> None:
+        """Know of each ball what the target says: a size that was seen may have been another thing's."""
+        self._memory = [_BallMemory(ball.radius) for ball in self.target.balls]
+
+    def _remember(self, sizes: Sequence[Sequence[float]]) -> None:
+        """Learn the sizes that the target leaves open from a pose that was believed."""
+        for ball, memory, seen in zip(self.target.balls, self._memory, sizes, strict=True):
+            if seen and ball.radius is None:
+                memory.sizes = [*memory.sizes[-self.settings.views.size_memory :], float(np.mean(seen))]
+                memory.radius = float(np.median(memory.sizes))
 
     def _copied(self) -> list[list[View]]:
         """Return the views as they are, none of them seen in this frame yet."""
@@ -197,10 +214,10 @@ class Tracker:
         rows = zip(self.cameras, images, self._views, self.clocks.delays, strict=True)
         for camera, image, views, delay in rows:
             T = self._filter.predicted(time + delay)
-            for ball, memory, view in zip(self.target.balls, self._memory, views, strict=True):
+            for ball, place, memory, view in zip(self.target.balls, self._places, self._memory, views, strict=True):
                 expected = None
                 if image is not None and T is not None:
-                    expected = _expected(camera, memory, T[:3, :3] @ np.array(ball.place) + T[:3, 3])
+                    expected = _expected(camera, memory, T[:3, :3] @ place + T[:3, 3])
                 found = Found(None, Reason.NOT_FOUND)
                 if expected is not None:
                     found = detect_near(image, camera, ball, expected, memory.tolerance, self.settings)
@@ -233,19 +250,19 @@ class Tracker:
                 else:
                     views[b].admit()
 
-    def _agree(self, motion: Motion | None, predicted: FloatArray | None, *, settled: bool) -> list[Located | None]:
-        """Locate every ball at the frame's time; `settled`: where too few views are trusted, try all."""
-        located, views = [], self.settings.views
-        for b, (place, memory) in enumerate(zip(self.target.places, self._memory, strict=True)):
+    def _agree(
+        self, motion: Motion | None, predicted: FloatArray | None, *, settled: bool
+    ) -> tuple[list[Located | None], list[list[float]]]:
+        """Locate every ball at the frame's time, and its size in each view; `settled`: too few trusted, try all."""
+        located, sizes = [], []
+        for b, place in enumerate(self._places):
             row = [views[b] for views in self._views]
             if predicted is not None:
                 self._shift(row, place, predicted, motion)
-            point, sizes = agree(row, self.cameras, views, settled=settled)
+            point, seen = agree(row, self.cameras, self.settings.views, settled=settled)
             located.append(point)
-            if sizes and self.target.balls[b].radius is None:
-                memory.sizes = [*memory.sizes[-views.size_memory :], float(np.mean(sizes))]
-                memory.radius = float(np.median(memory.sizes))
-        return located
+            sizes.append(seen)
+        return located, sizes
 
     def _shift(self, row: list[View], place: FloatArray, T: FloatArray, motion: Motion | None) -> None:
         """Say of a ball's views by how much later than the frame they were taken, and what it moved by then."""
@@ -265,28 +282,34 @@ class Tracker:
         self, located: list[Located | None], predicted: FloatArray | None, motion: Motion | None
     ) -> PoseFit | None:
         """Fit the tool's pose to everything that is trusted in this frame; None when that is too little."""
-        known = [b for b, point in enumerate(located) if point is not None]
-        if len(self.target.balls) == 2:
-            return _mean_position(located)
-        observations = self._observations()
+        observations, start = self._observations(), self._start(located, predicted)
+        if observations is None or start is None:
+            return None
         try:
-            if len(known) >= 3:
-                points = np.array([point.position for point in located if point is not None])
-                start = pose_closed_form(points, self.target.places[known]).T_tracker_tool
-            elif located[0] is not None and not self.target.has_pose:
-                start = se3.pose(np.eye(3), located[0].position)
-            elif known and predicted is not None and self.target.has_pose:
-                start = predicted
-            else:
-                return None
-            if observations is None:
-                return None
-            fit = pose_from_observations(self.cameras, self.target.places, observations, start, motion)
+            fit = pose_from_observations(self.cameras, self._places, observations, start, motion)
         except (DegenerateError, np.linalg.LinAlgError):
             return None
         seen = [view for row in self._views for view in row if view.effective and view.outline is not None]
         limit = float(np.mean([limit_px(view, self.settings.views) for view in seen]))
         return self._judged(fit, observations.camera, motion) if fit.rms < limit else None
+
+    def _start(self, located: list[Located | None], predicted: FloatArray | None) -> FloatArray | None:
+        """Return a pose near that of the balls that were located, else the predicted one."""
+        found = [(p.position, place) for p, place in zip(located, self._places, strict=True) if p is not None]
+        if not found:
+            return None
+        points, places = map(np.array, zip(*found, strict=True))
+        if len(found) >= 3:
+            try:
+                return pose_closed_form(points, places).T_tracker_tool
+            except DegenerateError:  # these lie on a line
+                return predicted
+        if len(found) < len(located):
+            return predicted
+        R = np.eye(3) if predicted is None else predicted[:3, :3]
+        if len(found) == 2:
+            R = along(points[1] - points[0], places[1] - places[0], R)
+        return se3.pose(R, points.mean(axis=0))
 
     def _judged(self, fit: PoseFit, cameras: IntArray, motion: Motion | None) -> PoseFit:
         """Fit with what the covariances of single views do not hold: what all leave together, and the clocks."""
@@ -309,7 +332,7 @@ class Tracker:
         observations = self._observations()
         if observations is not None:
             try:
-                again = pose_from_observations(self.cameras, self.target.places, observations, fit.T_tracker_tool, held)
+                again = pose_from_observations(self.cameras, self._places, observations, fit.T_tracker_tool, held)
             except (DegenerateError, np.linalg.LinAlgError):
                 return
             assert again.linearised is not None
@@ -323,7 +346,7 @@ class Tracker:
             for b, view in enumerate(views)
             if view.effective and view.outline is not None
         ]
-        least = 3 if self.target.has_pose else 1
+        least = min(3, len(self.target.balls))
         if len({b for _, b, *_ in rows}) < least or len({k for k, *_ in rows}) < 2 or len(rows) <= least:
             return None
         cameras, balls, outlines, delays = zip(*rows, strict=True)
@@ -342,15 +365,3 @@ def _expected(camera: Camera, memory: _BallMemory, point: FloatArray) -> FloatAr
     if (pixel < -size).any() or (pixel >= limits + size).any():
         return None
     return np.array([*pixel, size])
-
-
-def _mean_position(located: Sequence[Located | None]) -> PoseFit | None:
-    """Without orientation: the mean of the balls, which all must be seen."""
-    points = [point for point in located if point is not None]
-    if len(points) < len(located):
-        return None
-    covariance = np.zeros((6, 6))
-    covariance[:3, :3] = sum(p.covariance for p in points) / len(points) ** 2
-    covariance[3:, 3:] = FIXED_TURN * np.eye(3)
-    T = se3.pose(np.eye(3), np.mean([p.position for p in points], axis=0))
-    return PoseFit(T, covariance, np.concatenate([p.residuals for p in points]))

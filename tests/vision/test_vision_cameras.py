@@ -28,6 +28,7 @@ from gpcorrect.vision.calibrate import _found_from
 from gpcorrect.vision.files import Rig
 from gpcorrect.vision.markers import find_blobs
 from gpcorrect.vision.opencv import cv2
+from gpcorrect.vision.place import poses_from_points
 from gpcorrect_studies.rendering import Ball, Stage, Studio, backdrop, four_cameras, marker_points
 
 SEED = 401
@@ -181,6 +182,8 @@ def test_a_calibration_file_reads_back(tmp_path: Path) -> None:
     plain["cameras"][0] |= {"rvec": cv2.Rodrigues(T[:3, :3])[0].ravel().tolist(), "tvec": T[:3, 3].tolist()}
     (tmp_path / "other.json").write_text(json.dumps(plain))
     assert np.allclose(read_cameras(tmp_path / "other.json")[0].T_camera_tracker, T)
+    write_cameras(cameras, tmp_path / "cameras.toml")  # JSON whatever its name
+    assert read_cameras(tmp_path / "cameras.toml")[0].name == cameras[0].name
 
 
 def test_what_does_not_determine_a_camera_is_refused() -> None:
@@ -191,5 +194,11 @@ def test_what_does_not_determine_a_camera_is_refused() -> None:
         calibrate_lens([lens.pixels(board_before(lens, rng).corners())], BOARD, lens.size)
     with pytest.raises(DegenerateError, match="agree with one place"):
         refine_pose(marker_points(), rng.uniform(0, 480, (16, 2)), intrinsics_of(lens), [place_of(lens)])
+    line = np.outer(np.linspace(0.0, 0.1, 8), [1.0, 0.0, 0.0])
+    assert poses_from_points(line, lens.pixels(line), intrinsics_of(lens)) == []
+    with pytest.raises(DegenerateError, match="on a line"):
+        refine_pose(line, lens.pixels(line), intrinsics_of(lens), [])
+    with pytest.raises(DataError, match="missing"):
+        refine_pose(marker_points(), np.full((16, 2), np.nan), intrinsics_of(lens), [place_of(lens)])
     with pytest.raises(DataError, match="no rigid motion"):
         Camera("bent", intrinsics_of(lens), 2.0 * np.eye(4))

@@ -286,11 +286,17 @@ def test_calibrations_that_cannot_be_are_refused(vision: Vision, rig: Path, tmp_
     cases = [
         (text.replace("columns = 9", "columns = 12"), ["camera cam0", "no chessboard of 12 x 6 inner corners"]),
         (text.replace('"boards1/*.png"', '"nowhere/*.png"'), ["no pictures", "nowhere"]),
+        (text.replace('"markers0.png"', "{m0 = [nan, 2.0]}"), ["camera.0.markers", "finite"]),
+        (text.replace('"markers0.png"', "{m0 = [1.0, 2.0]}"), ["camera cam0", "at least 6 known points; got 1"]),
+        (text.replace('"markers0.png"', '"latin.csv"'), ["latin.csv", "marker, u, v"]),
+        (text.replace('"markers0.png"', '"empty.csv"'), ["empty.csv", "no pixel of m0"]),
         (text.replace('"markers0.png"', "{ghost = [1.0, 2.0]}"), ["camera cam0", "without a place: ghost"]),
         (text.replace("columns = 9", "columns = 9\ncolour = 1"), ["board.colour"]),
         (text.replace('picture = "place0.png"', 'picture = "boards0/none.png"'), ["no picture"]),
         (text.replace('picture = "place0.png"', 'picture = "markers0.png"'), ["camera cam0", "no chessboard", "place"]),
     ]
+    (folder / "latin.csv").write_bytes("marker,u,v\nm0,1,2 \xb5\n".encode("latin-1"))
+    (folder / "empty.csv").write_bytes("\ufeffmarker, u, v\n m0, nan, 2\n".encode())
     for i, (changed, saying) in enumerate(cases):
         (folder / f"bad{i}.toml").write_text(changed)
         assert_refused(vision("calibrate", folder / f"bad{i}.toml", "--output", tmp_path / "c.json"), *saying)

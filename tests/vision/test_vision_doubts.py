@@ -96,7 +96,7 @@ def test_times_that_say_nothing_are_refused(gpcorrect: CommandLine, views: list[
     for video_file in videos:
         video_file.rename(tmp_path / "film" / video_file.name)
     (tmp_path / "film" / "times.csv").write_text("view0\n" + "".join(f"{i / RATE}\n" for i in range(FRAMES - 2)))
-    assert_refused(_track(gpcorrect, [tmp_path / "film"], output, *cameras), "14 times of 16 frames")
+    assert_refused(_track(gpcorrect, [tmp_path / "film"], output, *cameras), "14 times", "16 pictures")
     assert not output.exists()
 
 

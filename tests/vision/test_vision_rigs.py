@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import zlib
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from vision_support import board_before, path_of, place_of, record
 
 from gpcorrect import se3
 from gpcorrect.logs import read_log
-from gpcorrect.vision import read_cameras
+from gpcorrect.vision import read_cameras, read_rig
 from gpcorrect.vision.opencv import cv2
 from gpcorrect_studies.rendering import Stage, Studio, backdrop, four_cameras
 
@@ -62,6 +63,15 @@ def test_a_printed_board_alone_calibrates(tmp_path: Path) -> None:
         true = se3.invert(se3.compose(place_of(lens), T_world_board))
         assert np.linalg.norm(camera.position - true[:3, 3]) < 1.5e-3
         assert camera.covariance is not None
+    alike = [tmp_path / name / "boards" for name in ("left", "right")]
+    for folder in alike:
+        shutil.copytree(folders[0], folder)
+    assert exit_status("vision", "rig", *alike, "--output", tmp_path / "alike.toml") == 2
+    assert not (tmp_path / "alike.toml").exists()
+    odd = [folders[0].rename(tmp_path / "cam[0]"), folders[1].rename(tmp_path / 'the "back"')]
+    assert exit_status("vision", "rig", *odd, "--output", tmp_path / "odd.toml") == 0
+    assert [camera.name for camera in read_rig(tmp_path / "odd.toml").cameras] == ["cam[0]", 'the "back"']
+    folders = odd
     (folders[0] / "place.png").unlink()
     for i in range(8):
         (folders[1] / f"{i}.png").rename(folders[1] / f"other{i}.png")

@@ -120,6 +120,8 @@ def test_balls_on_a_line_or_missing_are_refused() -> None:
         pose_closed_form(np.outer([0.0, 1.0, 2.0], [1.0, 0.0, 0.0]), places)
     with pytest.raises(DataError, match="missing"):
         pose_closed_form(np.full((3, 3), np.nan), places)
+    row = np.array([[0.0, -0.038, 0.0], [0.0, 0.0, 0.0], [0.0, 0.038, 0.0], [0.038, 0.0, 0.0]])
+    assert np.allclose(pose_closed_form(row, row).T_tracker_tool, np.eye(4))  # the fourth is beside the line of three
 
 
 def _moving(t: float) -> FloatArray:
@@ -156,5 +158,7 @@ def test_the_filter_disbelieves_one_jump_and_takes_a_repeated_one() -> None:
     assert tracked.step(21 / 30.0, off).status == "coasting"
     assert tracked.step(22 / 30.0, off).status == "measured"
     assert tracked.step(23 / 30.0, _moving(0.7), sure=True).status == "measured"
+    for i, pose in enumerate([off, None, off, None, off]):  # never three frames in a row
+        assert tracked.step((24 + i) / 30.0, pose).status == "coasting"
     with pytest.raises(DataError, match="order of time"):
         tracked.step(0.1)

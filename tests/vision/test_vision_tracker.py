@@ -11,9 +11,9 @@ from vision_support import COVER, Cards, cameras_of, path_of
 from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
-from gpcorrect.vision import END_EFFECTOR, Frame, Target, Tracker
+from gpcorrect.vision import END_EFFECTOR, BallSpec, Frame, Target, Tracker, colour_of
 from gpcorrect.vision import single_ball as single_target
-from gpcorrect_studies.rendering import Card, Stage, single_ball
+from gpcorrect_studies.rendering import Ball, Card, Stage, single_ball
 
 SEED = 404
 RATE = 30.0
@@ -57,6 +57,57 @@ def test_a_single_ball_is_tracked_as_a_position() -> None:
     assert len(position) == len(poses)
     assert _rms(position) < 0.2
     assert not single_target("green").has_pose
+
+
+@pytest.mark.parametrize("degrees", [0.0, 60.0])
+def test_two_balls_are_tracked_as_their_middle(degrees: float) -> None:
+    """Within 0.05 mm and as it says, delays learned, however the tool is turned; pictures are searched whole once."""
+    two = Target((END_EFFECTOR.balls[0], END_EFFECTOR.balls[2]))
+    stage, poses = Stage.standard(SEED, {ball.name: ball.place for ball in two.balls}, pieces=0), path_of(SEED, 12)
+    poses[:, :3, :3] = poses[:, :3, :3] @ se3.matrix_from_rotvec(np.array([0.0, 0.0, np.deg2rad(degrees)]))
+    squares = []
+    with Tracker(cameras_of(stage), two) as tracker:
+        for i, pose in enumerate(poses):
+            frame = tracker.step(stage.frame(pose), i / RATE)
+            assert frame.pose.status == "measured"
+            off = frame.pose.T_tracker_tool[:3, 3] - pose[:3, 3]
+            assert np.linalg.norm(off) < 5e-5
+            squares.append(float(np.sum((off / frame.pose.std[:3]) ** 2)))
+        assert np.mean(squares) < 2.0 * 3
+        assert (tracker.clocks.stds < 2e-3).all()
+    assert not two.has_pose
+
+
+def test_four_balls_are_found_where_three_lie_on_a_line() -> None:
+    """The fourth makes them a target with a pose."""
+    places = {
+        "green": (0.0, -0.038, 0.0),
+        "blue": (0.0, 0.0, 0.0),
+        "red": (0.0, 0.038, 0.0),
+        "yellow": (0.03, 0.0, 0.0),
+    }
+    target = Target(tuple(BallSpec(name, colour_of(name), place) for name, place in places.items()))
+    stage = Stage.standard(SEED, places, pieces=0, colours={"blue": (30.0, 60.0, 200.0)})
+    poses = path_of(SEED, 4)
+    position, turn = _errors(_tracked(stage, poses, target), poses)
+    assert len(position) == len(poses)
+    assert _rms(position) < 0.2
+    assert _rms(turn) < 0.2
+
+
+def test_a_lone_ball_s_size_is_forgotten_when_it_is_lost() -> None:
+    """A red cap was taken for the ball, and is gone: the ball, three times as large, is found once the cap is lost."""
+    stage, path = Stage.standard(SEED + 7, single_ball("red"), pieces=0, radius=0.02), path_of(SEED + 7, 22, 15.0)
+    cap, states = Ball(np.array([0.02, -0.1, 0.17]), 0.008, (200.0, 35.0, 35.0)), []
+    with Tracker(cameras_of(stage), single_target("red")) as tracker:
+        for i, pose in enumerate(path):
+            shown = [cap] if i < 4 else stage.balls(pose)
+            frame = tracker.step([studio.photograph(shown) for studio in stage.studios], i / 15.0)
+            states.append(frame.pose.status.value)
+    assert states[:4] == ["measured"] * 4
+    assert "lost" in states[4:]
+    assert states[-1] == "measured"
+    assert np.linalg.norm(frame.pose.T_tracker_tool[:3, 3] - path[-1][:3, 3]) < 1e-3
 
 
 def test_other_sizes_shades_and_light_need_no_setting() -> None:
@@ -127,5 +178,8 @@ def test_pictures_of_another_size_are_refused() -> None:
     stage = Stage.standard(SEED, pieces=0)
     with Tracker(cameras_of(stage), END_EFFECTOR) as tracker, pytest.raises(DataError, match="640 x 480"):
         tracker.step([np.zeros((240, 320, 3), np.uint8)] * 4, 0.0)
+    for grey in (np.zeros((480, 640), np.uint8), np.zeros((480, 640, 3))):
+        with Tracker(cameras_of(stage), END_EFFECTOR) as tracker, pytest.raises(DataError, match="array of uint8"):
+            tracker.step([grey] * 4, 0.0)
     with pytest.raises(DataError, match="two cameras"):
         Tracker(cameras_of(stage)[:1], END_EFFECTOR)
