@@ -192,9 +192,7 @@ def track(
     ] = False,
     first_look: Annotated[
         bool,
-        typer.Option(
-            "--first-look/--no-first-look", help="Check what was given, and learn delays, first."
-        ),
+        typer.Option("--first-look/--no-first-look", help="Check what was given, and learn delays, first."),
     ] = True,
     workers: Annotated[int, typer.Option(help="Whole pictures searched at the same time.", min=1)] = 2,
     *,
