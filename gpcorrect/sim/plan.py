@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -65,6 +65,22 @@ class Plan:
     def session_time(self) -> FloatArray:
         """(n, N) seconds since each run's session began."""
         return np.arange(len(self.q))[:, None] / self.rate_hz + self.start
+
+    def of_runs(self, runs: IntArray) -> Plan:
+        """Return the plan of some of the runs.
+
+        Parameters
+        ----------
+        runs : (k,) int array
+        """
+        return replace(
+            self,
+            q=self.q[:, runs],
+            trajectory=self.trajectory[:, runs],
+            session=self.session[runs],
+            start=self.start[runs],
+            payload=self.payload[runs],
+        )
 
     def spline(self) -> CubicSpline:
         """Smooth path over seconds since each run's start: what a trajectory interpolator gives the controller."""

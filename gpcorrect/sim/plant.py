@@ -9,7 +9,7 @@ at the log's samples and interpolated between them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,9 +23,10 @@ from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan
 from gpcorrect.sim.servo import Clock, Reference, ServoPath, follow
-from gpcorrect.types import FloatArray
+from gpcorrect.types import FloatArray, IntArray
 
 PASSES = 2  # after the first guess; each shrinks an error of the load to a few per cent of it (load stiffness / kp)
+DRIVEN = ("position", "velocity", "load", "gravity_load")  # fields of a motion that a loop makes, `(n, N, dof)`
 LAGGING_PASSES = 3  # where `kv` lets the motors lag behind: on a UR5e 5e-7 rad from the limit (2 passes: 2e-5)
 
 
@@ -60,6 +61,20 @@ class Driven:
     motion: Motion
     torque: FloatArray
     q: FloatArray
+
+    def with_runs(self, runs: IntArray, other: Driven) -> Driven:
+        """Return the same with what was done in some of the runs.
+
+        Parameters
+        ----------
+        runs : (k,) int array
+        other : Driven, of k runs; its tips' forces are left out of account
+        """
+        mine, new = ([d.torque, d.q, *(getattr(d.motion, name) for name in DRIVEN)] for d in (self, other))
+        torque, q, *moved = (a.copy() for a in mine)
+        for whole, part in zip((torque, q, *moved), new, strict=True):
+            whole[:, runs] = part
+        return Driven(replace(self.motion, **dict(zip(DRIVEN, moved, strict=True))), torque, q)
 
 
 def run(machine: Machine, plan: Plan, passes: int | None = None) -> Outcome:
@@ -98,9 +113,11 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
     plan, clock = command.plan, command.clock
     body, drive = machine.actual_body(machine.payload(plan)), machine.actual_drive
     if (late := drive.latency) is not machine.drive.latency:
-        command = Command.of(machine, plan, late)
+        command = Command.of(machine, plan, late, command.whole)
     fed = command.feedforward if drive is machine.drive else feedforward(drive, command.desired, command.nominal_load)
-    mass = command.mass if machine.has_nominal_body else mean_inertia(body, plan.q)
+    mass = command.mass
+    if not machine.has_nominal_body:
+        mass = mean_inertia(machine.actual_body(machine.payload(command.whole)), command.whole.q)
     path, load = _first_guess(machine, body, command, drive, fed)
     for number in range(passes or (PASSES if drive.kv is None else LAGGING_PASSES)):
         load = link_load(body, path) if number or load is None else load
@@ -196,6 +213,8 @@ class Command:
     nominal_load : LinkLoad, of the nominal arm along the desired path
     feedforward : (n, N, dof) array, torque that the controller adds, at the log's samples
     mass : (dof,) array, mean inertia of the nominal links at each joint
+    whole : Plan
+        Over which that mean is taken: the plan, or that of which it is a part, so that both run alike.
     """
 
     plan: Plan
@@ -208,9 +227,10 @@ class Command:
     nominal_load: LinkLoad
     feedforward: FloatArray
     mass: FloatArray
+    whole: Plan
 
     @classmethod
-    def of(cls, machine: Machine, plan: Plan, latency: FloatArray | None = None) -> Command:
+    def of(cls, machine: Machine, plan: Plan, latency: FloatArray | None = None, whole: Plan | None = None) -> Command:
         """Compute it for the arm and the drive of a machine.
 
         Parameters
@@ -219,6 +239,7 @@ class Command:
         plan : Plan
         latency : (dof,) array, optional
             Seconds that it is late, not at all by default; before a run begins it goes on as it begins.
+        whole : Plan, optional, of which `plan` is a part
         """
         late = np.zeros(len(machine.body.joints)) if latency is None else latency
         clock, spline = Clock.of(machine.drive.rate_hz, plan.rate_hz), plan.spline()
@@ -232,8 +253,9 @@ class Command:
         position, velocity = (
             np.ascontiguousarray(_late(spline, steps, late, order).swapaxes(0, 1)) for order in (0, 1)
         )
-        mass = mean_inertia(body, plan.q)
-        return cls(plan, body, machine.drive, clock, desired, position, velocity, load, fed, mass)
+        whole = whole or plan
+        mass = mean_inertia(machine.nominal_body(machine.payload(whole)), whole.q)
+        return cls(plan, body, machine.drive, clock, desired, position, velocity, load, fed, mass, whole)
 
     @cached_property
     def guess(self) -> JointPath:

@@ -10,13 +10,22 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from discrepancy_core import joint_log
+from discrepancy_core import joint_log, raven_swings
 
 from gpcorrect.discrepancy.recording.dataset import SignalMemory
 from gpcorrect.discrepancy.recording.scene import Remembered, ReplayMemory
 from gpcorrect.discrepancy.search.prepared import prepare_data
-from gpcorrect.sim import model_from_dict
-from gpcorrect.sim.effects import Backlash, CableCoupling, Effect, HomingOffset
+from gpcorrect.sim import machine_of, model_from_dict, simulate
+from gpcorrect.sim.effects import (
+    Backlash,
+    CableCoupling,
+    CableStretch,
+    CoulombFriction,
+    Creep,
+    Effect,
+    HomingOffset,
+    Payload,
+)
 
 TWO_JOINTS = {"arm": "joints", "joints": [1, 2], "joint_types": "RR"}
 
@@ -68,3 +77,29 @@ def test_no_two_paths_have_one_number() -> None:
     with ThreadPoolExecutor(8) as threads:
         numbers = list(threads.map(memory.number, offsets))
     assert len(set(numbers)) == len(offsets)
+
+
+def test_what_is_simulated_for_discovery_alone_is_what_is_simulated_of_all() -> None:
+    """Effects in the loop, behind it, and across pauses; of other motions nothing is predicted."""
+    controller = {"kp": [300.0, 300.0, 3000.0], "kd": [15.0, 15.0, 150.0], "feedforward": "rigid-body"}
+    raven = {"arm": "raven2_left", "joints": [1, 2, 3], "log_rate_hz": 100, "controller": controller}
+    model = model_from_dict(raven)
+    log = simulate(machine_of(model).with_effects(CoulombFriction(2, torque=0.2)), raven_swings(5, 10, 3.0), seed=7)
+    log = replace(log, external_jp=log.measured_jp, tracker_cp=None)
+    dataset = prepare_data(log, model, np.random.default_rng(0)).dataset
+    focused, rows = dataset.of_discovery, dataset.discovery
+    assert dataset.scene.plan is not None
+    assert 0 < len(dataset.scene.first) < 10
+    sets: list[tuple[Effect, ...]] = [
+        (),
+        (CoulombFriction(2, torque=0.2),),
+        (CoulombFriction(1, torque=0.1), CableStretch(2, 300.0), HomingOffset(3, 1e-3)),
+        (Payload("all", 0.1), Creep(3, 1e-5, 2.0)),
+    ]
+    for effects in sets:
+        alone, whole = focused.predict(effects), dataset.predict(effects)
+        np.testing.assert_array_equal(alone[rows], whole[rows])
+        assert np.isfinite(whole).all()
+        assert np.isnan(alone[dataset.part == 2]).all()
+    unfocused = replace(dataset, scene=replace(dataset.scene, first=(), memory=ReplayMemory()), memory=SignalMemory())
+    np.testing.assert_array_equal(unfocused.predict(sets[2]), dataset.predict(sets[2]))

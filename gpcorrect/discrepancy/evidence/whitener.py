@@ -34,6 +34,12 @@ class DatasetWhitener:
         """Channel index `(M,)` of each stacked row."""
         return np.concatenate([np.full((b >= 0).sum(), i) for i, b in enumerate(self.blocks)])
 
+    @cached_property
+    def simulated(self) -> Dataset:
+        """The dataset, of which no more is simulated than these rows ask for."""
+        used = np.logical_or.reduce([block >= 0 for block in self.blocks])
+        return self.dataset if (used & ~self.dataset.discovery).any() else self.dataset.of_discovery
+
     @property
     def std(self) -> FloatArray:
         """(c,) standard deviation of the noise."""

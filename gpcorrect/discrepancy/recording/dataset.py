@@ -121,7 +121,21 @@ class Dataset:
                 means = memory.means.get(signal.key)
                 found.append(memory.means.keep(signal.key, self.means(signal.rows())) if means is None else means)
             memory.keys.keep(wanted, [signal.key for signal in signals])
-        return np.concatenate(found, axis=1)
+        channels = np.concatenate(found, axis=1)
+        return np.where(self._run[:, None], channels, np.nan) if self.scene.only_first else channels
+
+    @cached_property
+    def of_discovery(self) -> Dataset:
+        """The same where no more than discovery needs is simulated: what is predicted of other motions is NaN."""
+        if not self.scene.first:
+            return self
+        return replace(self, scene=replace(self.scene, only_first=True), memory=SignalMemory())
+
+    @cached_property
+    def _run(self) -> BoolArray:
+        """(m,) rows of motions of which closed loops are run where only the first are."""
+        run, (used, index, _) = self.scene.run_of_row(), self._grouping
+        return np.isin(run[used[np.unique(index, return_index=True)[1]]], self.scene.first)
 
     def changes(self, effects: Sequence[Effect]) -> FloatArray:
         """Return the change of the channels `(m, c, k)` by each of k effects alone.
@@ -201,6 +215,8 @@ def build_dataset(scene: Scene, split: Split, max_rows: int) -> Dataset:
     spikes = np.stack([outliers(column, split.block) for column in error.T], axis=1)
     motor = scene.motor_path()
     still = (np.abs(np.diff(motor, axis=0, prepend=np.nan)) < STILL * np.ptp(motor, axis=0)).all(axis=1)
+    if scene.plan is not None and scene.tracker is None:  # a tracker is registered on all that it sees
+        scene = replace(scene, first=tuple(np.unique(scene.run_of_row()[used & (split.part == 0)])))
     return Dataset(
         scene=scene,
         group=group,

@@ -95,7 +95,8 @@ class ReplayMemory:
     not walk the others' paths again. The oldest are forgotten.
     """
 
-    command: Command | None = None
+    commands: dict[Hashable, Command] = field(default_factory=dict)  # by the runs that they are of
+    own: Driven | None = None  # the closed loop with the model's own effects alone
     loops: Remembered[Driven] = field(default_factory=partial(Remembered, REMEMBERED))
     numbers: dict[Hashable, int] = field(default_factory=dict)
     paths: Remembered[FloatArray] = field(default_factory=partial(Remembered, REMEMBERED_BYTES))
@@ -140,6 +141,8 @@ class Scene:
     measured: bool = True  # else the motors' path is what the closed loop makes of the commands, where it runs
     slack: Slack | None = None  # the part of the tracker's residual that is left out of account
     remarks: tuple[str, ...] = ()  # what had to be assumed
+    first: tuple[int, ...] = ()  # runs of which closed loops are asked more often than of all; all when empty
+    only_first: bool = False  # whether effects act in the loops of those alone, and in the others nothing
     memory: ReplayMemory = field(default_factory=ReplayMemory, repr=False)
 
     def __len__(self) -> int:
@@ -268,19 +271,43 @@ class Scene:
         """Closed-loop run with the effects inside the loop."""
         if self.plan is None:
             return None
-        memory, inside = self.memory, _inside(machine)
-        memory.command = memory.command or Command.of(machine.with_effects(), self.plan)
-        if (known := memory.loops.get(inside)) is not None:
+        carried = any(e.about.carries_over for e in machine.effects)  # from run to run, whichever it is
+        return self._joined(machine, only_first=self.only_first and not carried)
+
+    def _joined(self, machine: Machine, *, only_first: bool) -> Driven:
+        """Closed-loop run of all runs; of the first only, beside the others without these effects."""
+        inside, memory = _inside(machine), self.memory
+        key, runs = (inside, self.first, only_first), np.arange(len(self.payload))
+        if inside == _inside(self._machine(())):
+            memory.own = memory.own or self._followed(machine, inside, runs)
+            return memory.own
+        if (known := memory.loops.get(key)) is not None:
             return known
-        driven = follow_command(machine.with_effects(*inside), memory.command)
-        return memory.loops.keep(inside, driven if self.stamps is None else self.stamps.read(driven))
+        first = np.isin(runs, self.first)
+        if not first.any() or first.all():
+            return memory.loops.keep(key, self._followed(machine, inside, runs))
+        begun = self._joined(self._machine(()) if only_first else machine, only_first=True)
+        asked = runs[first == only_first]
+        return memory.loops.keep(key, begun.with_runs(asked, self._followed(machine, inside, asked)))
+
+    def _followed(self, machine: Machine, inside: tuple[Effect, ...], runs: IntArray) -> Driven:
+        """Closed-loop run of some of the runs."""
+        assert self.plan is not None
+        key, whole = tuple(runs), len(runs) == len(self.payload)
+        if key not in self.memory.commands:
+            part = self.plan if whole else self.plan.of_runs(runs)
+            self.memory.commands[key] = Command.of(machine.with_effects(), part, whole=self.plan)
+        driven = follow_command(machine.with_effects(*inside), self.memory.commands[key])
+        if self.stamps is None:
+            return driven
+        return (self.stamps if whole else self.stamps.of_runs(runs)).read(driven)
 
     def _joint_paths(
         self, machine: Machine, motion: Motion, *, tracker: bool = False
     ) -> tuple[list[int], list[FloatArray]]:
         """Return the number and the true path `(n, N)` of each joint when the encoders, or the tracker, see it."""
         paths, inside = list(np.moveaxis(motion.position, -1, 0)), _inside(machine)
-        numbers = [self.memory.number(inside, j) for j in range(len(paths))]
+        numbers = [self.memory.number(inside, j, self.only_first) for j in range(len(paths))]
         for effect in of_kind(machine.effects, PathEffect):
             if not effect.is_seen_by(tracker=tracker):
                 continue

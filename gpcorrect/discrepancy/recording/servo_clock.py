@@ -42,6 +42,15 @@ class Stamps:
         weight += [-x * (x - 1) * (x - 3) / 2, x * (x - 1) * (x - 2) / 6]  # Lagrange's polynomials over 0 to 3
         return cls(first, np.array(weight))
 
+    def of_runs(self, runs: IntArray) -> Stamps:
+        """Return those of some of the runs.
+
+        Parameters
+        ----------
+        runs : (k,) int array
+        """
+        return Stamps(self.first[:, runs], self.weight[:, :, runs])
+
     def read(self, driven: Driven) -> Driven:
         """Return what a loop did at these stamps."""
         motion = replace(

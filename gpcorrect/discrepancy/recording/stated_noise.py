@@ -161,7 +161,10 @@ def _fitted(distinct: FloatArray, guess: float) -> Quantisation | None:
         near = distinct[distinct - base <= reach]
         width = 0.3 * step**2 / max(reach, step)
         tried = step + width * np.linspace(-1.0, 1.0, TRIES)
-        step = float(tried[int(np.argmax([_agreement(near, t) for t in tried]))])
+        agreements = [_agreement(near, t) for t in tried]
+        step = float(tried[int(np.argmax(agreements))])
+        if max(agreements) < SENSORS.agreement:
+            return None
         if reach >= span:
             break
         reach *= 2.0

@@ -85,7 +85,7 @@ def refine(
     worth : float
         Nats of misfit, half the sum of squares, that somebody asks for: a fit that will not come there ends early.
     """
-    dataset, free = whitener.dataset, list(free)
+    dataset, free = whitener.simulated, list(free)
     for i, fit in enumerate(free):
         if fit.candidate.instant is not None:
             free[i] = with_best_instant(whitener, [*fixed, *free[:i], *free[i + 1 :]], fit)
@@ -158,7 +158,7 @@ def linearise(
     whitener : DatasetWhitener, data, and the rows and noise to take them with
     free, fixed : sequences of FittedEffect, the set; the fixed ones' numbers stay
     """
-    at, slopes = _tangents(whitener.dataset, fixed, free)
+    at, slopes = _tangents(whitener.simulated, fixed, free)
     residual = whitener.whiten(whitener.dataset.observed - at)
     return Linearisation((*fixed, *free), residual, whitener.whiten_columns(slopes))
 

@@ -66,6 +66,16 @@ class Search:
         """
         return self.dataset.observed - self.dataset.predict([f.effect for f in fitted])
 
+    def discovered(self, fitted: Sequence[FittedEffect]) -> FloatArray:
+        """Return the same `(m, c)` for the discovery part alone; NaN elsewhere, where nothing need be simulated.
+
+        Parameters
+        ----------
+        fitted : sequence of FittedEffect
+        """
+        simulated = self.whitener.simulated
+        return self.dataset.observed - simulated.predict([f.effect for f in fitted])
+
     def touched(self, candidate: Candidate) -> BoolArray:
         """Return the mask `(c,)` of the channels in which a candidate leaves a trace.
 
@@ -139,12 +149,12 @@ class Search:
         ----------
         fitted : sequence of FittedEffect
         """
-        z = self.whitener.whiten(self.residual(fitted))
+        z = self.whitener.whiten(self.discovered(fitted))
         return 0.5 * float(z @ z)
 
     def refreshed(self) -> Search:
         """Estimate the noise anew from what the set leaves, and whiten with that."""
-        residual = self.residual(self.fitted)
+        residual = self.discovered(self.fitted)
         whitener = whitener_on(self.dataset, residual, self.dataset.discovery)
         return replace(self, whitener=whitener, whitened_by=self.fitted)
 
@@ -182,13 +192,14 @@ def start_search(dataset: Dataset, candidates: Iterable[Candidate], progress: Pr
     """
     whitener = whitener_on(dataset, dataset.residual(), dataset.discovery)
     todo = list(candidates)
-    changes = each(partial(signature, dataset, dataset.predict()), todo, progress, "signatures")
+    simulated = whitener.simulated
+    changes = each(partial(signature, simulated, simulated.predict()), todo, progress, "signatures")
     traces: list[Trace] = []
     silent: dict[str, Candidate] = {}
     for candidate, change in zip(todo, changes, strict=True):
         touched = np.zeros(len(whitener.noises), dtype=np.bool_)
-        if change is not None and np.isfinite(change).all():
-            touched = np.sqrt(np.mean(change**2, axis=(0, 2))) > SEARCH.trace * whitener.std
+        if change is not None and np.isfinite(change[dataset.discovery]).all():
+            touched = np.sqrt(np.nanmean(change**2, axis=(0, 2))) > SEARCH.trace * whitener.std
         if change is not None and touched.any():
             traces.append(Trace(candidate, change, touched))
         else:

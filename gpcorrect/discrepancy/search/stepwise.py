@@ -169,11 +169,11 @@ def _ranked_there(state: Search, linearised: Linearisation, leaders: Sequence[Ra
     whitener, z, slopes = state.whitener, linearised.z, linearised.slopes
     base = grams(slopes, z, whitener.block)
     fold = fold_of(int(whitener.block.max()) + 1)
-    residual, found = state.residual(linearised.fitted), []
+    residual, found = state.discovered(linearised.fitted), []
 
     def left_by(leader: Ranked) -> FloatArray | None:
         try:
-            return state.residual((*linearised.fitted, leader.fit))
+            return state.discovered((*linearised.fitted, leader.fit))
         except DataError:  # no machine
             return None
 
@@ -228,7 +228,7 @@ def _merged(state: Search, threshold: float) -> Search:
         pair = _gain_over(state, bare, state.fitted, b, both)
         touched = state.touched(a.candidate)
         worth = state.misfit(state.fitted) + threshold * state.overdispersion(
-            state.whitener.whiten(state.residual(state.fitted)), touched
+            state.whitener.whiten(state.discovered(state.fitted)), touched
         )
         others = rank(state, bare, [a.candidate, b.candidate], touched)[:1] if one_joint else []
         fuller = rank(state, bare, channels=touched, beyond=[a.candidate, b.candidate])[: SEARCH.refined]
