@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.arms.robot_file import parse, read_robot, strip
+from gpcorrect.arms.robot_description import parse, strip
+from gpcorrect.arms.robot_file import read_robot
 from gpcorrect.arms.robot_path import about_z, friction_onsets, joint_frame, mujoco_library
 from gpcorrect.atomic import atomic_path
 from gpcorrect.errors import DataError
