@@ -83,6 +83,17 @@ def test_what_is_written_acts_where_the_file_had_it_switched_off(tmp_path, flags
     assert data.qfrc_damper[0] == pytest.approx(-after.damping[0])
 
 
+def test_gravity_that_is_written_acts_where_the_file_had_it_switched_off(tmp_path):
+    """All of it is the change."""
+    path = write_mjcf(tmp_path, (OPTION, OPTION.replace("/>", '><flag gravity="disable"/></option>')))
+    edit = RobotEdit(path, **TIP)
+    assert edit.add_gravity((0.1, 0.0, -0.2))
+    edit.write(tmp_path / "new.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "new.xml"))
+    np.testing.assert_allclose(model.opt.gravity, [0.1, 0.0, -0.2])
+    assert not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY
+
+
 @pytest.mark.parametrize("changes", [[], FRAMED], ids=["plain", "in frames"])
 @pytest.mark.parametrize(
     "effect",
