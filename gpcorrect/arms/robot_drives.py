@@ -11,6 +11,8 @@ from gpcorrect.arms.robot_path import ArmPath, friction_onsets, mujoco_library
 from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, FloatArray
 
+ROUNDED = 1e-3  # of a joint's range, by which ranges that are meant to be the same differ: 6.2831 beside 2 pi
+
 
 @dataclass(frozen=True, eq=False)
 class JointDrives:
@@ -139,7 +141,8 @@ def _command_range(model: Any, a: int) -> FloatArray | None:
     return None if free or not model.actuator_ctrllimited[a] else np.array(model.actuator_ctrlrange[a])
 
 
-def _covers(ends: FloatArray, limits: FloatArray, slack: float = 1e-6) -> bool:
+def _covers(ends: FloatArray, limits: FloatArray) -> bool:
+    slack = ROUNDED * float(np.ptp(limits))
     return bool(ends[0] <= limits[0] + slack and ends[1] >= limits[1] - slack)
 
 

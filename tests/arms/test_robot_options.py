@@ -145,7 +145,10 @@ def test_a_motors_range_of_commands_limits_its_torque(tmp_path):
     np.testing.assert_allclose(read_robot(free, **TIP).drives.limit, np.inf)
 
 
-@pytest.mark.parametrize(("gear", "held", "said"), [(1, "-3 3", False), (1, "-0.1 0.1", True), (-2, "-6 5.9", True)])
+@pytest.mark.parametrize(
+    ("gear", "held", "said"),
+    [(1, "-3 3", False), (1, "-2.999 3.1", False), (1, "-0.1 0.1", True), (-2, "-6 5.9", True)],
+)
 def test_a_servos_range_of_commands_that_is_narrower_than_its_joints_is_said(tmp_path, gear, held, said):
     """Commands are lengths of the actuator: joint values by its gear."""
     servo = f'<position name="p" joint="a" kp="200" gear="{gear}" ctrlrange="{held}"/>'
