@@ -8,8 +8,9 @@ from gpcorrect.arms.chain import Chain, Joint
 from gpcorrect.arms.identify import identify_chain, workspace
 from gpcorrect.arms.machines import DA_VINCI_TOOL, RAVEN_TOOL, Raven2Tool, dvrk_psm, raven2
 from gpcorrect.arms.remote_centre import RemoteCentreArm, Solutions
+from gpcorrect.arms.robot_drives import JointDrives
 from gpcorrect.arms.robot_edit import RobotEdit
-from gpcorrect.arms.robot_file import JointDrives, Robot, is_robot_file, read_robot
+from gpcorrect.arms.robot_file import Robot, is_robot_file, read_robot
 from gpcorrect.errors import DataError
 
 __all__ = [

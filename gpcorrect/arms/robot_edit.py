@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.arms.robot_file import parse, read_robot, strip
+from gpcorrect.arms.robot_description import parse, settle, strip
+from gpcorrect.arms.robot_drives import switched_off
+from gpcorrect.arms.robot_file import read_robot
 from gpcorrect.arms.robot_path import about_z, friction_onsets, joint_frame, mujoco_library
 from gpcorrect.atomic import atomic_path
 from gpcorrect.errors import DataError
@@ -40,8 +42,9 @@ class RobotEdit:
         self._path, self._based = Path(path).absolute(), base is not None
         self.robot = read_robot(path, tool=tool, base=base)
         self._spec = parse(path)
-        if not self._has_meshes():  # MuJoCo compiles what was changed, and for that reads the meshes
+        if not self._has_assets():  # MuJoCo compiles what was changed, and for that reads the meshes
             strip(self._spec)
+        self._model = settle(self._spec, path)  # as it was read: places of joints and sites in their bodies
         self._hold_damping()
         drives = self.robot.drives
         slopes = drives.friction / np.where(drives.onset > 0.0, drives.onset, np.inf)
@@ -114,8 +117,10 @@ class RobotEdit:
         found.damping = left
         return True
 
-    def add_inertia(self, joint: int, inertia: float) -> None:
-        """Add to the inertia of a joint's motor, as far as it stays at least zero.
+    def add_inertia(self, joint: int, inertia: float) -> bool:
+        """Add to the inertia of a joint's motor; return whether the joint's own stays at least zero.
+
+        More may stand in an actuator, where it stays.
 
         Parameters
         ----------
@@ -123,7 +128,10 @@ class RobotEdit:
         inertia : float, kg m^2 or kg
         """
         found = self._joint(joint)
-        found.armature = max(0.0, found.armature + inertia)
+        if found.armature + inertia < 0.0:
+            return False
+        found.armature += inertia
+        return True
 
     def add_spring(self, joint: int, stiffness: float, push: float) -> bool:
         """Add a spring to a joint, beside the one that it has; return whether the file can say so.
@@ -138,49 +146,50 @@ class RobotEdit:
         own = float(found.stiffness[0])
         if own + stiffness <= 0.0:
             return False
-        degrees = self._spec.compiler.degree and found.type == mujoco_library().mjtJoint.mjJNT_HINGE
-        unit = np.pi / 180.0 if degrees else 1.0
+        unit = self._unit(found)
         rest = (own * unit * float(found.springref) - push) / (own + stiffness)
         found.stiffness = np.array(found.stiffness) + np.array([stiffness, 0.0, 0.0])
         found.springref = rest / unit
         return True
 
     def limit_torque(self, joint: int, limit: float) -> bool:
-        """Limit the force of a joint's position servo; return whether it has one.
+        """Limit the force of a joint's position servo, where it is not less already; return whether it has one.
 
         Parameters
         ----------
         joint : int, number on the arm, from 1
         limit : float, N m or N
         """
-        servos = [a for a in self._spec.actuators if a.target == self.robot.joints[joint - 1]]
+        name, option = self.robot.joints[joint - 1], self._spec.option
+        servos = [a for a in self._spec.actuators if a.target == name and not switched_off(option, a.group)]
+        least = min(limit, float(self.robot.drives.limit[joint - 1]))
         for servo in servos:
             servo.forcelimited = True
-            servo.forcerange = np.array([-limit, limit]) / abs(servo.gear[0])
+            servo.forcerange = np.array([-least, least]) / abs(servo.gear[0])
         return bool(servos)
 
-    def add_payload(self, mass: float) -> None:
-        """Hang a point mass at the tip.
+    def add_payload(self, mass: float) -> bool:
+        """Hang a point mass at the tip; return whether the file keeps masses as they are written.
 
         Parameters
         ----------
         mass : float, kg
         """
-        site = self._spec.site(self.robot.tool)
-        carrier = self._spec.body(self.robot.tool) if site is None else site.parent
-        self._hang(carrier, mass, np.zeros(3) if site is None else site.pos)
+        if self._spec.site(self.robot.tool) is None:
+            return self._hang(self._spec.body(self.robot.tool), mass, np.zeros(3))
+        site = self._model.site(self.robot.tool)
+        return self._hang(self._spec.body(self._model.body(site.bodyid[0]).name), mass, site.pos)
 
-    def add_link_mass(self, joint: int, mass: float) -> None:
-        """Put a point mass at the centre of mass of a joint's link.
+    def add_link_mass(self, joint: int, mass: float) -> bool:
+        """Put a point mass at the centre of mass of a joint's link; return whether the file keeps masses as written.
 
         Parameters
         ----------
         joint : int, number on the arm, from 1
         mass : float, kg
         """
-        found, com = self._joint(joint), self.robot.arm.links[joint - 1].com
-        T_body_joint = joint_frame(found.pos, found.axis)
-        self._hang(found.parent, mass, T_body_joint[:3, :3] @ com + T_body_joint[:3, 3])
+        T_body_joint, com = self._frame(joint), self.robot.arm.links[joint - 1].com
+        return self._hang(self._joint(joint).parent, mass, T_body_joint[:3, :3] @ com + T_body_joint[:3, 3])
 
     def add_gravity(self, change: tuple[float, float, float]) -> bool:
         """Change gravity; return whether the arm's base is the file's world, in whose frame the file has it.
@@ -194,13 +203,16 @@ class RobotEdit:
         self._spec.option.gravity = np.array(self._spec.option.gravity) + change
         return True
 
-    def _hang(self, carrier: Any, mass: float, place: FloatArray) -> None:
+    def _hang(self, carrier: Any, mass: float, place: FloatArray) -> bool:
+        if self._spec.compiler.settotalmass > 0.0:  # MuJoCo would scale all masses
+            return False
         name = PAYLOAD
         while self._spec.body(name) is not None:
             name += "_"
         body = carrier.add_body(name=name, pos=place)
         body.mass, body.ipos, body.inertia = mass, np.zeros(3), np.full(3, POINT_INERTIA)
         body.explicitinertial = True
+        return True
 
     def move_joint(self, joint: int, motion: FloatArray) -> bool:
         """Move a joint with all behind it; return whether the file can say so: its body has no other joint.
@@ -217,14 +229,14 @@ class RobotEdit:
         quaternion, how, compiler = body.quat, mujoco_library().mjtOrientation.mjORIENTATION_QUAT, self._spec.compiler
         if body.alt.type != how:
             quaternion = self._spec.resolve_orientation(compiler.degree, compiler.eulerseq, body.alt)
-        frame = joint_frame(found.pos, found.axis) @ about_z(self.robot.turned[joint - 1])
+        frame = self._frame(joint) @ about_z(self.robot.turned[joint - 1])
         moved = se3.from_parts(np.array(body.pos), np.array(quaternion)) @ frame @ motion @ se3.invert(frame)
         body.alt.type = how
         body.pos, body.quat = se3.to_parts(moved)
         return True
 
     def limit_range(self, joint: int, end: str, limit: float) -> None:
-        """Move one end of a joint's range.
+        """Move one end of a joint's range, as far as that leaves one; a joint without limits stays so.
 
         Parameters
         ----------
@@ -233,10 +245,11 @@ class RobotEdit:
         limit : float, joint value, rad or m
         """
         found = self._joint(joint)
-        lower, upper = self.robot.arm.limits[joint - 1]
+        unit = self._unit(found)
+        lower, upper = np.array(found.range) * unit
         ends = (lower, min(limit, upper)) if end == "upper" else (max(limit, lower), upper)
-        degrees = self._spec.compiler.degree and found.type == mujoco_library().mjtJoint.mjJNT_HINGE
-        found.limited, found.range = True, np.rad2deg(ends) if degrees else np.array(ends)
+        if self._model.joint(found.name).limited[0] and ends[0] < ends[1]:
+            found.range = np.array(ends) / unit
 
     def write(self, path: str | Path) -> None:
         """Write the file as MJCF, whole or not at all.
@@ -250,7 +263,7 @@ class RobotEdit:
         Raises
         ------
         DataError
-            It is the file that was read.
+            It is the file that was read, or MuJoCo refuses what it was changed to.
         """
         target = Path(path).absolute()
         if target == self._path:
@@ -265,11 +278,12 @@ class RobotEdit:
         with atomic_path(target) as temporary:
             ElementTree.ElementTree(root).write(temporary, encoding="utf-8")
 
-    def _has_meshes(self) -> bool:
-        """Whether every mesh and texture of the file is there."""
-        compiler = self._spec.compiler
-        files = [Path(compiler.meshdir) / mesh.file for mesh in self._spec.meshes if mesh.file]
-        files += [Path(compiler.texturedir) / texture.file for texture in self._spec.textures if texture.file]
+    def _has_assets(self) -> bool:
+        """Whether every mesh, height field, skin and texture of the file is there."""
+        spec, meshes = self._spec, Path(self._spec.compiler.meshdir)
+        files = [meshes / shape.file for shape in (*spec.meshes, *spec.hfields, *spec.skins) if shape.file]
+        images = [image for texture in spec.textures for image in (texture.file, *texture.cubefiles)]
+        files += [Path(spec.compiler.texturedir) / image for image in images if image]
         return all((self._path.parent / file).is_file() for file in files)
 
     def _hold_damping(self) -> None:
@@ -281,7 +295,7 @@ class RobotEdit:
 
     def _hold_onsets(self) -> None:
         """Write friction's softness as it is, which MuJoCo would take of the new masses."""
-        there = friction_onsets(self._spec.compile())
+        there = friction_onsets(self._compiled())
         for joint, (slope, inertia) in self._soft.items():
             found, time = self._joint(joint), inertia / slope
             if not np.allclose(there[:, self._dof(joint)], (found.frictionloss / slope, time), rtol=1e-6, atol=0.0):
@@ -291,11 +305,31 @@ class RobotEdit:
 
     def _impedance(self, joint: int, inertia: float) -> float:
         """Return MuJoCo's impedance of a friction of this slope times onset time, 1 / R."""
-        ratio = inertia * self._spec.compile().dof_invweight0[self._dof(joint)]
+        ratio = inertia * self._compiled().dof_invweight0[self._dof(joint)]
         return float(ratio / (1.0 + ratio))
 
     def _dof(self, joint: int) -> int:
-        return int(self._spec.compile().joint(self._joint(joint).name).dofadr[0])
+        return int(self._model.joint(self.robot.joints[joint - 1]).dofadr[0])
+
+    def _frame(self, joint: int) -> FloatArray:
+        """Return the frame `(4, 4)` of a joint in its body's frame."""
+        found = self._model.joint(self.robot.joints[joint - 1])
+        return joint_frame(found.pos, found.axis)
+
+    def _unit(self, joint: Any) -> float:
+        """Rad or m in the unit in which the file has a joint's range and rest."""
+        degrees = self._spec.compiler.degree and joint.type == mujoco_library().mjtJoint.mjJNT_HINGE
+        return float(np.pi / 180.0) if degrees else 1.0
+
+    def _compiled(self) -> Any:
+        try:
+            return self._spec.compile()
+        except ValueError as error:
+            message = " ".join(str(error).split()).removeprefix("Error: ")
+            raise DataError(
+                f"MuJoCo cannot read {self._path.name} as it was changed: {message}.",
+                hint="Leave out the effect that it names, or keep it beside the file, in a model file.",
+            ) from error
 
     def _joint(self, joint: int) -> Any:
         return self._spec.joint(self.robot.joints[joint - 1])

@@ -12,6 +12,7 @@ from gpcorrect import se3
 from gpcorrect.errors import DataError, MissingExtraError
 from gpcorrect.types import FloatArray
 
+HOME = "home"  # key frame of the rest position, as MuJoCo's own models call it
 WORLD = 0  # MuJoCo's number of the world's body
 FREE, BALL = 0, 1  # MuJoCo's numbers of joint types that are no axis
 CONNECT, WELD, COUPLED = 0, 1, 2  # MuJoCo's numbers of equality constraints: two bodies, two bodies, two joints
@@ -27,7 +28,8 @@ class ArmPath:
     joint_ids: tuple[int, ...]  # joints from the base on, MuJoCo's numbers
     names: tuple[str, ...]  # their names
     tool: str  # body or site of the tip
-    T_world_tool: FloatArray  # (4, 4) its pose with all joints at their reference
+    # (4, 4) its pose with the arm's joints at their reference and all others where the key frame `home` has them
+    T_world_tool: FloatArray
     # for every body the number of the arm's link that it rides on, from 1; 0 for what does not move with the arm
     link_of: tuple[int, ...]
     remarks: tuple[str, ...]  # what the file says of this arm that is not simulated
@@ -36,11 +38,11 @@ class ArmPath:
 def arm_path(
     model: Any, file: str, joints: Sequence[str] | None = None, tool: str | None = None, base: str | None = None
 ) -> ArmPath:
-    """Find the serial arm of a model.
+    """Find the serial arm of a model, and hold all joints beside it where the key frame `home` has them.
 
     Parameters
     ----------
-    model : mujoco.MjModel
+    model : mujoco.MjModel, whose poses of bodies beside the arm are changed
     file : str, what an error's message begins with
     joints : sequence of str, optional
     tool, base : str, optional, where it ends (body or site) and begins (body)
@@ -52,7 +54,7 @@ def arm_path(
     if unknown:
         hint = f"Its joints: {', '.join(known) or 'none'}."
         raise DataError(f"{file} has no joint {', '.join(map(repr, unknown))}.", hint=hint)
-    body, T_tool, tool = _end(model, file, start, names, tool)
+    body, T_body_tool, tool = _end(model, file, start, names, tool)
     line = [*_ancestors(model, body)[::-1], body]
     if start not in line:
         raise DataError(
@@ -73,12 +75,28 @@ def arm_path(
     for b in range(1, model.nbody):  # a body comes behind its parent
         link_of[b] = last.get(b, link_of[model.body_parentid[b]])
     _check_loops(model, file, ids, link_of)
-    all_names = tuple(_name(model, j) for j in ids)
+    _hold_others(model, ids)
+    all_names, T_tool = tuple(_name(model, j) for j in ids), pose_of(model, body) @ T_body_tool
     return ArmPath(start, ids, all_names, tool, T_tool, tuple(link_of), _remarks(model, ids, link_of))
 
 
+def _hold_others(model: Any, ids: Sequence[int]) -> None:
+    """Let bodies whose joints are not the arm's be fixed where the key frame `home` has them; without one, nothing."""
+    keys = [model.key(k).name for k in range(model.nkey)]
+    if HOME not in keys:
+        return
+    mujoco, home = mujoco_library(), model.key_qpos[keys.index(HOME)]
+    data = mujoco.MjData(model)
+    data.qpos[:] = home
+    mujoco.mj_kinematics(model, data)
+    for j in set(range(model.njnt)) - set(ids):
+        body, carrier = int(model.jnt_bodyid[j]), int(model.body_parentid[model.jnt_bodyid[j]])
+        poses = [se3.from_parts(data.xpos[b], data.xquat[b]) for b in (carrier, body)]
+        model.body_pos[body], model.body_quat[body] = se3.to_parts(se3.invert(poses[0]) @ poses[1])
+
+
 def pose_of(model: Any, body: int) -> FloatArray:
-    """Return the pose `(4, 4)` of a body in the world, all joints at their reference.
+    """Return the pose `(4, 4)` of a body in the world, all joints at their reference, or where they are held.
 
     Parameters
     ----------
@@ -134,7 +152,7 @@ def to_common_normal(placement: FloatArray) -> float:
 
 
 def _end(model: Any, file: str, start: int, names: list[str], tool: str | None) -> tuple[int, FloatArray, str]:
-    """Body at which the arm ends, pose of the tip, and its name."""
+    """Body at which the arm ends, pose of the tip in its frame, and its name."""
     sites = [model.site(s).name for s in range(model.nsite)]
     if tool is None:
         # With names: the body of the named joint that is farthest from the world.
@@ -144,9 +162,9 @@ def _end(model: Any, file: str, start: int, names: list[str], tool: str | None) 
     if tool in sites:
         site = sites.index(tool)
         body = int(model.site_bodyid[site])
-        return body, pose_of(model, body) @ se3.from_parts(model.site_pos[site], model.site_quat[site]), str(tool)
+        return body, se3.from_parts(model.site_pos[site], model.site_quat[site]), str(tool)
     body = _body(model, file, tool, "tool")
-    return body, pose_of(model, body), tool
+    return body, np.eye(4), tool
 
 
 def _only_tip(model: Any, body: int) -> str:
@@ -189,6 +207,8 @@ def _check_joints(model: Any, file: str, ids: Sequence[int]) -> None:
 
 def _check_loops(model: Any, file: str, ids: Sequence[int], link_of: Sequence[int]) -> None:
     """Refuse constraints that tie one link of the arm to another or to the world."""
+    if model.opt.disableflags & mujoco_library().mjtDisableBit.mjDSBL_EQUALITY:
+        return
     for e in range(model.neq):
         first, second = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
         if not model.eq_active0[e]:
@@ -211,6 +231,8 @@ def _check_loops(model: Any, file: str, ids: Sequence[int], link_of: Sequence[in
 def _remarks(model: Any, ids: Sequence[int], link_of: Sequence[int]) -> tuple[str, ...]:
     lifted = [model.body(b).name for b in range(model.nbody) if link_of[b] and model.body_gravcomp[b]]
     found = [f"gravity compensation of {', '.join(lifted)} is not simulated"] if lifted else []
+    if model.opt.density or model.opt.viscosity:
+        found.append("drag of air or water (density, viscosity) is not simulated")
     dofs = model.jnt_dofadr[list(ids)]
     if model.jnt_stiffnesspoly[list(ids)].any() or model.dof_dampingpoly[dofs].any():
         found.append("of springs and damping only the linear part is simulated")

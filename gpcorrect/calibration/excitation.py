@@ -180,8 +180,8 @@ def random_sinusoids(
     rng : numpy.random.Generator, of periods, phases and amplitudes
     """
     middle, half = limits.mean(axis=1), np.ptp(limits, axis=1) / 2
-    if not (seconds * rate_hz >= 2 and (half > 0).all()):
-        raise DataError("random sinusoids need a range for every joint and at least two samples.")
+    if not (2 <= seconds * rate_hz < np.inf and (half > 0).all()):
+        raise DataError("random sinusoids need a range for every joint, at least two samples and an end.")
     amplitude = rng.dirichlet(np.ones(SINES), len(half))
     pace = rng.uniform(0.3, 1.0, amplitude.shape)
     top = (amplitude * pace).sum(axis=1, keepdims=True) * half[:, None]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from threading import TIMEOUT_MAX
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -180,6 +181,10 @@ def record(
 
     Example: gpcorrect robot record --seconds 60 --output run.parquet --mcap run_bag
     """
+    if seconds is not None and not 0.0 < seconds < TIMEOUT_MAX:
+        raise DataError(
+            f"a recording has a length in seconds above 0, got {seconds:g}.", hint="Until Ctrl-C: leave it out."
+        )
     stop = stop_signal()
     from gpcorrect.logs import require_writable
     from gpcorrect_service.crtk.recorder import Journal, Recorder, require_mcap, require_no_journal
@@ -287,7 +292,13 @@ def _centre(model: Path | None, centre: tuple[float, ...] | None) -> FloatArray:
 
     if centre is not None and model is None:
         numbers7 = np.array(centre)
-        return se3.from_parts(numbers7[:3], numbers7[3:] / np.linalg.norm(numbers7[3:]))
+        length = float(np.linalg.norm(numbers7[3:]))
+        if not (np.isfinite(numbers7).all() and 0.0 < length < np.inf):
+            raise DataError(
+                f"a centre is seven numbers whose quaternion is not zero, got {' '.join(f'{x:g}' for x in centre)}.",
+                hint="As it stands, a tool has 1 0 0 0.",
+            )
+        return se3.from_parts(numbers7[:3], numbers7[3:] / length)
     if model is None or centre is not None:
         raise DataError("say where to draw.", hint="Either --model MODEL, or --centre X Y Z QW QX QY QZ.")
     queries = load(model).check_queries

@@ -110,7 +110,7 @@ def _effect(text: str) -> Effect:
     """Return the effect of a text as "backlash joint=2 radius=0.004"."""
     from gpcorrect.sim import effect_from_dict
 
-    name, *fields = text.split()
+    name, *fields = text.split() or [""]
     try:
         values = tomllib.loads("\n".join(fields))
     except tomllib.TOMLDecodeError as error:

@@ -102,7 +102,7 @@ class Posture:
 
 
 def posture_at(body: Body, q: FloatArray) -> Posture | None:
-    """Return a body at joint values; None when nothing weighs anything.
+    """Return a body at joint values; None when nothing weighs anything and no joint has a spring.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def posture_at(body: Body, q: FloatArray) -> Posture | None:
     q : (..., N, k) array, values of the moving joints in N runs, rad or m
     """
     links = body.links
-    if body.chain is None or not (links.mass.any() or links.payload.any()):
+    if body.chain is None or not (links.mass.any() or links.payload.any() or body.springs is not None):
         return None
     # Copies: machine code is made again for arrays that may not be written to.
     payload = np.array(np.broadcast_to(links.payload, q.shape[:-1]).reshape(-1))

@@ -9,7 +9,7 @@ import numpy as np
 from gpcorrect.arms import RemoteCentreArm
 from gpcorrect.errors import DataError
 from gpcorrect.sim.model import Model
-from gpcorrect.sim.plan import Plan, Segment, minimum_jerk, plan_of
+from gpcorrect.sim.plan import Plan, Segment, minimum_jerk, payload_in_turn, plan_of
 from gpcorrect.sim.record import simulate
 from gpcorrect.sim.resolve import arm_of, machine_of, rehomed
 from gpcorrect.types import CalibrationLog, FloatArray
@@ -61,8 +61,9 @@ def joint_motion_log(
     """
     if not 1 <= sessions <= trajectories:
         raise DataError(f"{trajectories} trajectories cannot fill {sessions} sessions.")
-    if not seconds * model.log_rate_hz >= 4:
-        raise DataError(f"{seconds} s at {model.log_rate_hz} Hz are too few samples.", hint="Ask for at least four.")
+    if not 4 <= seconds * model.log_rate_hz < np.inf:
+        came = f"{seconds:g} s at {model.log_rate_hz:g} Hz"
+        raise DataError(f"a motion has at least four samples and an end, got {came}.", hint="Give its length in s: 20.")
     rng = np.random.default_rng([seed, 3])
     machine = machine_of(rehomed(model, sessions, rng))
     plan = joint_motion_plan(
@@ -97,7 +98,7 @@ def joint_motion_plan(
     for session, numbers in enumerate(np.array_split(np.arange(trajectories), sessions)):
         for i, number in enumerate(numbers):
             q = _moves(ranges, round(seconds * rate_hz), rate_hz, rng)
-            payload = payloads[len(segments) % len(payloads)] if payloads else None
+            payload = payload_in_turn(payloads, len(segments))
             labels = np.full(len(q), number)
             segments.append(Segment(q, labels, session, i * (seconds + REST_BETWEEN_RUNS), payload))
     return plan_of(segments, rate_hz)

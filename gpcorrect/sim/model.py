@@ -307,14 +307,11 @@ def _in_own_words(edit: RobotEdit, effect: Effect, model: Model) -> bool:
     weighs = not _fed_forward(model)  # or a controller would know of it
     match effect:
         case InertiaError(joint=int(joint), inertia=inertia) if weighs and model.transmission is None:
-            edit.add_inertia(joint, inertia)
-            return True
+            return edit.add_inertia(joint, inertia)
         case Payload(mass=mass) if mass > 0.0 and weighs and model.links is None:
-            edit.add_payload(mass)
-            return True
+            return edit.add_payload(mass)
         case LinkMassError(joint=int(joint), mass=mass) if mass > 0.0 and weighs and model.links is None:
-            edit.add_link_mass(joint, mass)
-            return True
+            return edit.add_link_mass(joint, mass)
         case GravityError(x=x, y=y, z=z) if weighs and model.gravity is None:
             return edit.add_gravity((x, y, z))
         case DhError(joint=int(joint)) if weighs:

@@ -117,6 +117,27 @@ def plan_of(segments: Sequence[Segment], rate_hz: float) -> Plan:
     )
 
 
+def payload_in_turn(payloads: Sequence[float], number: int) -> float | None:
+    """Return the payload of a motion, kg; None, the model's own, where none are given.
+
+    Parameters
+    ----------
+    payloads : sequence of float, kg at the tip, taken in turn
+    number : int, of the motion, from 0
+
+    Raises
+    ------
+    DataError
+        A payload is no mass.
+    """
+    if any(not 0.0 <= payload < np.inf for payload in payloads):
+        came = ", ".join(f"{payload:g}" for payload in payloads)
+        raise DataError(
+            f"payloads are masses in kg, 0 or more, got {came}.", hint="Leave them out for the model's own."
+        )
+    return payloads[number % len(payloads)] if payloads else None
+
+
 def minimum_jerk(duration: float, rate_hz: float) -> FloatArray:
     """Return the progress `(n,)` of the smoothest motion of a duration: 10 s^3 - 15 s^4 + 6 s^5 (Flash and Hogan 1985).
 

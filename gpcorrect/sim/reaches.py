@@ -12,7 +12,7 @@ from gpcorrect.arms import RemoteCentreArm
 from gpcorrect.errors import DataError
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model, preset
-from gpcorrect.sim.plan import Plan, Segment, plan_of
+from gpcorrect.sim.plan import Plan, Segment, payload_in_turn, plan_of
 from gpcorrect.sim.reaching import Pace, Workspace, joint_tour, tour, upright, working_posture
 from gpcorrect.sim.record import simulate
 from gpcorrect.sim.resolve import machine_of, rehomed
@@ -148,7 +148,7 @@ def random_reaches_log(
             speeds = np.exp(rng.uniform(slow, fast, len(run))).tolist()
             paces = [Pace(speed=speed, law="minimum-jerk", pause=PAUSE) for speed in speeds]
             path = tour(stops, run, paces, machine.log_rate_hz)
-            payload = payloads[len(segments) % len(payloads)] if payloads else None
+            payload = payload_in_turn(payloads, len(segments))
             segments.append(Segment(joint_tour(body, path), path.trajectory, session, start, payload))
             start += len(segments[-1].q) / machine.log_rate_hz + REST_BETWEEN_RUNS
     return simulate(machine, plan_of(segments, machine.log_rate_hz), seed, position_only=position_only)

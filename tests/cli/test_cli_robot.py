@@ -29,6 +29,13 @@ def test_options_that_cannot_be_meant_are_refused(gpcorrect, tmp_path):
     assert_refused(gpcorrect("sim", "serve", "--endpoint", "tcp/0.0.0.0:7448"), "other machines")
     assert_refused(gpcorrect("sim", "serve", "--ros-distro", "humble"), "--ros-domain")
     assert_refused(gpcorrect("sim", "serve", "--ros-domain", 0, "--ros-distro", "foxy"), "humble, jazzy or rolling")
+    for seconds in ("inf", "nan", "-1"):
+        refused = gpcorrect("robot", "record", "--seconds", seconds, "-o", tmp_path / "x.csv")
+        assert_refused(refused, f"length in seconds above 0, got {seconds}", "leave it out")
+    assert_refused(gpcorrect("robot", "random", "--seconds", "inf"), "at least two samples and an end")
+    for quaternion in ("0 0 0 0", "nan 0 0 1", "inf 0 0 0"):
+        refused = gpcorrect("robot", "draw", "--centre", 0, 0, 0, *quaternion.split())
+        assert_refused(refused, "seven numbers whose quaternion is not zero", quaternion)
     assert_refused(gpcorrect("robot", "extract", "no.csv", "-o", tmp_path / "x.csv"), "no.csv")
 
 

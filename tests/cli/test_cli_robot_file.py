@@ -27,13 +27,18 @@ def test_effects_and_noise_are_added_on_the_command_line(gpcorrect, tmp_path):
         (["--effect", "backlash joint radius=1"], "an effect is a name and fields with numbers"),
         (["--effect", "backslash joint=1"], "backslash"),
         (["--effect", "backlash joint=9 radius=0.1"], "acts on joint 9"),
+        (["--effect", ""], "no effect is called ''"),
+        (["--seconds", "inf"], "at least four samples and an end, got inf s"),
+        (["--seconds", "nan"], "at least four samples and an end, got nan s"),
+        (["--payload", "nan"], "payloads are masses in kg, 0 or more, got nan"),
+        (["--payload", "0.1", "--payload", "-1"], "payloads are masses in kg, 0 or more, got 0.1, -1"),
     ],
 )
-def test_an_effect_that_is_none_is_refused(gpcorrect, tmp_path, extra, message):
-    """The text is quoted, with how to write it."""
-    ended = gpcorrect("simulate", "joints", "--machine", str(write_urdf(tmp_path)), *extra)
-    assert ended.code == 2
-    assert message in ended.said
+def test_an_option_that_cannot_be_meant_is_refused(gpcorrect, tmp_path, extra, message):
+    """The text or number is quoted, with how to write it."""
+    log = tmp_path / "log.csv"
+    assert_refused(gpcorrect("simulate", "joints", "--machine", write_urdf(tmp_path), "-o", log, *extra), message)
+    assert not log.exists()
 
 
 def test_reaches_of_a_robot_file_are_refused(gpcorrect, tmp_path):
@@ -41,6 +46,12 @@ def test_reaches_of_a_robot_file_are_refused(gpcorrect, tmp_path):
     ended = gpcorrect("simulate", "reaches", "--machine", str(write_urdf(tmp_path)))
     assert ended.code == 2
     assert "remote centre" in ended.said
+
+
+def test_reaches_with_a_payload_that_is_no_mass_are_refused(gpcorrect, tmp_path):
+    """As of joint motion."""
+    reaches = ("simulate", "reaches", "--reaches", 2, "--payload", "-1", "-o", tmp_path / "log.csv")
+    assert_refused(gpcorrect(*reaches), "payloads are masses in kg, 0 or more, got -1")
 
 
 def joints_and_tracker(robot: Path, folder: Path) -> Path:

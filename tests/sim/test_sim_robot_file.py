@@ -67,6 +67,16 @@ def test_inverse_dynamics_are_mujocos(tmp_path):
         np.testing.assert_allclose(torque, data.qfrc_inverse, atol=1e-9)
 
 
+def test_springs_hold_an_arm_whose_links_weigh_nothing(tmp_path):
+    """As the same springs of the arm with weight do, where gravity is off."""
+    model = small(tmp_path, gravity=[0, 0, 0])
+    weightless = small(tmp_path, gravity=[0, 0, 0], links={"mass": [0.0], "com": [[0, 0, 0]]})
+    q = np.array([[[0.4, -0.3, 0.05, 1.0]]])
+    loads = [posture_at(machine_of(m).body, q).gravity_load()[0, 0] for m in (model, weightless)]
+    np.testing.assert_allclose(loads[1], [0.0, 0.0, 40.0 * (0.05 - 0.02), 0.0], atol=1e-12)
+    np.testing.assert_allclose(loads[1], loads[0], atol=1e-12)
+
+
 @pytest.mark.parametrize("friction", ["", ' frictionloss="0.2"'])
 @pytest.mark.parametrize("integrator", ["implicitfast", "Euler"])
 def test_the_simulator_moves_as_mujoco_does(tmp_path, integrator, friction):
