@@ -146,6 +146,18 @@ def seconds_ahead(time_offset: str) -> float | None:
     return {"auto": None, "none": 0.0}[time_offset] if time_offset in ("auto", "none") else seconds_of(time_offset)
 
 
+def refuse_unused_clock(time_offset: str, tracker_log: Path | None) -> None:
+    """Refuse seconds of a tracker's clock where a command shifts nothing but a tracker's recording of its own.
+
+    Parameters
+    ----------
+    time_offset, tracker_log : str, and Path or None, as the command was given them
+    """
+    if tracker_log is None and time_offset not in ("auto", "none"):
+        hint = "Give --tracker-log, or leave it out here and give it to `gpcorrect fit` and `evaluate`."
+        raise DataError(f"--time-offset {time_offset} goes with --tracker-log, which was not given.", hint=hint)
+
+
 def model_named(machine: str) -> Model:
     """Return the packaged machine of a name, or that of a file; DataError where there is neither.
 
