@@ -13,7 +13,7 @@ import pytest
 from discrepancy_core import joint_log
 from discrepancy_support import nominal
 
-from gpcorrect.discrepancy.evidence.variables import Covariates, Quantity, Variable, all_cells
+from gpcorrect.discrepancy.evidence.variables import Covariates, Quantity, Variable, all_cells, covariates_of
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.recording.scene import ReplayMemory
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
@@ -93,3 +93,11 @@ def test_an_effect_that_is_no_machine_at_any_size_is_not_fitted(monkeypatch: pyt
     assert search.refit_with((), new) is None
     with pytest.raises(DataError, match=f"no machine with {re.escape(candidate.label)}"):
         search.refit((new,), candidate)
+
+
+def test_a_state_that_stays_as_it_was_at_the_rows_looked_at_is_left_out() -> None:
+    """It has no spread to be scaled by, whatever it does at the other rows."""
+    scene = prepare_data(joint_log(3), nominal(), np.random.default_rng(0)).dataset.scene
+    everywhere = np.arange(len(scene.time))
+    assert covariates_of(scene, 0, everywhere).memory
+    assert covariates_of(scene, 0, np.full(5, 40)).memory == ()
