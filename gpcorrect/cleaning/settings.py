@@ -169,7 +169,7 @@ class CleaningSettings:
         if self.field_samples < MIN_FIELD_SAMPLES:
             raise DataError(f"field_samples must be at least {MIN_FIELD_SAMPLES}, got {self.field_samples}.")
 
-    def _require_positive(self, name: str, value: object) -> None:
+    def _require_positive(self, name: str, value: Any) -> None:
         number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
         if not (number and 0 < float(value) < np.inf):
             raise DataError(f"cleaning setting {name} must be a number, positive and finite, got {value!r}.")
