@@ -162,7 +162,11 @@ def _learn(law: Law, samples: Samples, progress: Progress) -> tuple[Law, float, 
         raise DataError("only Gaussian processes take more data.", hint="Fit again: --method gp")
     X, target = samples.learnable()
     correction = target - samples.origin[samples.rows]
-    left = target - law.zero - (0.0 if learned.linear is None else learned.linear.mean(law.inputs(X)))
+    # The region first: a linear law is asked there, and not at the edge of the old one.
+    bounded, near = len(law.domain.low), law.domain.near
+    domain = law.domain.widened(Domain.of(X[:, :bounded], np.zeros(bounded), law.domain.novelty, correction))
+    inputs = replace(law, domain=domain).inputs(X)
+    left = target - law.zero - (0.0 if learned.linear is None else learned.linear.mean(inputs))
     chosen, trajectory = X[:, learned.columns], samples.trajectory[samples.rows]
     folds = folds_of(trajectory)
     points = tuple(map(Points.of, learned.predictor.parts))
@@ -178,15 +182,13 @@ def _learn(law: Law, samples: Samples, progress: Progress) -> tuple[Law, float, 
     intervals = IntervalCalibration.fit(*tries[best], trajectory, folds).widened(samples.widening)
     if len(np.unique(trajectory)) < ENOUGH:
         intervals = _widest(intervals, law.intervals)
-    bounded, near = len(law.domain.low), law.domain.near
-    grown = Domain.of(X[:, :bounded], np.zeros(bounded), law.domain.novelty, correction)
     # Outside the region intervals are as wide as they were, by deviations in what these are worth now.
     spread = law.domain.spread * law.intervals.factor / np.maximum(intervals.factor, np.finfo(float).tiny)
     near = None if near is None else near.joined(X[:, :bounded])
     changed = Law(
         learned=replace(learned, predictor=resting_on(points, statistics), statistics=statistics),
         intervals=intervals,
-        domain=replace(law.domain.widened(grown), spread=spread, near=near),
+        domain=replace(domain, spread=spread, near=near),
         bounds=law.bounds.widened(Bounds.of(correction, law.bounds.sizes)),
         zero=law.zero,
     )

@@ -130,7 +130,7 @@ class CleaningSettings:
     Raises
     ------
     DataError
-        A number out of range.
+        A number out of range, or what is no number; or a segment that is none.
     """
 
     trajectory_share: float = 0.9
@@ -155,14 +155,24 @@ class CleaningSettings:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if isinstance(value, int | float) and not 0 < value < np.inf:
-                raise DataError(f"cleaning setting {field.name} must be positive and finite, got {value}.")
+            if field.name in ("keep", "drop"):
+                by_hand = tuple(value) if isinstance(value, Iterable) else (None,)
+                if not all(isinstance(segment, Segment) for segment in by_hand):
+                    raise DataError(f"cleaning setting {field.name} holds segments, got {value!r}.")
+                object.__setattr__(self, field.name, by_hand)
+            elif not (value is None and field.default is None):
+                self._require_positive(field.name, value)
+        if not isinstance(self.field_samples, int | np.integer):
+            raise DataError(f"field_samples is a whole number, got {self.field_samples!r}.")
         if self.trajectory_share > 1:
             raise DataError(f"trajectory_share is at most 1, got {self.trajectory_share}.", hint="For 90 % give 0.9.")
         if self.field_samples < MIN_FIELD_SAMPLES:
             raise DataError(f"field_samples must be at least {MIN_FIELD_SAMPLES}, got {self.field_samples}.")
-        object.__setattr__(self, "keep", tuple(self.keep))
-        object.__setattr__(self, "drop", tuple(self.drop))
+
+    def _require_positive(self, name: str, value: Any) -> None:
+        number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+        if not (number and 0 < float(value) < np.inf):
+            raise DataError(f"cleaning setting {name} must be a number, positive and finite, got {value!r}.")
 
     def resolution(self, units: str) -> FloatArray:
         """Return the smallest deviation (g,) that can be a fault.

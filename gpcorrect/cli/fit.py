@@ -177,10 +177,12 @@ def compare(
 
     Example: gpcorrect compare monday.gpc tuesday.gpc wednesday.csv --report compare.html
     """
-    from gpcorrect.calibration import load_any, measure_both, refuse_unlike
+    from gpcorrect.calibration import load_any, measure_both, model_hash, refuse_unlike
 
     page = opt.report_page(report)
     first, second = load_any(one), load_any(other)
+    if model_hash(one) == model_hash(other):
+        raise DataError(f"{one} and {other} are one model, and would not differ.", hint="Give two models.")
     names = (one.stem, other.stem) if one.stem != other.stem else (str(one), str(other))
     refuse_unlike(first, second, names)
     log = reading.joint_log(logs) if first.TASK == "joints" else reading.log(logs)

@@ -48,10 +48,11 @@ class Reading:
         self, paths: list[Path], learned: Collection[str], completed: Callable[[CalibrationLog, Chain], CalibrationLog]
     ) -> CalibrationLog:
         given = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("machine", "old_namespace")}
-        log = read_logs(paths, **given, learned=learned)
-        if self.machine is None:
+        chain = None if self.machine is None else chain_of(self.machine)
+        log = read_logs(paths, **given, learned=learned, chain=chain)
+        if chain is None:
             return log
-        whole = completed(log, chain_of(self.machine))
+        whole = completed(log, chain)
         added = [name for name in whole.signals if name not in log.signals]
         if added:
             note(f"{' and '.join(added)} computed by the kinematics of {self.machine}")
@@ -76,6 +77,7 @@ def read_logs(
     tracker_log: Path | None = None,
     time_offset: str = "auto",
     learned: Collection[str] = ("setpoint_cp", "tracker_cp"),
+    chain: Chain | None = None,
 ) -> CalibrationLog:
     """Read the recordings and join them into one log, a session each; put another one's tracker beside the only one.
 
@@ -90,6 +92,8 @@ def read_logs(
     tracker_log, time_offset : Path or None, and str
         The tracker's own recording; "auto", "none", or the seconds that its clock runs ahead.
     learned : collection of str, signals that the command learns from or measures
+    chain : Chain, optional
+        The arm's: a tracker is compared with the poses that the joints stand for, where a recording has joints only.
 
     Raises
     ------
@@ -97,6 +101,7 @@ def read_logs(
         One of them cannot be read, or cannot be in the units and frames it is taken for, unless taken `as_is`; or the
         tracker's recording does not go with the robot's; or one was given twice.
     """
+    from gpcorrect.calibration import with_poses
     from gpcorrect.logs import join_logs, read_log, refuse_misread, with_tracker
 
     disorder = "drop" if drop_disordered else "refuse"
@@ -107,8 +112,9 @@ def read_logs(
             raise LogError("--tracker-log goes with one recording of the robot.", hint="Give them one at a time.")
         logs = [with_tracker(logs[0], read_log(tracker_log, columns=columns), seconds_ahead(time_offset))]
     for log in logs:
+        looked_at = log if chain is None else with_poses(log, chain)
         try:
-            for found in refuse_misread(log, learned, as_is=bool(as_is)):
+            for found in refuse_misread(looked_at, learned, as_is=bool(as_is)):
                 note(f"{log.name}: {f'{found.signal}: ' if found.signal else ''}{found.message}")
         except LogError as error:  # name the way past the refusal too
             past = "" if as_is is None else " If you know better: --as-is"
@@ -138,6 +144,18 @@ def seconds_ahead(time_offset: str) -> float | None:
     from gpcorrect.logs.sync import seconds_of
 
     return {"auto": None, "none": 0.0}[time_offset] if time_offset in ("auto", "none") else seconds_of(time_offset)
+
+
+def refuse_unused_clock(time_offset: str, tracker_log: Path | None) -> None:
+    """Refuse seconds of a tracker's clock where a command shifts nothing but a tracker's recording of its own.
+
+    Parameters
+    ----------
+    time_offset, tracker_log : str, and Path or None, as the command was given them
+    """
+    if tracker_log is None and time_offset not in ("auto", "none"):
+        hint = "Give --tracker-log, or leave it out here and give it to `gpcorrect fit` and `evaluate`."
+        raise DataError(f"--time-offset {time_offset} goes with --tracker-log, which was not given.", hint=hint)
 
 
 def model_named(machine: str) -> Model:

@@ -24,6 +24,12 @@ sim_app = typer.Typer(no_args_is_help=True, help="Simulated arms that run live."
 
 
 COUNTS = {"debridement": 303, "reaches": 40, "joints": 24}  # motions of a task; the paper had 303 reaches
+TAKES = {  # options that one task takes and another does not
+    "debridement": ("--clean", "--position-only"),
+    "reaches": ("--sessions", "--payload", "--clean", "--position-only"),
+    "joints": ("--seconds", "--sessions", "--payload"),
+}
+SECONDS = 20.0  # of a motion of joints; chosen by hand
 LARGEST_RATE = 1000.0  # Hz; chosen by hand: what a servo loop runs at
 
 
@@ -34,7 +40,9 @@ def simulate(
     output: opt.LogOutput = Path("log.csv"),
     machine: opt.Machine = None,
     reaches: Annotated[int | None, typer.Option("--reaches", "--trajectories", help="How many motions.")] = None,
-    seconds: Annotated[float, typer.Option(help="Length of each motion, for joints.")] = 20.0,
+    seconds: Annotated[
+        float | None, typer.Option(help=f"Length of each motion, for joints; {SECONDS:g} without it.")
+    ] = None,
     sessions: Annotated[int, typer.Option(help="Sessions, with a homing before each, for reaches and joints.")] = 1,
     payload: Annotated[
         list[float] | None, typer.Option(help="Payload in kg, in turn for reaches and joints. Repeatable.")
@@ -46,8 +54,12 @@ def simulate(
     noise: Annotated[
         float | None, typer.Option(help="Noise of outside joint sensors, rad and m; the model's own without it.", min=0)
     ] = None,
-    clean: Annotated[bool, typer.Option("--clean", help="A tracker without occlusions and outliers.")] = False,
-    position_only: Annotated[bool, typer.Option("--position-only", help="A tracker that sees positions only.")] = False,
+    clean: Annotated[
+        bool, typer.Option("--clean", help="A tracker without occlusions and outliers, not for joints.")
+    ] = False,
+    position_only: Annotated[
+        bool, typer.Option("--position-only", help="A tracker that sees positions only, not for joints.")
+    ] = False,
     seed: Annotated[int, typer.Option(help="Seed of motion, noise and faults.", min=0)] = 0,
     old_arm: opt.OldArm = None,
     json: opt.Json = False,
@@ -77,6 +89,9 @@ def simulate(
     chosen = task or ("debridement" if model is None else "joints")
     if chosen not in COUNTS:
         raise DataError(f"a task is one of {', '.join(COUNTS)}; got {chosen!r}.")
+    beside = {"--seconds": seconds is not None, "--sessions": sessions != 1, "--payload": bool(payload)}
+    beside |= {"--clean": clean, "--position-only": position_only}
+    _refuse_others(chosen, [name for name, given in beside.items() if given])
     count = COUNTS[chosen] if reaches is None else reaches
     if chosen == "debridement":
         log = debridement_log(seed, reaches=count, faults=not clean, position_only=position_only, model=model)
@@ -86,7 +101,9 @@ def simulate(
     elif model is None:
         raise DataError("joint motion needs to know the machine.", hint="Give it: --machine model.toml")
     else:
-        log = joint_motion_log(model, count, seconds, seed, sessions=sessions, payloads=payload or ())
+        log = joint_motion_log(
+            model, count, SECONDS if seconds is None else seconds, seed, sessions=sessions, payloads=payload or ()
+        )
     write_log(log, output)
     count = len(log.trajectory_ids)
     print_result(
@@ -94,6 +111,14 @@ def simulate(
         f"{len(log)} samples, {count} trajectories: {', '.join(log.signals)} -> {output}",
         as_json=json,
     )
+
+
+def _refuse_others(task: str, given: Sequence[str]) -> None:
+    """Refuse options that a task does not take."""
+    if others := [name for name in given if name not in TAKES[task]]:
+        takers = [name for name, takes in TAKES.items() if set(others) <= set(takes)]
+        hint = f"Leave it out, or simulate {' or '.join(takers)}." if takers else "Leave them out."
+        raise DataError(f"simulate {task} takes no {' and no '.join(others)}.", hint=hint)
 
 
 def _altered(model: Model, effects: Sequence[str], noise: float | None) -> Model:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,7 +13,7 @@ import typer
 from gpcorrect.atomic import require_own, write_file
 from gpcorrect.cli.console import err, note, out, print_json, progress_bar, show_errors, styled
 from gpcorrect.cli.options import Columns, Holdout, Json, Logs, ModelFile, Report, renamed, report_page
-from gpcorrect.cli.reading import Reading
+from gpcorrect.cli.reading import Reading, read_logs
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
@@ -104,7 +105,7 @@ def drift(
     reading: Reading,
     age: Annotated[
         list[float] | None,
-        typer.Option(help="Days from the fit to each log, one a log. By default: recorded hours so far."),
+        typer.Option(help="Days from the fit to each log, one a log, rising. By default: recorded hours so far."),
     ] = None,
     false_alarms: Annotated[float, typer.Option(help="Mean trajectories between false alarms, at least.")] = 1000.0,
     worn_out: Annotated[float, typer.Option(help="Worn out: errors this many times those at the fit.")] = 2.0,
@@ -126,15 +127,17 @@ def drift(
     import numpy as np
 
     from gpcorrect.calibration import JointCorrector, detect, estimate_ageing, load_any
+    from gpcorrect.logs import refuse_twice
 
     page = report_page(report)
-    if age is not None and len(age) != len(logs):
-        raise DataError(f"give one --age a log: {len(logs)} logs, {len(age)} ages.", hint="In the order of the logs.")
+    _require_ages(age, logs)
     corrector = load_any(model)
     baseline = np.asarray(corrector.summary.get("baseline", ()), dtype=np.float64)
     parts, ages, recorded = [], [], 0.0
-    for i, path in enumerate(logs):
-        log = reading.joint_log([path]) if isinstance(corrector, JointCorrector) else reading.log([path])
+    of_joints = isinstance(corrector, JointCorrector)
+    recordings = [reading.joint_log([path]) if of_joints else reading.log([path]) for path in logs]
+    refuse_twice(recordings)
+    for i, (path, log) in enumerate(zip(logs, recordings, strict=True)):
         matched, clocks = corrector.on_one_clock(log, reading.clock_left)
         for sentence in (*clocks.notes, *corrector.cautions(log)):
             note(f"{path}: {sentence}")
@@ -164,6 +167,17 @@ def drift(
         out.print(f"{path}: {own.size} trajectories, {size}")
     out.print(styled((words[0], "" if found.alarm is None else "bold red")))
     out.print(words[1])
+
+
+def _require_ages(age: list[float] | None, logs: list[Path]) -> None:
+    """Refuse ages that are not one a log, or not in the order of the logs, which come oldest first."""
+    if age is None:
+        return
+    if len(age) != len(logs):
+        raise DataError(f"give one --age a log: {len(logs)} logs, {len(age)} ages.", hint="In the order of the logs.")
+    if not all(earlier <= later for earlier, later in pairwise(age)):
+        hint = "Give the logs oldest first, and their ages in the same order."
+        raise DataError(f"the ages of logs rise from one to the next, got {', '.join(map(str, age))}.", hint=hint)
 
 
 def _drift_dict(found: Detection, ageing: Ageing, unit: str, where: IntArray, logs: list[Path]) -> dict[str, Any]:
@@ -221,14 +235,15 @@ def explore(
     import numpy as np
 
     from gpcorrect.calibration import load, propose
-    from gpcorrect.logs import read_log
 
     if output is not None:
         require_own(output, b"x,y,z,", "list of proposals")
+    if columns is not None and task is None:
+        raise DataError("--columns maps the recording of --task, which was not given.", hint="Give both, or neither.")
     corrector = load(model)
     region = None
     if task is not None:
-        log = read_log(task, columns=columns)
+        log = read_logs([task], columns)
         samples = corrector.samples(log, corrector.clean_afresh(log).keep)
         region = samples.X[samples.rows]
     found = propose(corrector, n, np.random.default_rng(seed), region)

@@ -11,7 +11,7 @@ import typer
 
 from gpcorrect.cli import options as opt
 from gpcorrect.cli.console import out, plain_table, print_json, styled
-from gpcorrect.cli.reading import Reading, arm_chosen, chain_of, seconds_ahead
+from gpcorrect.cli.reading import Reading, arm_chosen, chain_of, refuse_unused_clock, seconds_ahead
 
 if TYPE_CHECKING:
     from gpcorrect.calibration import Use
@@ -54,6 +54,7 @@ def validate(
     from gpcorrect.calibration import PURPOSES, Use, for_purpose, with_outside_joints, with_poses, with_uses
     from gpcorrect.logs import read_log, validate_log, with_tracker
 
+    refuse_unused_clock(time_offset, tracker_log)
     recording = read_log(log, columns=columns, tracker_topic=tracker_topic, disorder="keep", **arm_chosen(arm))
     if tracker_log is not None:
         recording = with_tracker(recording, read_log(tracker_log, columns=columns), seconds_ahead(time_offset))
@@ -119,6 +120,7 @@ def convert(
 
     require_writable(output)
     require_new(output)
+    refuse_unused_clock(reading.time_offset, reading.tracker_log)
     recording = replace(reading, as_is=True).log([log])
     write_log(recording, output)
     if json:

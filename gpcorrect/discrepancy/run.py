@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from gpcorrect.discrepancy.advice import advise
-from gpcorrect.discrepancy.evidence.bursts import bursts_of
+from gpcorrect.discrepancy.evidence.bursts import Burst, bursts_of
 from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.evidence.whitener import estimate_noises
 from gpcorrect.discrepancy.naming.numbers import Numbers, estimate_numbers
@@ -151,7 +151,9 @@ def _find(
         next_experiment=experiment,
         model=model.with_effects(*in_order((*model.effects, *added))),
         evidence=evidence_of(prepared, state, found.fitted),
-        provenance=provenance_of(log, seed, found.prepared, state, before, lacks, time.monotonic() - started),
+        provenance=provenance_of(
+            log, seed, found.prepared, state, before, lacks, found.bursts, time.monotonic() - started
+        ),
         advised_plans=plans,
     )
 
@@ -168,6 +170,7 @@ class _Judged:
     noises: Sequence[ChannelNoise]
     remainder: Localisation | None
     gap: tuple[ChannelGap, ...]
+    bursts: tuple[Burst, ...]
     verdict: Verdict
 
 
@@ -216,13 +219,14 @@ def _judge(
     names = sorted((e for i, e in closed.items() if i not in of_steps), key=lambda e: -e.nats)
     effects, alike = ([e for e in names if e.is_a_name is named_so] for named_so in (True, False))
     effects += [NamedEffect.of(e.named, e.parameters) for e in sure]
-    places = place_verdicts(effects, gap, left, bursts_of(prepared.dataset, noises, shown), alike)
+    bursts = bursts_of(prepared.dataset, noises, shown)
+    places = place_verdicts(effects, gap, left, bursts, alike)
     differs = before if names or not of_steps else left
     looked_at = (*dropped, *(named[i] for i in of_steps))
     level = verdict_level(prepared, state, differs, effects, alike, fitted, looked_at)
     level = headline(level, effects, alike, places)
     verdict = Verdict(level, tuple(effects), places, tuple(minor), tuple(alike), tuple(of_steps.values()))
-    return _Judged(prepared, named, dropped, fitted, on_noise, noises, remainder, gap, verdict)
+    return _Judged(prepared, named, dropped, fitted, on_noise, noises, remainder, gap, bursts, verdict)
 
 
 def _effects_of(state: Search, named: Sequence[Named], numbers: Numbers) -> dict[int, NamedEffect]:

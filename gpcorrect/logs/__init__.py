@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from gpcorrect.lazy import imported_on_demand
 
 if TYPE_CHECKING:
-    from gpcorrect.logs.join import join_logs, with_tracker
+    from gpcorrect.logs.join import join_logs, refuse_twice, with_tracker
     from gpcorrect.logs.native import require_writable, write_log
     from gpcorrect.logs.reader import read_log
     from gpcorrect.logs.streams import Stream, combine, interpolate
@@ -27,6 +27,7 @@ __all__ = [
     "match_clocks",
     "read_log",
     "refuse_misread",
+    "refuse_twice",
     "require_writable",
     "validate_log",
     "with_tracker",
@@ -36,7 +37,7 @@ __all__ = [
 __getattr__ = imported_on_demand(
     __name__,
     {
-        "join": "join_logs with_tracker",
+        "join": "join_logs refuse_twice with_tracker",
         "reader": "read_log",
         "streams": "Stream combine interpolate",
         "sync": "Clocks TimeOffset align log_offset match_clocks",

@@ -49,7 +49,7 @@ def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "
         return logs[0]
     if len({log.static for log in logs}) > 1:
         raise LogError("static poses cannot be joined with recordings that have a clock.")
-    _refuse_twice(logs)
+    refuse_twice(logs)
     digest = hashlib.sha256("".join(log.digest for log in logs).encode()).hexdigest()
     common = tuple(s for s in logs[0].signals if all(s in log.signals for log in logs))
     signals: dict[str, Any] = {name: _joined(logs, name) for name in common}
@@ -71,14 +71,25 @@ def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "
     )
 
 
-def _refuse_twice(logs: Sequence[CalibrationLog]) -> None:
+def refuse_twice(logs: Sequence[CalibrationLog]) -> None:
+    """Refuse recordings that hold the same samples: copies would count as if they were new.
+
+    Parameters
+    ----------
+    logs : sequence of CalibrationLog
+
+    Raises
+    ------
+    LogError
+        With the first two that do.
+    """
     first: dict[str, str] = {}
     for log in logs:
         for digest in (*log.recordings, *log.contents):
             if digest in first:
                 raise LogError(
-                    f"{log.name} is the same recording as {first[digest]}: its second copy would be held out, and "
-                    "measured on as if it were new.",
+                    f"{log.name} is the same recording as {first[digest]}: its second copy would count as if it were "
+                    "new.",
                     hint="Give each recording once.",
                 )
             first[digest] = log.name
@@ -88,7 +99,7 @@ def _refuse_twice(logs: Sequence[CalibrationLog]) -> None:
         if count >= max(LEAST, IN_BOTH * min(len(some), len(others))):
             raise LogError(
                 f"{other.name} holds samples that {one.name} holds too ({count} stretches of its outside sensor): "
-                "some would be held out, and measured on as if they were new.",
+                "they would count as if they were new.",
                 hint="Give each motion once.",
             )
 

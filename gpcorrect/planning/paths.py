@@ -25,16 +25,26 @@ class DesiredPath:
     ----------
     times : (n,) array, seconds, strictly increasing
     T : (n, 4, 4) array, desired tool poses, planner's frame
+
+    Raises
+    ------
+    DataError
+        There is no pose, not one a time, or a number is missing; or times do not increase.
     """
 
     times: FloatArray
     T: FloatArray
 
     def __post_init__(self) -> None:
-        if self.T.shape != (len(self.times), 4, 4) or not len(self.times):
-            raise DataError(f"a path needs one pose (4, 4) a time, got {self.T.shape} for {len(self.times)} times.")
-        object.__setattr__(self, "times", frozen_array(self.times))
-        object.__setattr__(self, "T", frozen_array(self.T))
+        times, T = frozen_array(self.times), frozen_array(self.T)
+        if times.ndim != 1 or T.shape != (len(times), 4, 4) or not len(times):
+            raise DataError(f"a path needs one pose (4, 4) a time, got {T.shape} for times {times.shape}.")
+        if not (np.isfinite(times).all() and np.isfinite(T).all()):
+            raise DataError("a path needs finite times and poses, got some that are not.")
+        if not (np.diff(times) > 0).all():
+            raise DataError("the times of a path increase from pose to pose, these do not.", hint="Give seconds.")
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "T", T)
 
     @property
     def poses(self) -> FloatArray:
@@ -59,7 +69,15 @@ def reach(stops: FloatArray, pace: Pace) -> DesiredPath:
     ----------
     stops : (k + 1, 4, 4) array, start, stops and goal
     pace : Pace, speed, acceleration and rests
+
+    Raises
+    ------
+    DataError
+        There are not two poses at least, or a number is missing.
     """
+    stops = np.asarray(stops, dtype=np.float64)
+    if stops.ndim != 3 or stops.shape[1:] != (4, 4) or len(stops) < 2 or not np.isfinite(stops).all():
+        raise DataError(f"a reach needs a start and a goal at least, finite poses (k + 1, 4, 4); got {stops.shape}.")
     count = len(stops) - 1
     path = tour(stops, range(count), [pace] * count, PATH_RATE_HZ)
     return DesiredPath(np.arange(len(path.T_base_tip)) / PATH_RATE_HZ, path.T_base_tip)
@@ -81,10 +99,14 @@ def circle(
     Raises
     ------
     DataError
-        Radius, speed or rounds are not above 0.
+        Radius, speed, rounds or rate are not above 0 and finite; or the centre is no pose.
     """
-    if not (radius > 0 and speed > 0 and rounds > 0):
-        raise DataError(f"a circle needs radius, speed and rounds above 0, got {radius}, {speed} and {rounds}.")
+    sizes = (radius, speed, rounds, rate_hz)
+    if not all(0 < size < np.inf for size in sizes):
+        raise DataError(f"a circle needs radius, speed, rounds and rate above 0 and finite, got {sizes}.")
+    T_centre = np.asarray(T_centre, dtype=np.float64)
+    if T_centre.shape != (4, 4) or not np.isfinite(T_centre).all():
+        raise DataError(f"the centre of a circle is a finite pose (4, 4), got {T_centre.tolist()}.")
     seconds = 2 * np.pi * radius * rounds / speed
     times = np.arange(round(seconds * rate_hz) + 1) / rate_hz
     angle = 2 * np.pi * rounds * times / max(float(times[-1]), 1e-9)

@@ -30,6 +30,11 @@ class Pace:
     turn_rate : float, largest turning rate of the tool, rad/s: a reach that turns far goes slower
     law : "trapezoid" or "minimum-jerk", constant speed between ramps, or bell-shaped with the speed as its mean
     pause : float, rest after each reach, s
+
+    Raises
+    ------
+    DataError
+        A speed, the acceleration or the turning rate is not above 0 and finite, or the rest not at least 0.
     """
 
     speed: float = 0.05
@@ -37,6 +42,11 @@ class Pace:
     turn_rate: float = 1.5
     law: Literal["trapezoid", "minimum-jerk"] = "trapezoid"
     pause: float = 0.0
+
+    def __post_init__(self) -> None:
+        rates = (self.speed, self.acceleration, self.turn_rate)
+        if not all(0 < rate < np.inf for rate in rates) or not 0 <= self.pause < np.inf:
+            raise DataError(f"a pace has finite rates above 0 and a rest of at least 0 s, got {self}.")
 
     def progress(self, distance: float, turn: float, rate_hz: float) -> FloatArray:
         """Return the progress `(n,)` over a reach.

@@ -7,11 +7,21 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from joint_logs import joint_log
 from scipy.special import stdtrit
 from support import small_log
 
 from gpcorrect import se3
-from gpcorrect.calibration import CommandCorrector, FitSettings, fit_corrector, load, save, update_model
+from gpcorrect.calibration import (
+    CommandCorrector,
+    FitSettings,
+    JointCorrector,
+    fit_corrector,
+    fit_model,
+    load,
+    save,
+    update_model,
+)
 from gpcorrect.calibration.dataset import Samples
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import SparseGPR
@@ -105,6 +115,17 @@ def test_few_new_motions_promise_no_more_than_they_know(
     for updated in (law, plain):
         width = updated.domain.spread * updated.intervals.factor
         np.testing.assert_allclose(width, corrector.law.domain.spread * corrector.law.intervals.factor)
+
+
+def test_joints_that_move_further_are_learned_there() -> None:
+    """Where joint 1 leaves the old region, what the linear law says at its edge was learned from as its error."""
+    settings = FitSettings(time_offset="none")
+    corrector = fit_model(joint_log(1, 8, 12.0, first=0.3), settings, task=JointCorrector).corrector
+    found = update_model(corrector, joint_log(2, 12, 12.0), holdout=0.25)
+    assert found.before is not None
+    assert found.after is not None
+    before, after = (np.sqrt(np.nanmean(e.clean.corrected[:, 0] ** 2)) for e in (found.before, found.after))
+    assert after < before
 
 
 def test_what_got_worse_is_said(corrector: CommandCorrector) -> None:

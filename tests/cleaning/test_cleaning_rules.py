@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -189,12 +190,32 @@ def test_a_log_without_a_tracker_is_refused(log: CalibrationLog) -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"outlier_factor": 0.0}, {"trajectory_share": 1.5}, {"field_samples": 3}, {"max_speed": np.nan}]
+    "wrong",
+    [
+        {"outlier_factor": 0.0},
+        {"outlier_factor": -1.0},
+        {"outlier_factor": True},
+        {"outlier_factor": "8"},
+        {"outlier_factor": None},
+        {"step_factor": np.float32("nan")},
+        {"trajectory_share": 1.5},
+        {"field_samples": 3},
+        {"field_samples": 800.5},
+        {"max_speed": np.nan},
+        {"max_speed": [0.1]},
+        {"drop": (3,)},
+        {"keep": Segment(3)},
+    ],
 )
-def test_settings_out_of_range_are_refused(wrong: dict[str, float]) -> None:
-    """A setting that makes no sense is named."""
+def test_settings_out_of_range_are_refused(wrong: dict[str, Any]) -> None:
+    """A setting that makes no sense, or is of another type, is named."""
     with pytest.raises(DataError, match=next(iter(wrong))):
-        CleaningSettings(**wrong)  # type: ignore[arg-type]
+        CleaningSettings(**wrong)
+
+
+def test_numbers_of_numpy_are_settings_too() -> None:
+    settings = CleaningSettings(max_speed=np.float64(0.2), field_samples=np.int64(100), drop=[Segment(2)])  # type: ignore[arg-type]
+    assert (settings.max_speed, settings.field_samples, settings.drop) == (0.2, 100, (Segment(2),))
 
 
 def test_a_segment_that_runs_backward_is_refused() -> None:

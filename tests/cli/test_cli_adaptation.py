@@ -10,6 +10,7 @@ from command_line import CommandLine, assert_refused, written
 from support import small_log
 
 from gpcorrect.calibration import load, save
+from gpcorrect.types import PoseSignal
 
 
 @pytest.fixture
@@ -77,6 +78,29 @@ def test_bad_input_is_refused(gpcorrect: CommandLine, model: Path, days: list[Pa
     assert_refused(gpcorrect("drift", model, *days, "--false-alarms", 0.5), "more than 1")
     assert_refused(gpcorrect("drift", model, *days, "--report", tmp_path / "no" / "d.html"), "no")
     assert_refused(gpcorrect("drift", model, *days, "--plot", tmp_path / "d.png"), "--report instead of --plot")
+
+
+def test_drift_refuses_copies_and_ages_out_of_order(
+    gpcorrect: CommandLine, model: Path, days: list[Path], tmp_path: Path
+) -> None:
+    """A recording that comes twice counted twice, and ages that fall made a line of another order."""
+    copy = tmp_path / "copy.csv"
+    copy.write_bytes(days[0].read_bytes())
+    assert_refused(gpcorrect("drift", model, days[0], copy), "copy.csv", "the same recording", "day0.csv")
+    assert_refused(gpcorrect("drift", model, *days, "--age", 9, "--age", 3), "9.0, 3.0", "oldest first")
+    assert gpcorrect("drift", model, *days, "--age", 3, "--age", 3).code == 0
+
+
+def test_explore_refuses_a_task_that_was_misread(gpcorrect: CommandLine, model: Path, tmp_path: Path) -> None:
+    """A recording of the task is looked at as every other is: a mirrored one shows another region."""
+    log = small_log()
+    assert log.tracker_cp is not None
+    seen = PoseSignal(log.tracker_cp.position * [1, 1, -1], log.tracker_cp.quaternion)
+    mirrored = written(replace(log, tracker_cp=seen), tmp_path / "mirrored.csv")
+    assert_refused(gpcorrect("explore", model, "--n", 2, "--task", mirrored), "mirrored.csv", "mirror image")
+    for task in (tmp_path / "none.csv", tmp_path, written(log, tmp_path / "l.csv").with_suffix(".toml")):
+        assert_refused(gpcorrect("explore", model, "--n", 2, "--task", task), task.name)
+    assert_refused(gpcorrect("explore", model, "--columns", tmp_path / "map.toml"), "--task")
 
 
 def test_recordings_of_another_arm_teach_nothing(gpcorrect: CommandLine, model: Path, tmp_path: Path) -> None:

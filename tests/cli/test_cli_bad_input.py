@@ -127,6 +127,16 @@ def test_wrong_options_are_named(
     assert not (tmp_path / "m.gpc").exists()
 
 
+@pytest.mark.parametrize("offset", ["0.2", "soon"])
+def test_a_clock_that_nothing_would_be_shifted_by_is_refused(
+    gpcorrect: CommandLine, log_file: Path, tmp_path: Path, offset: str
+) -> None:
+    """Without the tracker's own recording `convert` and `validate` shift nothing, and say so."""
+    for command in (("convert", log_file, tmp_path / "c.csv"), ("validate", log_file)):
+        assert_refused(gpcorrect(*command, "--time-offset", offset), f"--time-offset {offset}", "--tracker-log")
+        assert gpcorrect(*command, "--time-offset", "none").code == 0
+
+
 def test_a_failed_fit_keeps_the_old_model(gpcorrect: CommandLine, log_file: Path, tmp_path: Path) -> None:
     """Whatever stops a fit, the model file of yesterday is still there."""
     model = tmp_path / "m.gpc"

@@ -80,6 +80,9 @@ def test_models_that_cannot_stand_side_by_side_are_refused(
     """Models of poses and of joints, and models of two arms, are refused in words before the recording is read."""
     refused = gpcorrect("compare", small_model, joints, tmp_path / "none.csv")
     assert_refused(refused, "model corrects pose, offset joints: their errors cannot be compared", "gpcorrect info")
+    copy = tmp_path / "copy.gpc"
+    copy.write_bytes(bent.read_bytes())
+    assert_refused(gpcorrect("compare", bent, copy, tmp_path / "none.csv"), "copy.gpc are one model", "two models")
     left, right = (tmp_path / f"{arm}.gpc" for arm in ("left", "right"))
     for path in (left, right):
         model = load(bent)

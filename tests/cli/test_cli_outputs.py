@@ -120,3 +120,21 @@ def test_an_output_of_its_own_kind_is_replaced(tmp_path: Path) -> None:
     page = tmp_path / "page.html"
     page.write_text("\n<!DOCTYPE html>")
     require_own(page, rb"(?i)\s*<!doctype html", "page")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("debridement", "--seconds", 3), ("no --seconds", "joints")),
+        (("debridement", "--sessions", 2, "--payload", 0.1), ("no --sessions and no --payload", "reaches or joints")),
+        (("reaches", "--machine", "dvrk_psm", "--seconds", 20), ("no --seconds", "joints")),
+        (("joints", "--machine", "raven2_calibration", "--clean"), ("no --clean", "debridement or reaches")),
+        (("joints", "--machine", "raven2_calibration", "--position-only", "--clean"), ("no --position-only",)),
+    ],
+)
+def test_a_task_refuses_options_of_other_tasks(
+    gpcorrect: CommandLine, tmp_path: Path, words: tuple[object, ...], said: tuple[str, ...]
+) -> None:
+    """What a task would not heed is no option of it; the tasks that do are named."""
+    assert_refused(gpcorrect("simulate", *words, "--output", tmp_path / "log.csv"), *said)
+    assert not (tmp_path / "log.csv").exists()

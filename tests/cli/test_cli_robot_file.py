@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ from robot_files import write_urdf
 
 from gpcorrect import se3
 from gpcorrect.arms import read_robot
+from gpcorrect.logs import read_log
 from gpcorrect.types import CalibrationLog, PoseSignal
 
 pytest.importorskip("mujoco", reason="robot files need mujoco: pip install 'gpcorrect[mujoco]'")
@@ -81,6 +83,18 @@ def test_a_robot_file_lets_poses_and_joints_be_learned_from_joints_and_a_tracker
     found = gpcorrect("joint", "fit", log, *words, "--output", joints).json["errors"]
     assert abs(found["raw"][1]["mean"]) == pytest.approx(np.degrees(0.02), rel=0.1)
     assert found["corrected"][1]["rmse"] < 0.2 * found["raw"][1]["rmse"]
+
+
+def test_a_mirrored_tracker_of_joints_is_refused(gpcorrect, tmp_path):
+    """A recording of joints has no poses to compare a tracker with but those that the machine's kinematics gives."""
+    robot = write_urdf(tmp_path)
+    log = read_log(joints_and_tracker(robot, tmp_path))
+    mirrored = PoseSignal(log.tracker_cp.position * [1, 1, -1], log.tracker_cp.quaternion)
+    path = written(replace(log, tracker_cp=mirrored), tmp_path / "mirrored.csv")
+    words = (path, "--machine", robot, "--output", tmp_path / "m.gpc")
+    for command in (("fit",), ("joint", "fit", "--method", "offset", "--no-clean")):
+        assert_refused(gpcorrect(*command, *words), "mirror image", "--as-is")
+    assert gpcorrect("joint", "fit", "--method", "offset", "--no-clean", "--as-is", *words).code == 0
 
 
 def test_a_machine_that_is_none_is_refused(gpcorrect, tmp_path):

@@ -1,4 +1,6 @@
+import io
 import math
+from collections.abc import Callable
 from contextlib import suppress
 
 import numpy as np
@@ -6,7 +8,8 @@ import pytest
 from crtk_support import SHIFT, ShiftCorrector, model
 
 from gpcorrect_service.crtk.messages import OperatingState, Pose
-from gpcorrect_service.crtk.prefilter import Prefilter, PrefilterSettings
+from gpcorrect_service.crtk.prefilter import WAITING, FilterServer, Prefilter, PrefilterSettings
+from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.protocol.errors import ServiceError
 
 TURN = (1.0, 0.0, 0.0, 0.0)
@@ -252,3 +255,26 @@ def test_a_command_that_is_no_command_does_not_spoil_the_stream():
     corrector.shift = SHIFT
     command, _ = answering.servo(pose(1.02))
     np.testing.assert_allclose(command.pose[:3], np.array([0.1, 0.0, -0.1]) + SHIFT)
+
+
+class Deaf:
+    """As much of a bus as a pre-filter's server takes: keeps who listens to what, and sends nothing."""
+
+    def __init__(self) -> None:
+        self.inboxes: dict[str, Callable[[Pose], None]] = {}
+
+    def claim(self, what: str) -> None:
+        pass
+
+    def subscribe(self, name: str, inbox: Callable[[Pose], None], refused: object = None) -> None:
+        self.inboxes[name] = inbox
+
+
+def test_poses_that_a_full_queue_loses_are_told_of_once():
+    """Where poses come faster than they are answered, the log says so with the first that is lost."""
+    log, bus = io.StringIO(), Deaf()
+    FilterServer(prefilter(), bus, open_logger(log))  # type: ignore[arg-type]
+    for k in range(WAITING + 3):
+        assert ("dropped" in log.getvalue()) == (k > WAITING)
+        bus.inboxes["servo_cp"](pose(1.1 + 0.01 * k))
+    assert log.getvalue().count("oldest pose dropped") == 1

@@ -1,6 +1,7 @@
 """What a tool commands, on a bus whose states the test makes."""
 
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -72,3 +73,13 @@ def test_a_move_that_is_lost_or_stops_elsewhere_is_not_waited_for(monkeypatch, g
         pytest.raises(RobotError, match="does not go to"),
     ):
         robot.move_jp(np.array([goal]))
+
+
+def test_a_robot_that_does_not_answer_is_looked_for_where_the_configuration_says(monkeypatch):
+    """The message names the file that was given, and not the default address."""
+    monkeypatch.setattr(robot_module, "Bus", HeldUpBus)
+    with (
+        Robot(BusSettings(role="client", config_file=Path("site/robot.json5")), patience=0.2) as robot,
+        pytest.raises(RobotError, match=r"on site/robot\.json5 does not go to"),
+    ):
+        robot.move_jp(np.array([0.5]))

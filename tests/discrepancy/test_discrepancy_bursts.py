@@ -12,6 +12,7 @@ from gpcorrect.discrepancy.evidence.bursts import bursts_of
 from gpcorrect.discrepancy.evidence.whitener import estimate_noises
 from gpcorrect.discrepancy.outcome.sentences import next_step
 from gpcorrect.discrepancy.search.prepared import prepare_data
+from gpcorrect.sim.effects import Backlash
 
 
 def test_a_rare_moment_far_above_the_noise_is_reported_with_its_place() -> None:
@@ -28,6 +29,15 @@ def test_a_rare_moment_far_above_the_noise_is_reported_with_its_place() -> None:
     assert "outside sensor of joint 2" in sentence
     assert "trajectory 9" in sentence
     assert "like those" in next_step(found)
+
+
+def test_a_rare_moment_beside_a_named_effect_is_reported_too() -> None:
+    """A backlash of joint 1 is named, and what happened once in joint 2 is still told of, with its trajectory."""
+    odd = np.zeros((SAMPLES, RUNS, 2))
+    odd[40:60, 9, 1] = 60 * NOISE
+    found = find_discrepancy(nominal(), joint_log(5, Backlash(1, 40 * NOISE), more=odd))
+    assert [(e.name, e.joint) for e in found.effects] == [("backlash", 1)]
+    assert [(b.channel.name, b.trajectories) for b in found.provenance.bursts] == [("external_jp_2", (9,))]
 
 
 def test_what_lasts_and_has_no_name_is_unknown() -> None:

@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import copy
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from discrepancy_core import joint_log
+from discrepancy_support import nominal
 
-from gpcorrect.discrepancy.evidence.variables import Covariates, Quantity, Variable, all_cells
+from gpcorrect.discrepancy.evidence.variables import Covariates, Quantity, Variable, all_cells, covariates_of
+from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.recording.scene import ReplayMemory
+from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import _tangents
+from gpcorrect.discrepancy.search.prepared import prepare_data
+from gpcorrect.discrepancy.search.state import start_search
 from gpcorrect.discrepancy.settings import TESTS
+from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 
 JOINTS = range(1, 7)
@@ -69,3 +77,27 @@ def test_a_copy_of_a_memory_is_empty() -> None:
     again = copy.deepcopy(memory)
     assert not again.numbers
     assert again.number("path") != again.number("motion", 1)
+
+
+def test_an_effect_that_is_no_machine_at_any_size_is_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no halved size could be simulated, the least squares ended in a message about its starting point."""
+    dataset = prepare_data(joint_log(3), nominal(), np.random.default_rng(0)).dataset
+    candidate = next(c for c in all_candidates(dataset.scene) if c.name == "homing_offset")
+    search = start_search(dataset, [candidate])
+
+    def predict(self: Dataset, effects: Sequence[object] = ()) -> FloatArray:
+        raise DataError("the loop is unstable.")
+
+    monkeypatch.setattr(Dataset, "predict", predict)
+    new = FittedEffect(candidate, candidate.scaled(np.ones(1)))
+    assert search.refit_with((), new) is None
+    with pytest.raises(DataError, match=f"no machine with {re.escape(candidate.label)}"):
+        search.refit((new,), candidate)
+
+
+def test_a_state_that_stays_as_it_was_at_the_rows_looked_at_is_left_out() -> None:
+    """It has no spread to be scaled by, whatever it does at the other rows."""
+    scene = prepare_data(joint_log(3), nominal(), np.random.default_rng(0)).dataset.scene
+    everywhere = np.arange(len(scene.time))
+    assert covariates_of(scene, 0, everywhere).memory
+    assert covariates_of(scene, 0, np.full(5, 40)).memory == ()

@@ -109,8 +109,8 @@ class State:
     def misfit(self, fitted: Sequence[Refined]) -> float:
         return 0.0
 
-    def refit(self, fitted: Sequence[Any], candidate: Law, worth: float) -> tuple[Refined, ...]:
-        return (Refined(candidate),)
+    def refit_with(self, others: Sequence[Any], new: Any, worth: float) -> tuple[Refined, ...] | None:
+        return None if new.candidate.name == "none" else (Refined(new.candidate),)
 
     def refreshed(self) -> State:
         return self
@@ -128,3 +128,14 @@ def test_further_numbers_of_a_leader_are_charged_for(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(stepwise, "_gain_over", lambda state, before, fitted, new: gains[fitted[-1].candidate.name])
     grown = stepwise._forward(State(), 9.5, set(), [])  # type: ignore[arg-type]
     assert [m.candidate.name for m in grown.fitted] == [chosen]
+
+
+def test_a_fuller_leader_that_is_no_machine_leaves_the_one_that_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Looked at after the best is known, without a simulation at its first estimate, it ended the whole run."""
+    simple, fuller = (Ranked(Law(name), 100.0, np.ones(1)) for name in ("dry", "none"))  # type: ignore[arg-type]
+    monkeypatch.setattr(stepwise, "linearise", lambda *_: None)
+    monkeypatch.setattr(stepwise, "_ranked_there", lambda state, linearised, leaders: leaders)
+    monkeypatch.setattr(stepwise, "rank", lambda *_, beyond=None: [fuller] if beyond else [simple])
+    monkeypatch.setattr(stepwise, "_gain_over", lambda *_: 100.0)
+    grown = stepwise._forward(State(), 9.5, set(), [])  # type: ignore[arg-type]
+    assert [m.candidate.name for m in grown.fitted] == ["dry"]

@@ -7,7 +7,7 @@ from planning_support import Moves
 from gpcorrect import se3
 from gpcorrect.correction import Reason
 from gpcorrect.errors import DataError
-from gpcorrect.planning import DesiredPath, Margins, corrected, first_trusted, reach
+from gpcorrect.planning import DesiredPath, Margins, circle, corrected, first_trusted, reach
 from gpcorrect.sim.reaching import Pace
 
 SHIFT = se3.exp(np.array([0.01, -0.02, 0.005, 0.2, -0.1, 0.3]))
@@ -51,6 +51,39 @@ def test_both_ways_agree_where_the_correction_is_rigid():
     wanted = path(3)
     full, ends = (corrected(Moves(SHIFT), wanted, mode).T for mode in ("full", "endpoints"))
     np.testing.assert_allclose(full, ends, atol=1e-9)
+
+
+NAN = np.full((4, 4), np.nan)
+STILL = np.eye(4)[None].repeat(3, axis=0)
+
+
+@pytest.mark.parametrize(
+    ("planned", "said"),
+    [
+        (lambda: reach(STILL[:0], PACE), "start and a goal"),
+        (lambda: reach(STILL[:1], PACE), "start and a goal"),
+        (lambda: reach(np.eye(4), PACE), "start and a goal"),
+        (lambda: reach(np.stack([np.eye(4), NAN]), PACE), "finite poses"),
+        (lambda: reach(STILL, Pace(turn_rate=0.0)), "rates above 0"),
+        (lambda: reach(STILL, Pace(law="minimum-jerk", speed=np.nan)), "rates above 0"),
+        (lambda: reach(STILL, Pace(pause=np.nan)), "a rest of at least 0"),
+        (lambda: circle(np.eye(4), 0.0, 0.1), "above 0 and finite"),
+        (lambda: circle(np.eye(4), 0.1, np.inf), "above 0 and finite"),
+        (lambda: circle(np.eye(4), np.nan, 0.1), "above 0 and finite"),
+        (lambda: circle(np.eye(4), 0.1, 0.1, rate_hz=0.0), "above 0 and finite"),
+        (lambda: circle(NAN, 0.1, 0.1), "centre of a circle"),
+        (lambda: circle(np.zeros(3), 0.1, 0.1), "centre of a circle"),
+        (lambda: DesiredPath(np.arange(3.0), NAN[None].repeat(3, axis=0)), "finite times and poses"),
+        (lambda: DesiredPath(np.array([0.0, np.nan, 1.0]), STILL), "finite times and poses"),
+        (lambda: DesiredPath(np.array([0.0, 1.0, 1.0]), STILL), "times of a path increase"),
+        (lambda: DesiredPath(np.empty(0), STILL[:0]), "one pose"),
+        (lambda: DesiredPath(np.float64(1.0), STILL), "one pose"),
+    ],
+)
+def test_what_is_no_path_is_refused_in_words(planned, said):
+    """No poses, one pose, no size, no number: what was expected is said, and no bare error comes."""
+    with pytest.raises(DataError, match=said):
+        planned()
 
 
 def test_another_mode_is_refused():

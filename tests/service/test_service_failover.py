@@ -32,13 +32,16 @@ from service_support import (
     wait_for,
 )
 
+from gpcorrect.rigid import RigidModel
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings, ServiceError
 from gpcorrect_service.client.connection import Querier
-from gpcorrect_service.client.requests import Question
+from gpcorrect_service.client.replies import PinnedModels
+from gpcorrect_service.client.requests import Question, RequestBuilder
 from gpcorrect_service.ops.doctor import examine
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.router import route
 from gpcorrect_service.protocol.bounds import CorrectionBound
+from gpcorrect_service.protocol.messages import ModelAnswer, ReplyMeta
 from gpcorrect_service.server.handlers import Corrections
 from gpcorrect_service.server.models import Active, Model
 from gpcorrect_service.server.requests import Clock, Request, RequestParser
@@ -93,6 +96,24 @@ def test_identity_is_the_registered_pose() -> None:
     assert not one.in_domain
     assert not path.in_domain.any()
     assert np.isnan(one.std).all()
+
+
+def test_identity_takes_poses_as_far_away_as_the_server_does() -> None:
+    """A model trained far from the origin is asked there; while its server is away, so is the registration."""
+    pinned, away = PinnedModels(), ServiceError("NO_SERVICE", "nobody is there.")
+    build = RequestBuilder(ClientSettings(), "msgpack", "identity", pinned)
+    far = [8.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+    with pytest.raises(ServiceError, match="NO_SERVICE"):
+        build.correct(far, None).rescue(away)
+    pinned.check("correct", ReplyMeta("", "m", "h", "r"))
+    region = {"position_min": [7.0, -1.0, -1.0], "position_max": [9.0, 1.0, 1.0]}
+    told = {"training_region": region}
+    pinned.learn(ModelAnswer("m", "h", "arm1", "r", told, RigidModel().to_dict()))
+    reply = build.correct(far, None).rescue(away)
+    assert reply.fallback == "identity"
+    np.testing.assert_allclose(reply.pose, far)
+    with pytest.raises(ServiceError, match="looks like millimetres"):
+        build.correct([8000.0, *far[1:]], None).rescue(away)
 
 
 def test_a_good_answer_does_not_wait_for_a_registration_that_nobody_gives() -> None:

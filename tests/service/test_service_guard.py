@@ -84,6 +84,15 @@ def test_a_slow_correction_passes_untouched() -> None:
     assert bound.step(1.1, np.array([9.0]))[0] == pytest.approx([9.0])
 
 
+def test_a_joint_that_is_missing_leaves_the_others_bounded() -> None:
+    """One number that is missing begins anew by itself; the other joints go on as fast as they may."""
+    bound = RateBound(1.0)
+    for i, asked in enumerate(([0.0, 0.0], [np.nan, 9.0], [9.0, 9.0])):
+        passed, acted = bound.step(0.1 * i, np.array(asked))
+        assert acted is (i > 0)
+        assert passed == pytest.approx([[0.0, 0.0], [np.nan, 0.1], [9.0, 0.2]][i], nan_ok=True)
+
+
 @given(gaps=st.lists(st.floats(0.0, 0.05), min_size=1, max_size=200), rate=st.floats(10.0, 1000.0))
 def test_a_throttle_lets_no_more_pass_than_its_rate(gaps: list[float], rate: float) -> None:
     """In any time, what passed is at most rate times time, one burst more."""

@@ -311,6 +311,7 @@ def test_the_doctor_knows_a_denied_key(site: Path) -> None:
     assert result["gpcorrect/arm1/correct"].cause == "denied key"
     assert not result["gpcorrect/arm1/correct"].well
     assert result["gpcorrect/arm1/health"].well
+    assert {f"gpcorrect/arm1/admin/{key}" for key in ("activate", "state")} <= result.keys()
 
 
 def examined(site: Path, tmp_path: Path, edit: Edit) -> list[Finding]:

@@ -66,6 +66,28 @@ def test_every_item_is_handled_exactly_once() -> None:
     assert sorted(works.done + works.refused) == list(range(50))
 
 
+def test_what_is_offered_while_the_queue_closes_is_refused_and_not_left_behind() -> None:
+    """An item that passed the look at the closing queue was put behind its end marker, where nobody looks."""
+    works = Works()
+    works.gate.set()
+    inside, go_on = threading.Event(), threading.Event()
+
+    def at_once() -> bool:  # asked between the look and the entry
+        inside.set()
+        go_on.wait(0.2)
+        return False
+
+    works.queue._at_once = at_once
+    offering = threading.Thread(target=works.queue.offer, args=(7,))
+    offering.start()
+    assert inside.wait(PATIENT)
+    works.queue.close()
+    go_on.set()
+    offering.join(PATIENT)
+    assert works.queue.join(time.monotonic() + PATIENT)
+    assert works.done + works.refused == [7]
+
+
 @pytest.mark.parametrize(
     "error", [ValueError("a bad item"), SystemExit(1), KeyboardInterrupt(), BaseException("a panic of compiled code")]
 )

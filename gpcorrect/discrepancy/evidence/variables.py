@@ -130,7 +130,7 @@ def covariates_of(scene: Scene, joint_index: int | None, rows: IntArray) -> Cova
         varying,
         tuple(v for v in primary if v in varying),
         {v: _unit(v, scene) for v in varying},
-        tuple(m[rows] for m in memory if np.nanstd(m) > 0),
+        tuple(m[rows] for m in memory if np.std(m[rows]) > 0),
     )
 
 

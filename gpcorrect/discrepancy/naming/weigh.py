@@ -182,8 +182,8 @@ def _rivals(view: View, own: Own, fit: FittedEffect, margin: float) -> list[Riva
             continue
         if _likeness(view, own, leader.fit, change, bare.slopes) < NAMING.likeness:
             continue
-        fitted = search.refit((*own.rest, leader.fit), candidate, worth)
-        if fitted[-1].at_edge:
+        fitted = search.refit_with(own.rest, leader.fit, worth)
+        if fitted is None:
             continue
         other = _change(view, own, fitted) - change
         differs = float(other @ other) > NAMING.shape_error**2 * float(change @ change)
@@ -268,8 +268,8 @@ def _more_general(search: Search, own: Own, fit: FittedEffect, price: float) -> 
         left = change - columns @ factors
         if left @ left > NAMING.general * (change @ change):
             continue
-        fitted = search.refit((*rest, FittedEffect(other, other.scaled(factors))), other)
-        if not fitted[-1].at_edge:
+        fitted = search.refit_with(rest, FittedEffect(other, other.scaled(factors)))
+        if fitted is not None:
             wider = own_slopes(search, fitted, fitted[-1])
             nats = linear_evidence(wider, fitted[-1].u, change, search.misfit(fitted), noisier) - alone
             # in the evidence, all numbers are paid for

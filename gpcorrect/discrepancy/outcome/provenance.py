@@ -10,7 +10,7 @@ from importlib.metadata import version
 import numpy as np
 import scipy
 
-from gpcorrect.discrepancy.evidence.bursts import Burst, bursts_of
+from gpcorrect.discrepancy.evidence.bursts import Burst
 from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, NoiseSource
 from gpcorrect.discrepancy.recording.scene import Scene
@@ -52,7 +52,7 @@ class Provenance:
     seconds: float  # time of the run
     noise: Mapping[str, ChannelNoise]  # by the channel's name
     tolerated: Mapping[str, float]  # what is put down to tolerances of a table, over each channel's noise
-    bursts: tuple[Burst, ...]  # rare moments far above the noise, where nothing is named
+    bursts: tuple[Burst, ...]  # rare moments far above the noise, beyond what is named
     remarks: tuple[str, ...]  # assumptions, for people
     no_trace: tuple[str, ...]  # labels of candidates that leave no trace in these channels
     not_nameable: tuple[Lack, ...]  # effects that these data cannot show
@@ -65,6 +65,7 @@ def provenance_of(
     state: Search,
     before: Localisation,
     lacks: Sequence[Lack],
+    bursts: tuple[Burst, ...],
     seconds: float,
 ) -> Provenance:
     """Collect where a result comes from.
@@ -77,6 +78,7 @@ def provenance_of(
     state : Search, after the naming
     before : Localisation, of the nominal model's residual
     lacks : sequence of Lack, known before the search
+    bursts : tuple of Burst, beyond what is named
     seconds : float, time of the run
     """
     dataset, noises = prepared.dataset, state.whitener.noises
@@ -94,7 +96,7 @@ def provenance_of(
         seconds=seconds,
         noise={channel.name: noise for channel, noise in zip(scene.channels, noises, strict=True)},
         tolerated=dataset.tolerated(noises),
-        bursts=() if state.fitted else bursts_of(dataset, noises),
+        bursts=bursts,
         remarks=(*prepared.remarks, *_model_remarks(scene), *limits_of(scene), _noise_remark(state)),
         no_trace=tuple(c.label for c in state.without_trace),
         not_nameable=(*lacks, *lacks_of_traces(state)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -84,6 +84,11 @@ def refine(
     evaluations : int, of the set, at most
     worth : float
         Nats of misfit, half the sum of squares, that somebody asks for: a fit that will not come there ends early.
+
+    Raises
+    ------
+    DataError
+        The set is no machine that can be simulated, nor is it with smaller sizes of the free effects.
     """
     dataset, free = whitener.simulated, list(free)
     for i, fit in enumerate(free):
@@ -117,14 +122,10 @@ def refine(
         if len(costs) > 1 and costs[-1] - HOPE * (costs[-2] - costs[-1]) > worth:
             raise StopIteration
 
-    inside = np.nextafter(low, high), np.nextafter(high, low)
-    start = np.clip(np.concatenate([f.u for f in free]), *inside)
-    nothing = np.array([c.identity if c.amplitude else u for c, u in zip(coordinates, start, strict=True)])
-    sizes = (np.clip(nothing + 0.5**k * (start - nothing), *inside) for k in range(HALVINGS))
     with np.errstate(over="ignore"):  # of a step to a loop that is all but unstable, which is not taken
         found = least_squares(
             errors,
-            next((u for u in sizes if np.isfinite(errors(u)).all()), start),
+            _first_machine(free, errors),
             jac=jacobian,
             bounds=(low, high),
             max_nfev=evaluations,
@@ -132,6 +133,21 @@ def refine(
             callback=stop_if_hopeless,
         )
     return _at(free, found.x)
+
+
+def _first_machine(free: Sequence[FittedEffect], errors: Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """Return the first coordinates inside their bounds that can be simulated: the effects' own, or smaller sizes."""
+    coordinates = [c for f in free for c in f.candidate.coordinates]
+    low, high = np.array([c.bounds for c in coordinates]).T
+    inside = np.nextafter(low, high), np.nextafter(high, low)
+    start = np.clip(np.concatenate([f.u for f in free]), *inside)
+    nothing = np.array([c.identity if c.amplitude else u for c, u in zip(coordinates, start, strict=True)])
+    for k in range(HALVINGS):
+        u: FloatArray = np.clip(nothing + 0.5**k * (start - nothing), *inside)
+        if np.isfinite(errors(u)).all():
+            return u
+    tried = " and ".join(f.candidate.label for f in free)
+    raise DataError(f"no machine with {tried} can be simulated, at any size that was tried.")
 
 
 def _at(fitted: Sequence[FittedEffect], u: FloatArray) -> list[FittedEffect]:

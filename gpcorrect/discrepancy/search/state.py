@@ -15,6 +15,7 @@ from gpcorrect.discrepancy.search.instants import with_open_instant_placed
 from gpcorrect.discrepancy.search.linearisation import Linearisation, linearise, refine, signature
 from gpcorrect.discrepancy.search.prepared import PreparedData
 from gpcorrect.discrepancy.settings import SEARCH
+from gpcorrect.errors import DataError
 from gpcorrect.parallel import each
 from gpcorrect.types import BoolArray, FloatArray, Progress
 
@@ -141,6 +142,23 @@ class Search:
         """
         fixed, near = self.parted(fitted, candidate)
         return (*fixed, *refine(self.whitener, fixed, near, worth=worth))
+
+    def refit_with(
+        self, others: Sequence[FittedEffect], new: FittedEffect, worth: float = np.inf
+    ) -> tuple[FittedEffect, ...] | None:
+        """Return others with a new effect, fitted anew; None where that is no machine, or only at a bound.
+
+        Parameters
+        ----------
+        others : sequence of FittedEffect
+        new : FittedEffect, comes last
+        worth : float, as for :meth:`refit`
+        """
+        try:
+            fitted = self.refit((*others, new), new.candidate, worth)
+        except DataError:
+            return None
+        return None if fitted[-1].at_edge else fitted
 
     def misfit(self, fitted: Sequence[FittedEffect]) -> float:
         """Return half the sum of squares of what a set leaves, in nats.

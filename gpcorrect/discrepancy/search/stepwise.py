@@ -125,8 +125,8 @@ def _forward(state: Search, threshold: float, joints: set[int | str], refused: S
     worth = state.misfit(state.fitted)
     refined = 0
     for leader in _ranked_there(state, linearised, _one_of_each_signature(leaders)[: SEARCH.looked_at]):
-        fitted = state.refit((*state.fitted, leader.fit), leader.candidate, worth)
-        if fitted[-1].at_edge:
+        fitted = state.refit_with(state.fitted, leader.fit, worth)
+        if fitted is None:
             continue
         refined += 1
         gain = _gain_over(state, linearised, fitted, leader.fit) - SEARCH.complexity * leader.candidate.extra
@@ -138,9 +138,11 @@ def _forward(state: Search, threshold: float, joints: set[int | str], refused: S
         return state
     new = best[1][-1].candidate
     for leader in rank(state, linearised, refused, beyond=[new]):  # such as one that has a home
-        fitted = state.refit((*state.fitted, leader.fit), leader.candidate, worth)
+        fitted = state.refit_with(state.fitted, leader.fit, worth)
+        if fitted is None:
+            continue
         gain = _gain_over(state, linearised, fitted, leader.fit) - SEARCH.complexity * leader.candidate.extra
-        if gain > best[0] and not fitted[-1].at_edge:
+        if gain > best[0]:
             best = gain, fitted
     new = best[1][-1].candidate
     joints.add(new.joint)
@@ -233,9 +235,11 @@ def _merged(state: Search, threshold: float) -> Search:
         others = rank(state, bare, [a.candidate, b.candidate], touched)[:1] if one_joint else []
         fuller = rank(state, bare, channels=touched, beyond=[a.candidate, b.candidate])[: SEARCH.refined]
         for leader in [*(r for r in others if r.nats > 0.8 * pair), *fuller]:
-            fitted = state.refit((*rest, leader.fit), leader.candidate, worth)
+            fitted = state.refit_with(rest, leader.fit, worth)
+            if fitted is None:
+                continue
             one = _gain_over(state, bare, fitted, leader.fit, both)
-            if not fitted[-1].at_edge and one > pair - threshold:
+            if one > pair - threshold:
                 label = f"{leader.candidate.label} for {a.candidate.label} and {b.candidate.label}"
                 steps = (*state.waterfall, Step(label, one - pair))
                 return replace(state, fitted=fitted, waterfall=steps).refreshed()

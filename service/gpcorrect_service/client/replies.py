@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -12,6 +13,7 @@ from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, PoseSignal
 from gpcorrect_service.protocol.errors import ServiceError
+from gpcorrect_service.protocol.limits import position_limit
 from gpcorrect_service.protocol.messages import Kind, ModelAnswer, ReplyMeta
 
 if TYPE_CHECKING:
@@ -124,6 +126,8 @@ class PinnedModels:
         self._hold = hold
         self._asked_at = -ASK_AGAIN
         self._registration: tuple[str, RigidModel | None] | None = None
+        # distance from the origin, m, up to which the server with that registration takes poses
+        self.limit = math.inf
         self.change(model_hash)
 
     def change(self, model_hash: str = "") -> None:
@@ -190,7 +194,7 @@ class PinnedModels:
         from gpcorrect.rigid import RigidModel  # not above: most clients never need it
 
         known = None if answer.registration is None else RigidModel.from_dict(answer.registration)
-        self._registration = answer.hash, known
+        self._registration, self.limit = (answer.hash, known), position_limit(answer.info)
 
     def registered(self, poses: FloatArray) -> FloatArray | None:
         """Return what registration alone commands, or None where it is not known.

@@ -19,7 +19,7 @@ from gpcorrect_service.client.replies import PinnedModels, Reply, uncorrected
 from gpcorrect_service.protocol import messages
 from gpcorrect_service.protocol.answer import JointsAnswer, PathAnswer, PoseAnswer, Rows, Single, nullable, unpack
 from gpcorrect_service.protocol.errors import FailureStatus, ServiceError, bad_input
-from gpcorrect_service.protocol.limits import LIMITS, checked_pose
+from gpcorrect_service.protocol.limits import checked_pose
 from gpcorrect_service.protocol.messages import CODECS, error_codec
 from gpcorrect_service.protocol.settings import MAX_MESSAGE_BYTES, ClientSettings, OnFailure
 
@@ -173,7 +173,7 @@ class RequestBuilder:
     def _registered(self, poses: FloatArray, error: ServiceError) -> Reply:
         """Return what registration alone commands; raises the failure itself where nobody ever answered."""
         for pose in poses.reshape(-1, poses.shape[-1]):
-            checked_pose(pose.tolist(), LIMITS.room)
+            checked_pose(pose.tolist(), self.pinned.limit)
         commands = self.pinned.registered(poses)
         if commands is None:
             raise error

@@ -233,14 +233,14 @@ class FilterServer:
     prefilter : Prefilter
     bus : Bus
         DataError where another pre-filter corrects its arm: a robot that hears both would follow two models in turn.
-    logger : Logger, where refusals are written, the first and every thousandth
+    logger : Logger, where refusals and dropped poses are written, the first and every thousandth
     """
 
     def __init__(self, prefilter: Prefilter, bus: Bus, logger: Logger) -> None:
         bus.claim(PREFILTER)
         self._prefilter, self._bus, self._logger = prefilter, bus, logger
         self._waiting: Queue[tuple[str, Correct, Pose]] = Queue(WAITING)
-        self._refused = 0
+        self._refused = self._lost = 0
         bus.subscribe("operating_state", self._robot_is)
         for name, answer in (("servo_cp", prefilter.servo), ("move_cp", prefilter.move)):
             bus.subscribe(name, self._queueing(f"corrected/{name}", answer), lambda error: self._refuse(0.0, error))
@@ -287,10 +287,17 @@ class FilterServer:
                 except Full:
                     with suppress(Empty):
                         self._waiting.get_nowait()
+                        self._lose()
                 else:
                     return
 
         return _receive
+
+    def _lose(self) -> None:
+        """Say that poses are not answered, since they come faster than they are."""
+        if self._lost % LOG_EVERY == 0:
+            self._logger.warning("oldest pose dropped, the queue is full", waiting=WAITING, dropped=self._lost + 1)
+        self._lost += 1
 
     def _refuse(self, stamp: float, error: ServiceError) -> None:
         self._bus.publish("error", Text(stamp, str(error)))

@@ -305,7 +305,7 @@ class Robot:
                     raise RobotError(f"the robot does not {what}: {self._errors[-1]}")
                 now = time.monotonic()
                 if now > until or now > self._latest_at + STALLED:
-                    where = f"{self.bus.settings.namespace}/{self.bus.settings.arm} on {self.bus.settings.endpoint}"
+                    where = f"{self.bus.settings.namespace}/{self.bus.settings.arm} on {self.bus.settings.where}"
                     said = f" It said: {self._errors[-1]}" if self._errors else ""
                     hint = "Is it running, with this arm and namespace?"
                     raise RobotError(f"the robot at {where} does not {what}.{said}", hint=hint)

@@ -30,7 +30,10 @@ from gpcorrect_service.protocol.settings import ENDPOINT, ClientSettings
 PATIENCE = 3.0  # chosen by hand: s for each step
 REFUSAL_SECONDS = 0.5  # chosen by hand: in which a refusal of the client's certificate arrives
 SETTLED_SECONDS = 0.5  # chosen by hand: without change after which no further key is expected
-KEYS = ("health", "model", "correct", "correct_path", "correct_joints", "metrics", "model/list", "admin/activate")
+KEYS = (
+    *("health", "model", "correct", "correct_path", "correct_joints"),
+    *("metrics", "model/list", "admin/activate", "admin/state"),
+)
 # Keys that a planner needs; the others may be denied to it on purpose.
 NEEDED = ("health", "correct")
 EXPIRED, FOREIGN, MISSING = "expired certificate", "foreign certificate", "missing certificate"

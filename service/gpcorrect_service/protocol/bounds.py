@@ -62,7 +62,10 @@ def _shortened(vectors: FloatArray, bound: float) -> tuple[FloatArray, BoolArray
 
 
 class RateBound:
-    """Bounds how fast a streamed correction changes, by a limit a second for every component; one a stream."""
+    """Bounds how fast a streamed correction changes, by a limit a second for every component; one a stream.
+
+    A component that is missing in a sample begins anew, and no other does.
+    """
 
     def __init__(self, limit: float) -> None:
         self._limit = limit
@@ -78,16 +81,13 @@ class RateBound:
         Parameters
         ----------
         time : float, s
-        correction : (k,) array
+        correction : (k,) array, NaN where missing
         """
-        if not np.isfinite(correction).all():
-            self.reset()
-            return correction, False
         bounded = correction
         if self._last is not None:
             then, before = self._last
             most = self._limit * max(time - then, 0.0)
-            bounded = before + np.clip(correction - before, -most, most)
+            bounded = np.where(np.isnan(before), correction, before + np.clip(correction - before, -most, most))
         self._last = time, bounded
         return bounded, bool((np.abs(correction - bounded) > 1e-15).any())
 

@@ -179,7 +179,7 @@ def open_server(settings: ServerSettings) -> zenoh.Session:
     try:
         return open_zenoh(config)
     except zenoh.ZError as error:
-        cause = ", ".join(listen_endpoints(config)) or settings.endpoint
+        cause = ", ".join(listen_endpoints(config)) or str(settings.config_file or settings.endpoint)
         hint = "Another server may hold this address: stop it, or choose another endpoint."
         raise EndpointError(cause, f"cannot listen here ({first_sentence(error)}).", hint=hint) from error
 

@@ -35,7 +35,7 @@ class WorkerQueue(Generic[T]):
     work : callable, what is done with an item, in the worker thread
     overflow : callable
         What is done, in the caller's thread, with an item that finds the queue full or closing; must not wait.
-    capacity : int, items that may wait; threads that offer at the same instant may each pass the bound
+    capacity : int, items that may wait
     logger : Logger
     at_once : callable
         Whether an item that finds nothing waiting is worked on by the thread that offers it, one at a time: waking the
@@ -61,6 +61,7 @@ class WorkerQueue(Generic[T]):
         self._queue: SimpleQueue[T | None] = SimpleQueue()
         self._at_once = at_once
         self._offering = threading.Lock()
+        self._entrance = threading.Lock()  # nothing comes in behind the end marker, where nobody would look
         self._closing = threading.Event()
         self._hurry = threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -76,16 +77,19 @@ class WorkerQueue(Generic[T]):
         ----------
         item
         """
-        waiting = self._queue.qsize()
-        if self._closing.is_set() or waiting >= self._capacity:
+        with self._entrance:
+            waiting = self._queue.qsize()
+            full = self._closing.is_set() or waiting >= self._capacity
+            now = not full and waiting == 0 and self._at_once() and self._offering.acquire(blocking=False)
+            if not (full or now):
+                self._queue.put(item)
+        if full:
             self._overflow(item)
-        elif waiting == 0 and self._at_once() and self._offering.acquire(blocking=False):
+        elif now:
             try:
                 self._handle(item)
             finally:
                 self._offering.release()
-        else:
-            self._queue.put(item)
 
     @property
     def waiting(self) -> int:
@@ -99,8 +103,9 @@ class WorkerQueue(Generic[T]):
 
     def close(self) -> None:
         """Take nothing more; what waits is still worked on."""
-        self._closing.set()
-        self._queue.put(None)
+        with self._entrance:
+            self._closing.set()
+            self._queue.put(None)
 
     def hurry(self) -> None:
         """Hand what still waits to `overflow` from now on, instead of working on it."""

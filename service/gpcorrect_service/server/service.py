@@ -119,7 +119,7 @@ class Server:
         now = self.active.now
         named = (("model", now.pose), ("joint_model", now.joints))
         facts = {f"{what}_{part}": getattr(m, part) for what, m in named if m for part in ("id", "hash")}
-        self._logger.info("serving", endpoint=self.settings.endpoint, **(facts or {"model_id": ""}))
+        self._logger.info("serving", endpoint=str(s.config_file or s.endpoint), **(facts or {"model_id": ""}))
 
     def follow_store(self) -> None:
         """Pause, or go on, where the store says so since the last look: while this server was down or hung, for one."""
