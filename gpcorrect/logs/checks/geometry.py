@@ -22,11 +22,6 @@ BETTER = 0.3  # another arm must fit this much better
 WRIST_MISFIT = 5e-4  # m; below it the tip fits
 CLEARLY = 0.1  # the wrist point must fit ten times better than the tip
 CLEARER = 0.7  # of what the best rotation leaves: 56 simulated and real logs that are right leave 0.95 and more
-# Poses at which a marker off the tip is fitted, of nine numbers; about it reflections leave of 36 right logs 1.19 and
-# more of what rotations do.
-OFF_TIP = 500
-LARGEST = 1e6  # m, beyond which a number means nothing
-RESOLVED = 1e-6  # of the spread: where a rotation leaves less, nothing is left for a reflection
 MAX_LEFT = 0.5  # of the spread, that a reflection may leave: of what is unrelated it leaves all
 ROBUST_STEPS = 30  # of reweighting
 EXACT = 1e-12  # of the largest number, below which all weigh alike
@@ -99,9 +94,7 @@ def _handedness(evidence: Evidence) -> Iterator[Finding]:
     reference = next((n for n in ("setpoint_cp", "measured_cp") if n in evidence.present), None)
     if reference is None or "tracker_cp" not in evidence.present:
         return
-    commanded, observed = evidence.positions[reference], evidence.positions["tracker_cp"]
-    off_tip = _off_tip(commanded, evidence.quaternions.get(reference), observed)
-    if off_tip < CLEARER or _mirrored(commanded, observed):
+    if _mirrored(evidence.positions[reference], evidence.positions["tracker_cp"]):
         what = f"it is a mirror image of {reference}: an axis is reversed, or two are exchanged."
         yield Finding("error", "mirrored", "tracker_cp", what, "Use a right-handed frame for the tracker.")
 
@@ -191,60 +184,6 @@ def _mirrored(reference: FloatArray, observed: FloatArray, *, axial: bool = Fals
         x, y = ((v - np.median(v, axis=0)) / max(spread(v), np.finfo(float).tiny) for v in (x, y))
     rotated, reflected = (_misfit(x, y, sign, axial=axial) for sign in (1.0, -1.0))
     return reflected < CLEARER * rotated and reflected < MAX_LEFT * spread(y)
-
-
-def _off_tip(reference: FloatArray, quaternion: FloatArray | None, observed: FloatArray) -> float:
-    """Misfit of the best reflection over that of the best rotation, for a marker that may be anywhere on the tool.
-
-    Infinite where the rotation leaves nothing, NaN where neither fits, or orientations are not known.
-    """
-    if quaternion is None:
-        return float("nan")
-    places = np.abs(np.hstack([reference, observed]))
-    rows = np.flatnonzero((places < LARGEST).all(axis=1) & _usable(quaternion))
-    if rows.size < MIN_PAIRED:
-        return float("nan")
-    rows = rows[np.linspace(0, rows.size - 1, min(rows.size, OFF_TIP)).astype(int)]
-    x, S, y = reference[rows], se3.matrix_from_quaternion(quaternion[rows]), observed[rows]
-    x, y = x - np.median(x, axis=0), y - np.median(y, axis=0)
-    rotated, reflected = (min(_misfit_off_tip(x, S, y, D) for D in _starts(x, S, y, sign)) for sign in (1.0, -1.0))
-    if min(rotated, reflected) > MAX_LEFT * spread(x):
-        return float("nan")
-    return reflected / rotated if rotated > RESOLVED * spread(x) else float("inf")
-
-
-def _starts(x: FloatArray, S: FloatArray, y: FloatArray, sign: float) -> list[FloatArray]:
-    """Return orthogonal maps `(3, 3)` of this determinant near the linear map of the least `|C y - x - S o - t|`."""
-    columns = np.concatenate([np.einsum("ab,nc->nabc", np.eye(3), y).reshape(-1, 3, 9), _lever_columns(S)], axis=2)
-    found = np.linalg.lstsq(columns.reshape(-1, 15), x.ravel(), rcond=None)[0]
-    u, _, vt = np.linalg.svd(found[:9].reshape(3, 3))
-    if sign * np.linalg.det(u @ vt) > 0:
-        return [u @ vt]
-    return [-u @ vt, u @ np.diag([1.0, 1.0, -1.0]) @ vt]
-
-
-def _lever_columns(S: FloatArray) -> FloatArray:
-    """Return slopes `(n, 3, 6)` of `-S o - t` by o and t."""
-    return np.concatenate([-S, np.broadcast_to(-np.eye(3), S.shape)], axis=2)
-
-
-def _misfit_off_tip(x: FloatArray, S: FloatArray, y: FloatArray, D: FloatArray) -> float:
-    """Median `|D y - x - S o - t|` of the best D near a start, lever o and shift t (Gauss-Newton, reweighted)."""
-    weight, distance = np.ones(len(x)), np.full(len(x), np.nan)
-    levers, at = _lever_columns(S), np.zeros(6)
-    for _ in range(ROBUST_STEPS):
-        mapped = y @ D.T
-        left = mapped - x + levers @ at
-        slopes = np.concatenate([-se3.hat(mapped), levers], axis=2)
-        root = np.sqrt(weight)[:, None]
-        step = np.linalg.lstsq((slopes * root[:, None]).reshape(-1, 9), -(left * root).ravel(), rcond=None)[0]
-        D, at = se3.matrix_from_rotvec(step[:3]) @ D, at + step[3:]
-        distance = np.linalg.norm(y @ D.T - x + levers @ at, axis=1)
-        least = max(FLAT * float(np.median(distance)), EXACT * float(np.abs(x).max()))
-        if least == 0.0:
-            break
-        weight = 1.0 / np.maximum(distance, least)
-    return float(np.median(distance))
 
 
 def _one_side(points: FloatArray) -> FloatArray:
