@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from service_support import PATIENT, ShiftCorrector
 
@@ -33,13 +33,14 @@ def poses(rng: np.random.Generator, n: int, spread: float) -> np.ndarray:
 
 
 @given(seed=seeds, position=st.floats(1e-4, 1.0), rotation=st.floats(1e-3, 3.0))
+@example(seed=51502583, position=1e-4, rotation=1.0)
 def test_bounded_commands_are_within_their_bounds(seed: int, position: float, rotation: float) -> None:
     """No command ends further from its reference than the bounds; those within are handed on untouched."""
     rng = np.random.default_rng(seed)
     reference, command = poses(rng, 8, 0.3), poses(rng, 8, 0.3)
     bounded, cut = CorrectionBound(position, rotation).apply(reference, command)
     away = np.linalg.norm(bounded[:, :3] - reference[:, :3], axis=1)
-    assert (away <= position * (1 + 1e-12)).all()
+    assert (away <= position + 1e-15).all()  # a rounding of places about a metre from the origin
     R = [se3.matrix_from_quaternion(p[:, 3:]) for p in (bounded, reference)]
     turned = se3.angle(R[0] @ R[1].transpose(0, 2, 1))
     assert (turned <= rotation * (1 + 1e-6)).all()
