@@ -262,9 +262,8 @@ def _interruptions(sources: Sequence[Source], frames: int) -> list[str]:
         if readable < frames:
             remarks.append(f"{source.path.name} ends after {readable} of {frames} frames; the others go on without it.")
         if source.goes_on():
-            remarks.append(
-                f"{source.path.name} holds more than the {source.count} pictures that its header says: left out."
-            )
+            words = f"holds more pictures than the {source.count} that its header, or its times, speak of: left out."
+            remarks.append(f"{source.path.name} {words}")
         if bad:
             remarks.append(f"{source.path.name}: {len(bad)} pictures cannot be read, the first is number {bad[0] + 1}.")
         if source.repeated:

@@ -13,6 +13,8 @@ from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray
 from gpcorrect.vision import END_EFFECTOR, BallSpec, Frame, Target, Tracker, colour_of
 from gpcorrect.vision import single_ball as single_target
+from gpcorrect.vision.clocks import Clocks
+from gpcorrect.vision.settings import DEFAULT
 from gpcorrect_studies.rendering import Ball, Card, Stage, single_ball
 
 SEED = 404
@@ -108,6 +110,28 @@ def test_a_lone_ball_s_size_is_forgotten_when_it_is_lost() -> None:
     assert "lost" in states[4:]
     assert states[-1] == "measured"
     assert np.linalg.norm(frame.pose.T_tracker_tool[:3, 3] - path[-1][:3, 3]) < 1e-3
+
+
+def test_frames_that_were_learned_from_already_count_once() -> None:
+    """Delays that an earlier look at the same frames has learned are not learned from them a second time."""
+    stage, poses = Stage.standard(SEED, pieces=0), path_of(SEED, 8)
+    shown = [stage.frame(pose) for pose in poses]
+
+    def look(clocks: Clocks) -> Clocks:
+        with Tracker(cameras_of(stage), END_EFFECTOR, clocks=clocks) as tracker:
+            for i, images in enumerate(shown):
+                tracker.step(images, i / RATE)
+        return clocks
+
+    clocks = look(Clocks(cameras_of(stage), DEFAULT.clocks))
+    known = clocks.covariance
+    clocks.learned_until = (len(shown) - 2) / RATE
+    once = look(clocks).covariance  # the last frame alone is new
+    clocks.learned_until = -np.inf
+    twice = look(clocks).covariance
+    assert (np.diag(known)[1:] < 0.01 * DEFAULT.clocks.unknown**2).all()
+    assert (np.diag(once)[1:] > 0.7 * np.diag(known)[1:]).all()
+    assert (np.diag(twice)[1:] < 0.7 * np.diag(once)[1:]).all()
 
 
 def test_other_sizes_shades_and_light_need_no_setting() -> None:

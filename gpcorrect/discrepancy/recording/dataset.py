@@ -122,7 +122,7 @@ class Dataset:
                 found.append(memory.means.keep(signal.key, self.means(signal.rows())) if means is None else means)
             memory.keys.keep(wanted, [signal.key for signal in signals])
         channels = np.concatenate(found, axis=1)
-        return np.where(self._run[:, None], channels, np.nan) if self.scene.only_first else channels
+        return np.where(self._of_first[:, None], channels, np.nan) if self.scene.only_first else channels
 
     @cached_property
     def of_discovery(self) -> Dataset:
@@ -132,10 +132,9 @@ class Dataset:
         return replace(self, scene=replace(self.scene, only_first=True), memory=SignalMemory())
 
     @cached_property
-    def _run(self) -> BoolArray:
+    def _of_first(self) -> BoolArray:
         """(m,) rows of motions of which closed loops are run where only the first are."""
-        run, (used, index, _) = self.scene.run_of_row(), self._grouping
-        return np.isin(run[used[np.unique(index, return_index=True)[1]]], self.scene.first)
+        return np.isin(self.scene.run_of_row()[self._first_sample], self.scene.first)
 
     def changes(self, effects: Sequence[Effect]) -> FloatArray:
         """Return the change of the channels `(m, c, k)` by each of k effects alone.
@@ -189,8 +188,13 @@ class Dataset:
     @cached_property
     def trajectory(self) -> IntArray:
         """(m,) trajectory of each condensed row, as the log numbers them."""
+        return self.scene.trajectory[self._first_sample]
+
+    @property
+    def _first_sample(self) -> IntArray:
+        """(m,) row of the log that is the first of each condensed row."""
         used, index, _ = self._grouping
-        return self.scene.trajectory[used[np.unique(index, return_index=True)[1]]]
+        return np.asarray(used[np.unique(index, return_index=True)[1]])
 
 
 def build_dataset(scene: Scene, split: Split, max_rows: int) -> Dataset:
