@@ -72,11 +72,19 @@ def parse(path: str | Path) -> Any:
     if root[1] == "robot":
         _delete(spec, [geom for body in spec.bodies for geom in body.geoms], spec.meshes)
         spec.compiler.fusestatic = False  # or a tool frame without mass is gone
+        _weigh_only_what_moves(spec)
     _name_all("body", spec.bodies)
     _name_all("joint", spec.joints)
     _name_all("tendon", spec.tendons)
     _name_all("actuator", spec.actuators)
     return spec
+
+
+def _weigh_only_what_moves(spec: Any) -> None:
+    """Take the inertia of bodies that no joint moves: many public URDFs have some there that MuJoCo refuses."""
+    for body in spec.bodies[1:]:  # behind the world
+        if not (body.joints or _carrying(body)):
+            body.mass, body.fullinertia, body.explicitinertial = 0.0, np.full(6, np.nan), False
 
 
 def _name_all(kind: str, elements: Sequence[Any]) -> None:
@@ -290,6 +298,12 @@ def _refused(path: str | Path, error: ValueError) -> DataError:
         return DataError(
             f"{path}: {message}: a body without <inertial> takes its mass from that mesh.",
             hint="Put the mesh where the file says, or give the body an <inertial>.",
+        )
+    if "balanceinertia" in message:
+        return DataError(
+            f"{path}: {message}.",
+            hint="No body has such an inertia: correct it, or let MuJoCo replace it by its mean, with "
+            '<mujoco><compiler balanceinertia="true"/></mujoco> in the file.',
         )
     if "multiple parents" in message:
         return DataError(f"{path}: {message}: a closed loop.", hint="Only serial arms are read: cut the loop open.")

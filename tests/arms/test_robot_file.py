@@ -249,6 +249,38 @@ def test_what_is_no_serial_arm_is_refused_with_the_reason(tmp_path, case):
     assert refused.value.hint
 
 
+INERTIA = '<link name="{}"><inertial><mass value="{}"/><inertia ixx="{}" iyy="{}" izz="{}" {}/></inertial></link>'
+NO_PRODUCTS = 'ixy="0" ixz="0" iyz="0"'
+
+
+def test_inertia_of_what_never_moves_is_not_asked_for(tmp_path):
+    """A base and an antenna on it with impossible inertias, as public URDFs have them, change nothing of the arm."""
+    impossible = INERTIA.format("base", 1, 0, 0, 0, NO_PRODUCTS) + INERTIA.format("antenna", 1, 1, 1, 9, NO_PRODUCTS)
+    fixed = '<joint name="up" type="fixed"><parent link="base"/><child link="antenna"/></joint></robot>'
+    path = tmp_path / "antenna.urdf"
+    path.write_text(URDF.replace('<link name="base"/>', impossible).replace("</robot>", fixed), encoding="utf-8")
+    arm, plain = read_robot(path).arm, read_robot(write_urdf(tmp_path)).arm
+    for link, expected in zip(arm.links, plain.links, strict=True):
+        np.testing.assert_array_equal(link.inertia, expected.inertia)
+    edit = RobotEdit(path)
+    edit.add_friction(1, 0.5)
+    edit.write(tmp_path / "new.xml")
+    np.testing.assert_allclose(read_robot(tmp_path / "new.xml").drives.friction, [0.8, 0.3, 0.3])
+
+
+def test_an_impossible_inertia_of_what_moves_is_refused_with_the_way_out(tmp_path):
+    """MuJoCo's own word for it, in the file, lets it be read."""
+    fixed = '<joint name="on" type="fixed"><parent link="three"/><child link="plate"/></joint></robot>'
+    text = URDF.replace("</robot>", INERTIA.format("plate", 1, 1, 1, 9, NO_PRODUCTS) + fixed)
+    path = tmp_path / "plate.urdf"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(DataError, match=r"plate.*<compiler balanceinertia"):
+        read_robot(path)
+    balanced = '<robot name="plain"><mujoco><compiler balanceinertia="true"/></mujoco>'
+    path.write_text(text.replace('<robot name="plain">', balanced), encoding="utf-8")
+    assert read_robot(path).arm.links[2].mass == 3.0
+
+
 def test_a_urdf_link_with_two_parents_is_a_closed_loop(tmp_path):
     """The loop is named."""
     extra = '<joint name="back" type="fixed"><parent link="base"/><child link="three"/></joint></robot>'
