@@ -138,6 +138,7 @@ def result(
         noise={c.name: noise for c in channels},
         tolerated={},
         bursts=(),
+        servo_unseen=False,
         remarks=(),
         no_trace=(),
         not_nameable=(Lack("dh_error", "the log lacks tracker_cp"),),

@@ -2,9 +2,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from robot_files import write_mjcf
+from robot_files import write_mjcf, write_urdf
 
 from gpcorrect.discrepancy import find_discrepancy
+from gpcorrect.discrepancy.naming.posterior import Level
+from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentences
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.search.candidates import all_candidates
 from gpcorrect.discrepancy.search.needs import split_by_needs
@@ -14,6 +16,7 @@ from gpcorrect.sim.settings import Noise
 
 pytest.importorskip("mujoco", reason="robot files need mujoco: pip install 'gpcorrect[mujoco]'")
 
+LOAD = {"name": "payload", "joint": "all", "mass": 0.8}
 KEYS = {"robot": "small.xml", "tool": "tip", "joints": ["pan", "lift"]}
 
 
@@ -31,6 +34,20 @@ def recorded(model, *effects, payloads=()):
 
 
 @pytest.mark.slow
+def test_nothing_is_missing_only_behind_the_motors_where_no_servo_is_known(tmp_path):
+    """A load that the encoders on the motors answer for is in no channel; the verdict and the next step say so."""
+    model = model_from_dict({"robot": write_urdf(tmp_path).name}, folder=tmp_path)
+    true = model.model_copy(update={"noise": Noise(external_jp_white=(1e-4, 1e-4, 1e-5))})
+    log = joint_motion_log(true.with_effects(effect_from_dict(LOAD)), 6, 5.0, seed=1)
+    found = find_discrepancy(model, log)
+    assert found.level == Level.NONE
+    assert found.provenance.servo_unseen
+    assert verdict_sentences(found)[0].startswith("Nothing is missing behind the motors")
+    assert next_step(found).startswith("stop looking behind the motors: ")
+    assert found.to_report()["provenance"]["servo_unseen"]
+
+
+@pytest.mark.slow
 def test_friction_that_a_robot_file_lacks_is_named(nominal):
     """With the servo gains of the file the loop is simulated, and dry friction of one joint is found in it."""
     log = recorded(nominal, {"name": "coulomb_friction", "joint": 1, "torque": 2.0})
@@ -38,6 +55,7 @@ def test_friction_that_a_robot_file_lacks_is_named(nominal):
     (effect,) = result.effects
     assert (effect.name, effect.joint) == ("coulomb_friction", 1)
     assert effect.parameters["torque"].value == pytest.approx(2.0, rel=0.05)
+    assert not result.provenance.servo_unseen
 
 
 @pytest.mark.slow

@@ -53,6 +53,7 @@ class Provenance:
     noise: Mapping[str, ChannelNoise]  # by the channel's name
     tolerated: Mapping[str, float]  # what is put down to tolerances of a table, over each channel's noise
     bursts: tuple[Burst, ...]  # rare moments far above the noise, beyond what is named
+    servo_unseen: bool  # whether no channel shows the servo loop: motors as measured, and no closed loop simulated
     remarks: tuple[str, ...]  # assumptions, for people
     no_trace: tuple[str, ...]  # labels of candidates that leave no trace in these channels
     not_nameable: tuple[Lack, ...]  # effects that these data cannot show
@@ -97,6 +98,7 @@ def provenance_of(
         noise={channel.name: noise for channel, noise in zip(scene.channels, noises, strict=True)},
         tolerated=dataset.tolerated(noises),
         bursts=bursts,
+        servo_unseen=scene.plan is None and log.measured_jp is not None,
         remarks=(*prepared.remarks, *_model_remarks(scene), *limits_of(scene), _noise_remark(state)),
         no_trace=tuple(c.label for c in state.without_trace),
         not_nameable=(*lacks, *lacks_of_traces(state)),

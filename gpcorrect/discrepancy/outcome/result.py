@@ -350,6 +350,6 @@ def _provenance(source: Provenance) -> dict[str, Any]:
             {"channel": b.channel.name, **_fields(b, "trajectories", "largest", "noise"), "unit": b.channel.unit}
             for b in source.bursts
         ],
-        **_fields(source, "remarks", "no_trace"),
+        **_fields(source, "servo_unseen", "remarks", "no_trace"),
         "not_nameable": list(map(vars, source.not_nameable)),
     }

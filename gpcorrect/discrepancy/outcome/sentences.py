@@ -25,6 +25,7 @@ from gpcorrect.sim.effects import Family
 TOLERANCES = (
     f"tolerances of table and registration ({1e3 * NOISE.table_angle:.1g} mrad, {1e3 * NOISE.table_length:.1g} mm)"
 )
+NOT_COMPARED = "loads, friction and gains in the servo loop are not compared (the remarks say why)"
 VISIBLE = 1.15  # of the noise: a residual below shows nothing
 ALTERNATIVES = 3  # names for one thing, its own among them
 LONG_UNIT = 8  # letters, beyond which a number is left to the table
@@ -47,7 +48,8 @@ def next_step(result: DiscrepancyResult) -> str:
         return f"record: {experiment.run} ({experiment.minutes:.0f} min), to tell {' from '.join(experiment.separates)}"
     match result.level:
         case Level.NONE:
-            return "stop looking: the model is as good as these sensors can tell"
+            apart = f"; {NOT_COMPARED}" if result.provenance.servo_unseen else ""
+            return f"stop looking{_behind(result)}: the model is as good as these sensors can tell{apart}"
         case Level.EXACT:
             return "use model.toml, for simulation and for the next run"
         case Level.UNKNOWN if found and found[0].variables == (Variable(Quantity.FREQUENCY),):
@@ -218,7 +220,11 @@ def _nothing(result: DiscrepancyResult) -> str:
     beyond = f" and {TOLERANCES} ({100 * tolerated:.0f} % of it)" if tolerated > TESTS.equivalence else ""
     numbers = steps_words(result) if len(steps) == 1 else f"{len(steps)} numbers in the model"
     stepped = f" and how each steps its servos ({numbers})" if steps else ""
-    return f"Nothing is missing: simulation and recording agree up to noise{beyond}{stepped}{rest}{seen}."
+    return f"Nothing is missing{_behind(result)}: simulation and recording agree up to noise{beyond}{stepped}{rest}{seen}."
+
+
+def _behind(result: DiscrepancyResult) -> str:
+    return " behind the motors" if result.provenance.servo_unseen else ""
 
 
 def _undecided(result: DiscrepancyResult) -> str:
