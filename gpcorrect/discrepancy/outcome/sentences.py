@@ -220,7 +220,9 @@ def _nothing(result: DiscrepancyResult) -> str:
     beyond = f" and {TOLERANCES} ({100 * tolerated:.0f} % of it)" if tolerated > TESTS.equivalence else ""
     numbers = steps_words(result) if len(steps) == 1 else f"{len(steps)} numbers in the model"
     stepped = f" and how each steps its servos ({numbers})" if steps else ""
-    return f"Nothing is missing{_behind(result)}: simulation and recording agree up to noise{beyond}{stepped}{rest}{seen}."
+    return (
+        f"Nothing is missing{_behind(result)}: simulation and recording agree up to noise{beyond}{stepped}{rest}{seen}."
+    )
 
 
 def _behind(result: DiscrepancyResult) -> str:
