@@ -40,7 +40,6 @@ def read(path: Path, settings: ReadSettings) -> Take:
     if heading is None or "Length Units" not in header:
         raise LogError("expected Length Units in line 1 of Motive's CSV, and a line that begins with Frame.")
     items = _items(export, heading)
-    stop = export.stop(heading + 1)
     axes = export.cells(heading)
     clock = next((k for k, cell in enumerate(axes) if cell == "Time" or cell.startswith("Time (")), None)
     if clock is None:
@@ -48,7 +47,7 @@ def read(path: Path, settings: ReadSettings) -> Take:
     width = max(len(export.cells(k)) for k in range(1, heading + 1))
     text = {k for k, cell in enumerate(axes) if cell == "TimeCode"}
     columns = [k for k in range(1, width) if k not in text]
-    table = export.numbers(heading + 1, stop, columns)
+    table = export.numbers(export.samples(heading + 1), columns)
     values = {column: table[:, place] for place, column in enumerate(columns)}
     return _taken(header, items, values, values[clock])
 

@@ -35,10 +35,12 @@ def read(path: Path, settings: ReadSettings) -> Take:
     names = header.get("BODY_NAMES" if kind == "6D" else "MARKER_NAMES", ())
     if kind not in WIDTH or not names or len(set(names)) < len(names):
         raise LogError("expected DATA_INCLUDED 3D or 6D and different MARKER_NAMES or BODY_NAMES in Qualisys' TSV.")
-    stop = export.stop(start)
-    width = max((len(export.cells(k)) for k in range(start, stop)), default=0)
-    table = export.numbers(start, stop, range(width))
+    lines = export.samples(start)
+    width = max(len(export.cells(k)) for k in lines)
     clock = 2 if "Frame" in header else (width % WIDTH[kind]) % 3
+    if not clock:  # a line of tabs alone is a frame that shows nothing
+        lines = [k for k in range(start, lines[-1] + 1) if export.lines[k]]
+    table = export.numbers(lines, range(width))
     if clock == 2:
         time = table[:, 1]
     else:  # the frame's number, or the row's, at the stated rate
