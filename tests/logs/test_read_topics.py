@@ -15,6 +15,7 @@ from read_support import (
     plain_pose,
     pose_stamped,
     random_pose,
+    transform_stamped,
     transforms,
     write,
     write_bag,
@@ -181,3 +182,23 @@ def test_the_pose_between_any_two_frames_is_the_product_of_the_transforms(tmp_pa
         read_log(bag, tracker_topic="/tf:world->nowhere")
     with pytest.raises(LogError, match="nothing moves between world and base"):
         read_log(bag, tracker_topic="/tf:world->base")
+
+
+@pytest.mark.parametrize("name", ["frame_id", "child_frame_id"])
+def test_poses_of_two_bodies_under_one_topic_are_not_mixed(tmp_path: Path, name: str):
+    """They were read as one body that jumps from one place to the other."""
+
+    def post(k: int) -> Post:
+        whole = transform_stamped("/ndi/tools", POSE.position[k], POSE.quaternion[k], TICKS[k])
+
+        def make(types: Any) -> Any:
+            made = whole.make(types)
+            setattr(made.header if name == "frame_id" else made, name, ["left", "/left", "right"][k % 3])
+            return made
+
+        return Post(whole.topic, whole.msgtype, whole.receive, make)
+
+    one = [post(k) for k in range(N) if k % 3 < 2]
+    assert len(read_log(write_bag(tmp_path / "one", one, "mcap"))) == len(one)
+    with pytest.raises(LogError, match=r"/ndi/tools holds poses of several bodies .*left.*right"):
+        read_log(write_bag(tmp_path / "two", [post(k) for k in range(N)], "mcap"))
