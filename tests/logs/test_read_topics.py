@@ -202,3 +202,14 @@ def test_poses_of_two_bodies_under_one_topic_are_not_mixed(tmp_path: Path, name:
     assert len(read_log(write_bag(tmp_path / "one", one, "mcap"))) == len(one)
     with pytest.raises(LogError, match=r"/ndi/tools holds poses of several bodies .*left.*right"):
         read_log(write_bag(tmp_path / "two", [post(k) for k in range(N)], "mcap"))
+
+
+def test_joint_states_that_are_not_read_are_named(tmp_path: Path):
+    """A robot that follows no CRTK names was left out without a word."""
+    joints = [joint_state("/joint_states", POSE.position[k], t) for k, t in enumerate(TICKS)]
+    tracker = [pose_stamped("/ndi/tool", POSE.position[k], POSE.quaternion[k], t) for k, t in enumerate(TICKS)]
+    log = read_log(write_bag(tmp_path / "r", joints + tracker, "mcap"))
+    assert log.signals == ("tracker_cp",)
+    assert any("/joint_states" in remark and "[bag.topics]" in remark for remark in log.remarks)
+    whose = write(tmp_path / "m.toml", '[bag.topics]\nmeasured_js = "joint_states"\n')
+    assert "measured_jp" in read_log(tmp_path / "r", columns=whose).signals
