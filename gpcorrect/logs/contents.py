@@ -23,7 +23,11 @@ from gpcorrect.plain import quoted
 from gpcorrect.types import CalibrationLog, FloatArray
 
 CLOCK = re.compile(r"time|stamp|^t$|^sec|nsec|nanosec", re.IGNORECASE)
-UNITS = {"ns": 1e-9, "nsec": 1e-9, "nanosec": 1e-9, "us": 1e-6, "ms": 1e-3}  # of time, at the end of a name
+UNITS = {  # of time, at the end of a name
+    **dict.fromkeys(("ns", "nsec", "nanosec", "nanoseconds"), 1e-9),
+    **dict.fromkeys(("us", "usec", "microseconds"), 1e-6),
+    **dict.fromkeys(("ms", "msec", "millis", "milliseconds"), 1e-3),
+}
 STEPS = ((1e15, 1e-9), (1e12, 1e-6), (1e11, 1e-3))  # larger times since 1970 are in ns, us, ms
 ROLES = {
     "setpoint": r"set|cmd|command|des|goal|target|ref",
@@ -138,7 +142,9 @@ def _propose_columns(columns: Mapping[str, FloatArray]) -> str:
     for series in _numbered(list(left)):
         role = _role(series[0])
         signal = f"{role or 'measured'}_jp"
-        lines += _section(signal, [f"columns = [{', '.join(map(quoted, series))}]"], role is None or signal in taken)
+        body = [f"columns = [{', '.join(map(quoted, series))}]"]
+        body += ["scale = 0.0174533  # degrees"] if re.search(r"(?<![a-z])deg", series[0], re.IGNORECASE) else []
+        lines += _section(signal, body, role is None or signal in taken)
         taken.add(signal)
     return "\n".join(lines) + "\n"
 

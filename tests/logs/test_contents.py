@@ -91,3 +91,13 @@ def test_damage_is_said_in_words(tmp_path: Path, name: str, mark: bytes):
     damaged = write(tmp_path / name, mark + np.random.default_rng(0).bytes(1000))
     with pytest.raises(LogError, match=rf"{name}: .*may be damaged"):
         contents_of(damaged)
+
+
+@pytest.mark.parametrize("unit", ["ms", "msec", "milliseconds"])
+def test_units_in_names_become_scales(tmp_path: Path, unit: str):
+    """Milliseconds by any name, and joints in degrees: read as they stood, they were off by 1000 and by 57."""
+    head = f"time_{unit},actual_q1_deg,actual_q2_deg,actual_q3_deg"
+    path = write(tmp_path / "a.csv", f"{head}\n0,90,0,0\n10,91,0,0\n20,92,0,0\n")
+    log = read_as_proposed(path)
+    np.testing.assert_allclose(log.time, [0.0, 0.01, 0.02])
+    np.testing.assert_allclose(log.measured_jp[:, 0], np.deg2rad([90, 91, 92]), rtol=1e-6)
