@@ -101,3 +101,11 @@ def test_units_in_names_become_scales(tmp_path: Path, unit: str):
     log = read_as_proposed(path)
     np.testing.assert_allclose(log.time, [0.0, 0.01, 0.02])
     np.testing.assert_allclose(log.measured_jp[:, 0], np.deg2rad([90, 91, 92]), rtol=1e-6)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3, 1e-6, 1e-9])
+def test_stamps_since_1970_are_scaled_by_their_size(tmp_path: Path, scale: float):
+    """Those in milliseconds were taken for microseconds, and those in microseconds for nanoseconds."""
+    rows = "".join(f"{round((1_700_000_000 + k) / scale)},0.1,0.2,{k}\n" for k in range(4))
+    log = read_as_proposed(write(tmp_path / "a.csv", "stamp,marker_x,marker_y,marker_z\n" + rows))
+    np.testing.assert_allclose(log.time, 1_700_000_000 + np.arange(4), rtol=0, atol=1e-6)
