@@ -60,18 +60,7 @@ Arm = Literal["left", "right"]
 
 ARMS: tuple[Arm, Arm] = ("left", "right")
 SERIALS: Mapping[Arm, int] = {"left": 24, "right": 10}  # gold and green arm in the public software
-FIELDS = {
-    "type": 2,
-    "runlevel": 1,
-    "pos": 6,
-    "ori": 18,
-    "pos_d": 6,
-    "ori_d": 18,
-    "tau": 16,
-    "jpos": 16,
-    "jvel": 16,
-    "jpos_d": 16,
-}
+FIELDS = ("type", "runlevel", "pos", "ori", "pos_d", "ori_d", "tau", "jpos", "jvel", "jpos_d")
 PEDAL_DOWN = 3  # runlevel of the public software
 MICROMETRE = 1e-6  # m
 INSERTION = 2  # place of the prismatic joint
@@ -255,12 +244,12 @@ def _joint_streams(name: str, recorded: Recorded, stamp: FloatArray, rows: IntAr
     return streams, remarks
 
 
-def _raven_row(message: Any) -> FloatArray:
-    """Take the numbers of a raven_state message that are used, one after the other."""
+def _raven_row(message: Any) -> tuple[FloatArray, ...]:
+    """Take the fields of a raven_state message that are used."""
     missing = [name for name in FIELDS if not hasattr(message, name)]
     if missing:
         raise LogError(f"the raven_state message lacks {', '.join(missing)}.")
-    return np.concatenate([np.atleast_1d(getattr(message, name)) for name in FIELDS]).astype(np.float64)
+    return tuple(np.array(getattr(message, name), dtype=np.float64, ndmin=1) for name in FIELDS)
 
 
 def _raven_streams(
@@ -270,8 +259,7 @@ def _raven_streams(
 
     The sixth joint is the wrist's yaw, half the difference of the two jaws, as in the software's kinematics.
     """
-    ends = np.cumsum(list(FIELDS.values()))
-    state = dict(zip(FIELDS, np.split(np.stack(recorded.rows)[rows], ends[:-1], axis=1), strict=True))
+    state = {name: np.stack([recorded.rows[i][k] for i in rows]) for k, name in enumerate(FIELDS)}
     side, remarks = _choose_arm(state, arm)
     mechanism, found = _mechanism(state["type"], side)
     measured, setpoint, copies = _poses(state, mechanism)

@@ -23,7 +23,6 @@ from gpcorrect.types import FloatArray, PoseSignal
 
 TYPES = ("Rigid Body", "Marker", "Rigid Body Marker", "Bone", "Bone Marker")
 BODY, MARKER = "Rigid Body", "Marker"
-LABELLED = ("Type", "Name")
 ORDERS = get_args(EulerOrder)
 
 
@@ -54,8 +53,8 @@ def read(path: Path, settings: ReadSettings) -> Take:
 
 def _items(export: Export, heading: int) -> dict[tuple[str, str], Columns]:
     """Columns of each item, by its type and name, in the order of the file."""
-    lines = [export.cells(k) for k in range(1, heading) if not export.empty(k)]
-    kinds, names = (_labelled(lines, label) for label in LABELLED)
+    lines = [export.cells(k) for k in range(1, heading) if export.cells(k)]
+    kinds, names = (_labelled(lines, label) for label in ("Type", "Name"))
     quantities, axes = lines[-1] if lines else (), export.cells(heading)
     if not (kinds and names) or "Position" not in quantities:
         raise LogError("the header of Motive's CSV lacks the lines of types, names and quantities.")

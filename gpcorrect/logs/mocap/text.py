@@ -28,7 +28,7 @@ class Export:
         return len(self.lines)
 
     def cells(self, line: int) -> tuple[str, ...]:
-        """Cells of a line, without blanks around them; empty cells at its end are left out.
+        """Cells of a line, without blanks around them; empty cells at its end are left out, so an empty line has none.
 
         Parameters
         ----------
@@ -39,15 +39,6 @@ class Export:
             cells.pop()
         return tuple(cells)
 
-    def empty(self, line: int) -> bool:
-        """Whether no cell of a line holds anything.
-
-        Parameters
-        ----------
-        line : int, counted from 0
-        """
-        return not self.lines[line].strip(f"{self.delimiter} \t\r")
-
     def samples(self, start: int, stop: int | None = None) -> list[int]:
         """Lines that hold anything, from one on to the one before another, or to the end of the file.
 
@@ -55,7 +46,8 @@ class Export:
         ----------
         start, stop : int, counted from 0
         """
-        found = [k for k in range(start, len(self.lines) if stop is None else stop) if not self.empty(k)]
+        blank = f"{self.delimiter} \t\r"
+        found = [k for k, line in enumerate(self.lines[start:stop], start) if line.strip(blank)]
         if not found:
             raise LogError("the file has a header but no samples.")
         return found
