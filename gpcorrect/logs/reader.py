@@ -179,9 +179,9 @@ def _possible(log: CalibrationLog) -> CalibrationLog:
             )
             rest = np.where(wrong, np.nan, table)
             changed[name] = PoseSignal(rest, value.quaternion) if pose else rest
-    hidden = np.zeros(len(log), dtype=np.bool_) if log.tracker_cp is None else _unseen(log.tracker_cp)
-    if hidden.sum() > 1:  # a tracker that counts from its first pose is there once
-        seen = changed.get("tracker_cp", log.tracker_cp)
+    seen: PoseSignal | None = changed.get("tracker_cp", log.tracker_cp)
+    # A tracker that counts from its first pose is at the origin once.
+    if seen is not None and (hidden := _unseen(seen)).sum() > 1:
         changed["tracker_cp"] = PoseSignal.of(np.where(hidden[:, None], np.nan, seen.table))
         remarks.append(f"{hidden.sum()} samples of tracker_cp are at exactly 0, 0, 0, unturned; they count as missing.")
     return replace(log, **changed, remarks=(*log.remarks, *remarks)) if changed else log

@@ -79,7 +79,7 @@ def log_from_table(table: Table, mapping: ColumnMap, disorder: Disorder) -> Cali
         raise LogError("the table has column names but no samples.")
     words = [name for name in table.left_out if name in found.used]
     if words:
-        raise LogError(f"column {words[0]} must hold numbers.", hint="Write numbers, or give it another name.")
+        raise LogError(f"column {words[0]} must hold a number for every sample.", hint="Or give it another name.")
     clockless = not any(re.search(CLOCK, n, re.IGNORECASE) for n in (*table.columns, *table.left_out))
     motions = any(getattr(found, name) is not None for name in (*CalibrationLog.POSES, *CalibrationLog.JOINTS))
     static = found.time is None and found.rate is None and clockless and motions

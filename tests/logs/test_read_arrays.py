@@ -87,7 +87,7 @@ def test_trajectories_without_numbers_are_not_merged(tmp_path: Path, numbers: li
     """A text table refused such a column, a Parquet table left it out and took all motions for one."""
     columns = {"time": [0.0, 1.0, 2.0], "trajectory": numbers, "payload": [0.0] * 3}
     parquet.write_table(pa.table(columns), tmp_path / "a.parquet")
-    with pytest.raises(LogError, match="column trajectory must hold numbers"):
+    with pytest.raises(LogError, match="column trajectory must hold a number for every sample"):
         read_log(tmp_path / "a.parquet")
 
 
