@@ -85,12 +85,8 @@ class LeastMedian(Generic[Model]):
             best = self.fit(np.flatnonzero(inliers))
         return best, frozen_array(self._inliers(best)[0])
 
-    def _objective(self, lengths: FloatArray) -> float:
-        """Logarithm of the product of the groups' medians, which no change of unit alters."""
-        return float(self._objectives(np.median(lengths, axis=0)))
-
-    def _objectives(self, medians: FloatArray) -> FloatArray:
-        """Objectives `(...)` of medians `(..., g)`."""
+    def _objective(self, medians: FloatArray) -> FloatArray:
+        """Logarithm `(...)` of the product of the groups' medians `(..., g)`, which no change of unit alters."""
         return np.asarray(np.log(np.maximum(medians, self.floor)).sum(axis=-1))
 
     def _candidates(self, rng: np.random.Generator) -> list[Model]:
@@ -99,7 +95,7 @@ class LeastMedian(Generic[Model]):
         count = max(1, math.ceil(math.log(1.0 - CONFIDENCE) / math.log1p(-clean)))
         drawn = np.array([rng.choice(self.n, self.sample_size, replace=False) for _ in range(count)])
         models, medians = self._one_by_one(drawn) if self.fit_stack is None else self.fit_stack(drawn)
-        return [models[k] for k in np.argsort(self._objectives(medians), kind="stable")]
+        return [models[k] for k in np.argsort(self._objective(medians), kind="stable")]
 
     def _one_by_one(self, drawn: IntArray) -> tuple[list[Model], FloatArray]:
         """Models of those samples `(k, s)` that determine one, and their median lengths."""
@@ -119,18 +115,19 @@ class LeastMedian(Generic[Model]):
     def _concentrated(self, model: Model) -> tuple[float, Model]:
         """Refit on the nearer half until the objective stops falling: it never rises for one group."""
         lengths = self.lengths(model)
-        objective = self._objective(lengths)
+        medians = np.median(lengths, axis=0)
         for _ in range(CONCENTRATIONS):
-            distance = (lengths / np.maximum(np.median(lengths, axis=0), self.floor)).max(axis=1)
+            distance = (lengths / np.maximum(medians, self.floor)).max(axis=1)
             try:
                 nearer = self.fit(np.sort(np.argsort(distance, kind="stable")[: self.n // 2 + 1]))
             except DegenerateError:
                 break
             lengths = self.lengths(nearer)
-            if not self._objective(lengths) < objective:
+            closer = np.median(lengths, axis=0)
+            if not self._objective(closer) < self._objective(medians):
                 break
-            objective, model = self._objective(lengths), nearer
-        return objective, model
+            medians, model = closer, nearer
+        return float(self._objective(medians)), model
 
     def _inliers(self, model: Model) -> tuple[FloatArray, BoolArray]:
         """Robust scales (g,), and the samples (n,) whose residual is plausible for its number of components."""

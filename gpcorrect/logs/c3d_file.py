@@ -12,6 +12,7 @@ import numpy as np
 from gpcorrect.errors import LogError, MissingExtraError
 from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.logs.mocap.take import Take, scale_of
+from gpcorrect.logs.mocap.text import seen_only
 
 BLOCK = 512  # bytes; of the C3D format
 HEADER_MARK = 0x50  # second byte of every C3D file
@@ -19,7 +20,7 @@ DEC, BIG_ENDIAN = bytes([85]), bytes([86])  # processor codes: of swapped words 
 
 
 def read(path: Path, settings: ReadSettings) -> Take:
-    """Read markers; one is hidden where its residual is negative."""
+    """Read markers; one is hidden where its residual is negative, or its position exactly 0, 0, 0."""
     try:
         import ezc3d
     except ImportError as error:
@@ -41,7 +42,7 @@ def read(path: Path, settings: ReadSettings) -> Take:
     if not rate > 0 or not points.size or points.shape[1] != len(labels):
         raise LogError(f"expected markers at a rate, got {len(labels)} markers at {rate:g} Hz.")
     frames = int(content["first"]) + np.arange(len(points))
-    markers = {name: points[:, k] for k, name in enumerate(labels)}
+    markers = {name: seen_only(points[:, k]) for k, name in enumerate(labels)}
     return Take(frames / rate, markers=markers, remarks=remarks)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from gpcorrect.errors import LogError
 from gpcorrect.logs import rosbag
+from gpcorrect.logs.checks.clock import EPOCH_UNITS
 from gpcorrect.logs.columns import BagOptions, ColumnMap, ReadSettings
 from gpcorrect.logs.mocap.take import Take, bodies_of
 from gpcorrect.logs.reader import Format, naming, parsed
@@ -23,8 +24,11 @@ from gpcorrect.plain import quoted
 from gpcorrect.types import CalibrationLog, FloatArray
 
 CLOCK = re.compile(r"time|stamp|^t$|^sec|nsec|nanosec", re.IGNORECASE)
-UNITS = {"ns": 1e-9, "nsec": 1e-9, "nanosec": 1e-9, "us": 1e-6, "ms": 1e-3}  # of time, at the end of a name
-STEPS = ((1e15, 1e-9), (1e12, 1e-6), (1e11, 1e-3))  # larger times since 1970 are in ns, us, ms
+UNITS = {  # of time, at the end of a name
+    **dict.fromkeys(("ns", "nsec", "nanosec", "nanoseconds"), 1e-9),
+    **dict.fromkeys(("us", "usec", "microseconds"), 1e-6),
+    **dict.fromkeys(("ms", "msec", "millis", "milliseconds"), 1e-3),
+}
 ROLES = {
     "setpoint": r"set|cmd|command|des|goal|target|ref",
     "tracker": r"track|marker|mocap|ndi|opti|vicon|qualisys|polaris|truth|gt_|camera",
@@ -81,12 +85,11 @@ def _listed(found: Format, path: Path, settings: ReadSettings) -> Contents:
 
 
 def _of_bag(path: Path) -> tuple[list[Part], str]:
-    listed, tree = rosbag.topics_of(path)
-    parts = [Part(t.name, t.msgtype, t.count, f"{t.rate:.4g} Hz" if t.rate else "") for t in listed]
+    topics, tree = rosbag.topics_of(path)
+    parts = [Part(name, kind, count, f"{rate:.4g} Hz" if rate else "") for name, kind, count, rate in topics]
     parts += [Part(name, "transform", count) for name, count in tree.items()]
-    types = {t.name: t.msgtype for t in listed}
     try:
-        chosen, _ = choose_topics(types, BagOptions())
+        chosen, _ = choose_topics({name: kind for name, kind, *_ in topics}, BagOptions())
     except LogError:  # several robots or trackers: the user is to choose
         chosen = {}
     if "raven_state" in chosen:
@@ -138,7 +141,9 @@ def _propose_columns(columns: Mapping[str, FloatArray]) -> str:
     for series in _numbered(list(left)):
         role = _role(series[0])
         signal = f"{role or 'measured'}_jp"
-        lines += _section(signal, [f"columns = [{', '.join(map(quoted, series))}]"], role is None or signal in taken)
+        body = [f"columns = [{', '.join(map(quoted, series))}]"]
+        body += ["scale = 0.0174533  # degrees"] if re.search(r"(?<![a-z])deg", series[0], re.IGNORECASE) else []
+        lines += _section(signal, body, role is None or signal in taken)
         taken.add(signal)
     return "\n".join(lines) + "\n"
 
@@ -157,7 +162,7 @@ def _clock(left: dict[str, FloatArray]) -> list[str]:
     known = np.abs(values[np.isfinite(values)])
     unit = re.split(r"[\s_\[\](]+", named[0].strip("]) "))[-1].lower()
     large = known.max() if known.size else 0.0
-    scale = UNITS.get(unit) or next((s for least, s in STEPS if large > least), 1.0)
+    scale = UNITS.get(unit) or next((s for least, _, s in EPOCH_UNITS if large > least), 1.0)
     return [f"time = {quoted(named[0])}", *([f"time_scale = {scale:g}"] if scale != 1.0 else [])]
 
 

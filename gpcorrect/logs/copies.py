@@ -65,11 +65,10 @@ def stretches(log: CalibrationLog, name: str) -> tuple[NDArray[np.intp], Marks]:
     log : CalibrationLog, n samples
     name : str
     """
-    signal = getattr(log, name)
-    table = signal.position if isinstance(signal, PoseSignal) else signal
-    table = table.reshape(len(log), -1)
     if len(log) < STRETCH:
         return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.uint64)
+    signal = getattr(log, name)
+    table = signal.position if isinstance(signal, PoseSignal) else signal
     known: BoolArray = np.all(np.abs(table) < LARGEST, axis=1)
     # A number of 64 bits for each row, the same for the same rounded numbers.
     whole_numbers = np.round(np.where(known[:, None], table, 0.0) * 10.0**DIGITS).astype(np.int64).astype(np.uint64)

@@ -43,17 +43,15 @@ EUROC = ("p_RS_R_x", "p_RS_R_y", "p_RS_R_z", "q_RS_w", "q_RS_x", "q_RS_y", "q_RS
 
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     """Read a text table."""
-    dialect = _sniff(path, settings.columns.csv)
-    if not settings.columns.used:
-        known = _recognised(dialect.names, _first_rows(dialect), settings.columns)
-        if known is not None:
-            mapping, remark = known
-            log = log_from_table(_table(dialect, mapping), mapping, settings.disorder)
-            return replace(log, remarks=(remark, *log.remarks))
-    if not settings.mapped and _numbered(dialect.names):
+    dialect, mapping = _sniff(path, settings.columns.csv), settings.columns
+    known = None if mapping.used else _recognised(dialect.names, _first_rows(dialect), mapping)
+    if known is not None:
+        mapping = known[0]
+    elif not settings.mapped and _numbered(dialect.names):
         hint = "Give a mapping file with column numbers from 0, such as tracker_cp.position = [1, 2, 3]."
         raise LogError(f"the first line holds {len(dialect.names)} numbers and no column names.", hint=hint)
-    return log_from_table(_table(dialect, settings.columns), settings.columns, settings.disorder)
+    log = log_from_table(_table(dialect, mapping), mapping, settings.disorder)
+    return log if known is None else replace(log, remarks=(known[1], *log.remarks))
 
 
 def _first_rows(dialect: Dialect) -> FloatArray:

@@ -60,18 +60,7 @@ Arm = Literal["left", "right"]
 
 ARMS: tuple[Arm, Arm] = ("left", "right")
 SERIALS: Mapping[Arm, int] = {"left": 24, "right": 10}  # gold and green arm in the public software
-FIELDS = {
-    "type": 2,
-    "runlevel": 1,
-    "pos": 6,
-    "ori": 18,
-    "pos_d": 6,
-    "ori_d": 18,
-    "tau": 16,
-    "jpos": 16,
-    "jvel": 16,
-    "jpos_d": 16,
-}
+FIELDS = ("type", "runlevel", "pos", "ori", "pos_d", "ori_d", "tau", "jpos", "jvel", "jpos_d")
 PEDAL_DOWN = 3  # runlevel of the public software
 MICROMETRE = 1e-6  # m
 INSERTION = 2  # place of the prismatic joint
@@ -87,6 +76,7 @@ class Recorded:
     stamp: list[int] = field(default_factory=list)
     receive: list[int] = field(default_factory=list)
     rows: list[Any] = field(default_factory=list)
+    frames: set[str] = field(default_factory=set)  # that messages are in, and bodies that they are of; without slashes
 
     def add(self, message: Any, receive: int) -> None:
         """Append a message.
@@ -98,8 +88,14 @@ class Recorded:
         """
         header = getattr(message, "hdr", None) or getattr(message, "header", None)
         self.stamp.append(0 if header is None else header.stamp.sec * 10**9 + header.stamp.nanosec)
+        self.frames.add(" -> ".join(name.strip("/") for name in _frames(message, header)))
         self.receive.append(receive)
         self.rows.append(self.extract(message))
+
+
+def _frames(message: Any, header: Any) -> tuple[str, ...]:
+    named = (getattr(header, "frame_id", ""), getattr(message, "child_frame_id", ""))
+    return tuple(name for name in named if name)
 
 
 def pose_row(message: Any) -> tuple[float, ...]:
@@ -188,6 +184,10 @@ def _times(recorded: Recorded, origin: int, clock: str) -> tuple[FloatArray, Int
 
 def _pose_streams(name: str, recorded: Recorded, stamp: FloatArray, rows: IntArray) -> tuple[list[Stream], list[str]]:
     """Stream of poses; a quaternion that is none becomes missing, and a remark says how many."""
+    if len(recorded.frames) > 1:
+        held = "; ".join(sorted(recorded.frames))
+        hint = "Record each body under a topic of its own."
+        raise LogError(f"{recorded.topic} holds poses of several bodies or in several frames: {held}.", hint=hint)
     table = np.array(recorded.rows, dtype=np.float64)[rows]
     quaternion = unit_quaternions(table[:, 3:])
     bad = int((np.isfinite(table[:, 3:]).all(axis=1) & np.isnan(quaternion).any(axis=1)).sum())
@@ -244,12 +244,12 @@ def _joint_streams(name: str, recorded: Recorded, stamp: FloatArray, rows: IntAr
     return streams, remarks
 
 
-def _raven_row(message: Any) -> FloatArray:
-    """Take the numbers of a raven_state message that are used, one after the other."""
+def _raven_row(message: Any) -> tuple[FloatArray, ...]:
+    """Take the fields of a raven_state message that are used."""
     missing = [name for name in FIELDS if not hasattr(message, name)]
     if missing:
         raise LogError(f"the raven_state message lacks {', '.join(missing)}.")
-    return np.concatenate([np.atleast_1d(getattr(message, name)) for name in FIELDS]).astype(np.float64)
+    return tuple(np.array(getattr(message, name), dtype=np.float64, ndmin=1) for name in FIELDS)
 
 
 def _raven_streams(
@@ -259,8 +259,7 @@ def _raven_streams(
 
     The sixth joint is the wrist's yaw, half the difference of the two jaws, as in the software's kinematics.
     """
-    ends = np.cumsum(list(FIELDS.values()))
-    state = dict(zip(FIELDS, np.split(np.stack(recorded.rows)[rows], ends[:-1], axis=1), strict=True))
+    state = {name: np.stack([recorded.rows[i][k] for i in rows]) for k, name in enumerate(FIELDS)}
     side, remarks = _choose_arm(state, arm)
     mechanism, found = _mechanism(state["type"], side)
     measured, setpoint, copies = _poses(state, mechanism)

@@ -52,18 +52,10 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     return replace(log, meta=meta, remarks=(*remarks, *log.remarks))
 
 
-@dataclass(frozen=True)
-class Topic:
-    """A topic of a recording: its type of message, how many there are, and how many a second."""
+def topics_of(path: Path) -> tuple[list[tuple[str, str, int, float]], dict[str, int]]:
+    """Topics of a recording, each with its type of message, how many there are, and their rate in Hz; moving frames.
 
-    name: str
-    msgtype: str
-    count: int
-    rate: float
-
-
-def topics_of(path: Path) -> tuple[list[Topic], dict[str, int]]:
-    """Topics of a recording; and the pairs of frames whose transform moves, with their messages.
+    The pairs of frames whose transform moves come with the number of their messages.
 
     Parameters
     ----------
@@ -73,7 +65,7 @@ def topics_of(path: Path) -> tuple[list[Topic], dict[str, int]]:
         seconds = (bag.end_time - bag.start_time) / 1e9
         used = sorted((c for c in bag.connections if c.msgcount), key=lambda c: c.topic)
         rate = 1.0 / seconds if seconds > 0 else 0.0
-        topics = [Topic(c.topic, c.msgtype, c.msgcount, (c.msgcount - 1) * rate) for c in used]
+        topics = [(c.topic, c.msgtype, c.msgcount, (c.msgcount - 1) * rate) for c in used]
         tree, transforms = _Tree(), [c for c in used if c.msgtype in TF_TYPES]
         for connection, receive, raw in bag.messages(connections=transforms) if transforms else ():
             message = bag.deserialize(raw, connection.msgtype)

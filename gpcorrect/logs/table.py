@@ -74,9 +74,12 @@ def log_from_table(table: Table, mapping: ColumnMap, disorder: Disorder) -> Cali
     mapping : ColumnMap
     disorder : {"refuse", "drop", "keep"}, what to do about time that does not increase
     """
-    found, remarks = complete(mapping, table.columns)
+    found, remarks = complete(mapping, (*table.columns, *table.left_out))
     if not len(table):
         raise LogError("the table has column names but no samples.")
+    words = [name for name in table.left_out if name in found.used]
+    if words:
+        raise LogError(f"column {words[0]} must hold a number for every sample.", hint="Or give it another name.")
     clockless = not any(re.search(CLOCK, n, re.IGNORECASE) for n in (*table.columns, *table.left_out))
     motions = any(getattr(found, name) is not None for name in (*CalibrationLog.POSES, *CalibrationLog.JOINTS))
     static = found.time is None and found.rate is None and clockless and motions
@@ -188,7 +191,7 @@ def _signal_of(column: str) -> str | None:
     signal, _, part = column.rpartition("_")
     if signal in CalibrationLog.POSES and part in POSE_PARTS:
         return signal
-    if signal in CalibrationLog.JOINTS and re.fullmatch(r"[1-9]\d*", part):
+    if signal in CalibrationLog.JOINTS and re.fullmatch(r"\d+", part):
         return signal
     return None
 
@@ -230,12 +233,14 @@ def _pose(signal: str, names: Collection[str], remarks: list[str]) -> PoseColumn
 
 
 def _joints(signal: str, names: Collection[str], remarks: list[str]) -> ArrayColumns | None:
-    numbers = sorted(int(n.rpartition("_")[2]) for n in names if n != signal and _signal_of(n) == signal)
-    if not numbers:
+    numbered = {n: int(n.rpartition("_")[2]) for n in names if _signal_of(n) == signal}
+    if not numbered:
         return None
-    columns = _joint_names(signal, min(numbers[-1], len(numbers) + NAMED))  # a name may end in whatever number
+    columns = _joint_names(signal, min(max(numbered.values()), len(numbered) + NAMED))  # a name may end in any number
     missing = [n for n in columns if n not in names]
-    if missing:
-        remarks.append(f"{signal} is left out: it lacks {', '.join(missing)}.")
+    odd = [n for n in numbered if n not in columns]
+    if missing or odd:
+        why = f"it lacks {', '.join(missing)}" if missing else f"its joints are counted from 1, and there is {odd[0]}"
+        remarks.append(f"{signal} is left out: {why}.")
         return None
     return ArrayColumns(columns=columns)

@@ -78,6 +78,12 @@ def choose_topics(types: Mapping[str, str], options: BagOptions) -> tuple[dict[s
         else:
             topics, remark = _robot(robots, options.namespace)
             remarks += remark
+        joints = [topic for topic, kind in types.items() if kind in JOINT_TYPES]
+        if joints and not topics:
+            hint = "say whose they are in a mapping file, under [bag.topics]"
+            remarks.append(
+                f"joint states that no CRTK name goes with are not read: {', '.join(sorted(joints))}; {hint}."
+            )
     if tracker:
         topics = {**topics, "tracker_cp": tracker}
     if not topics and not TF_TYPES & set(types.values()):

@@ -35,8 +35,7 @@ class Observability:
     @property
     def n_axes(self) -> int:
         """How many independent axes the tool turned about: 0, 1, or 2 for all that is needed."""
-        weak = int(np.count_nonzero(self.gains < MIN_GAIN))
-        return {0: 2, 1: 1}.get(weak, 0)
+        return max(2 - int(np.count_nonzero(self.gains < MIN_GAIN)), 0)
 
     @property
     def observable(self) -> bool:

@@ -61,7 +61,7 @@ def fit_pose(observed: PoseSignal, command: PoseSignal, *, rotation_weight: floa
 def fit_position(observed: PoseSignal, command: PoseSignal) -> RigidModel:
     """Rigid motion of the observed points with the least squared distances to the commands (Kabsch 1976).
 
-    Parameters and errors are those of :func:`fit_pose`; orientations, where there are any, take no part.
+    Orientations, where there are any, take no part.
 
     Parameters
     ----------

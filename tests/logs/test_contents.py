@@ -91,3 +91,21 @@ def test_damage_is_said_in_words(tmp_path: Path, name: str, mark: bytes):
     damaged = write(tmp_path / name, mark + np.random.default_rng(0).bytes(1000))
     with pytest.raises(LogError, match=rf"{name}: .*may be damaged"):
         contents_of(damaged)
+
+
+@pytest.mark.parametrize("unit", ["ms", "msec", "milliseconds"])
+def test_units_in_names_become_scales(tmp_path: Path, unit: str):
+    """Milliseconds by any name, and joints in degrees: read as they stood, they were off by 1000 and by 57."""
+    head = f"time_{unit},actual_q1_deg,actual_q2_deg,actual_q3_deg"
+    path = write(tmp_path / "a.csv", f"{head}\n0,90,0,0\n10,91,0,0\n20,92,0,0\n")
+    log = read_as_proposed(path)
+    np.testing.assert_allclose(log.time, [0.0, 0.01, 0.02])
+    np.testing.assert_allclose(log.measured_jp[:, 0], np.deg2rad([90, 91, 92]), rtol=1e-6)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-3, 1e-6, 1e-9])
+def test_stamps_since_1970_are_scaled_by_their_size(tmp_path: Path, scale: float):
+    """Those in milliseconds were taken for microseconds, and those in microseconds for nanoseconds."""
+    rows = "".join(f"{round((1_700_000_000 + k) / scale)},0.1,0.2,{k}\n" for k in range(4))
+    log = read_as_proposed(write(tmp_path / "a.csv", "stamp,marker_x,marker_y,marker_z\n" + rows))
+    np.testing.assert_allclose(log.time, 1_700_000_000 + np.arange(4), rtol=0, atol=1e-6)

@@ -80,3 +80,18 @@ def test_columns_of_one_name_in_parquet_are_refused(tmp_path: Path):
     parquet.write_table(pa.Table.from_arrays(arrays, names=["time", "time"]), tmp_path / "a.parquet")
     with pytest.raises(LogError, match="more than one column of the same name"):
         read_log(tmp_path / "a.parquet")
+
+
+@pytest.mark.parametrize("numbers", [["a", "a", "b"], [False, False, True]])
+def test_trajectories_without_numbers_are_not_merged(tmp_path: Path, numbers: list[object]):
+    """A text table refused such a column, a Parquet table left it out and took all motions for one."""
+    columns = {"time": [0.0, 1.0, 2.0], "trajectory": numbers, "payload": [0.0] * 3}
+    parquet.write_table(pa.table(columns), tmp_path / "a.parquet")
+    with pytest.raises(LogError, match="column trajectory must hold a number for every sample"):
+        read_log(tmp_path / "a.parquet")
+
+
+def test_a_time_of_text_is_not_needed_at_a_rate(tmp_path: Path):
+    parquet.write_table(pa.table({"time": ["noon", "later"], "payload": [0.0] * 2}), tmp_path / "a.parquet")
+    log = read_log(tmp_path / "a.parquet", columns=write(tmp_path / "m.toml", "rate = 2.0\n"))
+    np.testing.assert_array_equal(log.time, [0.0, 0.5])

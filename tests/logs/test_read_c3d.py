@@ -222,3 +222,11 @@ def test_a_missing_library_names_the_extra_that_brings_it(tmp_path: Path, monkey
     monkeypatch.setitem(sys.modules, "ezc3d", None)
     with pytest.raises(MissingExtraError, match=r"ezc3d, which is not installed.*gpcorrect\[c3d\]"):
         c3d_file.read(path, ReadSettings())
+
+
+def test_a_marker_at_the_very_origin_is_hidden(tmp_path: Path):
+    """Some programs write 0, 0, 0 without a negative residual for what they do not see."""
+    _, at, points = motion(11)
+    points[3, 0] = 0.0
+    log = read_log(write_c3d(tmp_path / "a.c3d", points * 1e3, LABELS))
+    np.testing.assert_allclose(log.tracker_cp.position[3], at[3], atol=1e-6)

@@ -112,7 +112,7 @@ def test_matrices_that_are_no_rotation_are_missing_and_counted(tmp_path: Path):
     flat = np.stack([np.eye(3), 1.1 * np.eye(3), -np.eye(3), np.diag([1, 1, np.nan])]).reshape(4, 9)
     names = [f"r{k}" for k in range(9)]
     data = table(tmp_path / "a.csv", {"time": np.arange(4)} | dict(zip(names, flat.T, strict=True)))
-    mapping = f'[tracker_cp]\nposition = ["r1", "r2", "r3"]\nmatrix = {names}\n'
+    mapping = f'[tracker_cp]\nposition = ["r0", "r1", "r2"]\nmatrix = {names}\n'
     log = read_log(data, columns=write(tmp_path / "m.toml", mapping))
     assert np.isfinite(log.tracker_cp.quaternion).all(axis=1).tolist() == [True, False, False, False]
     assert "2 samples of tracker_cp" in log.remarks[0]
@@ -206,3 +206,16 @@ def test_a_number_in_a_columns_name_is_no_size(tmp_path: Path):
     log = read_log(write(tmp_path / "a.csv", table))
     assert log.measured_jp is None
     assert any("measured_jp is left out: it lacks measured_jp_2, " in remark for remark in log.remarks)
+
+
+@pytest.mark.parametrize(("first", "why"), [("0", "there is measured_jp_0"), ("01", "it lacks measured_jp_1")])
+def test_joints_that_are_not_counted_from_one_are_no_signal(tmp_path: Path, first: str, why: str):
+    """Joints 0 to 2 were read as two joints, the second of them as the first."""
+    numbers = [f"{int(first) + k:0{len(first)}}" for k in range(3)]
+    data = table(tmp_path / "a.csv", {"time": np.arange(4.0)} | {f"measured_jp_{n}": np.ones(4) for n in numbers})
+    log = read_log(data)
+    assert log.measured_jp is None
+    assert any("measured_jp is left out" in remark and why in remark for remark in log.remarks)
+    names = [f"measured_jp_{n}" for n in numbers]
+    mapped = read_log(data, columns=write(tmp_path / "m.toml", f"[measured_jp]\ncolumns = {names}\n"))
+    assert mapped.measured_jp.shape == (4, 3)

@@ -66,7 +66,7 @@ def test_a_pose_without_its_whole_quaternion_is_a_position(tmp_path: Path):
 
 def test_a_quaternion_far_from_unit_is_a_missing_rotation_and_counted(tmp_path: Path):
     names = ",".join(["time", *(f"tracker_cp_{part}" for part in ("x", "y", "z", "qw", "qx", "qy", "qz"))]) + "\n"
-    rows = "0,0,0,0,1.0009,0,0,0\n1,0,0,0,1.0011,0,0,0\n2,0,0,0,0,0,0,0\n3,0,0,0,,,,\n4,0,0,0,0,0,-1,0\n"
+    rows = "0,1,0,0,1.0009,0,0,0\n1,1,0,0,1.0011,0,0,0\n2,1,0,0,0,0,0,0\n3,1,0,0,,,,\n4,1,0,0,0,0,-1,0\n"
     log = read_log(write(tmp_path / "a.csv", names + rows))
     nothing = [np.nan] * 4
     np.testing.assert_allclose(log.tracker_cp.quaternion, [[1, 0, 0, 0], nothing, nothing, nothing, [0, 0, -1, 0]])

@@ -83,3 +83,10 @@ def test_nothing_different_machines_or_different_joints_are_refused():
         join_logs([random_log(0), replace(random_log(1), meta=LogMeta(robot="dVRK"))])
     with pytest.raises(LogError, match=r"different numbers of joints in setpoint_jp \(: 6, : 7\)"):
         join_logs([random_log(0), random_log(1, dof=7)])
+
+
+def test_a_log_without_samples_adds_none():
+    """It raised a ValueError of NumPy's."""
+    log = random_log(0)
+    joined = join_logs([log, replace(random_log(1).select(slice(0, 0)), contents=(), recordings=())])
+    np.testing.assert_array_equal(joined.tracker_cp.table, log.tracker_cp.table)

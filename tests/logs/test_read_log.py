@@ -9,6 +9,7 @@ from support import real_data
 
 from gpcorrect.errors import LogError
 from gpcorrect.logs import join_logs, read_log, write_log
+from gpcorrect.logs.table import pose_names
 
 
 def test_the_content_decides_the_format_where_the_name_is_unknown(tmp_path: Path):
@@ -123,3 +124,16 @@ def test_the_real_bag_survives_being_written_as_a_native_log(tmp_path: Path):
     np.testing.assert_array_equal(back.time, log.time)
     np.testing.assert_array_equal(back.measured_cp.quaternion, log.measured_cp.quaternion)
     np.testing.assert_array_equal(back.measured_jf, log.measured_jf)
+
+
+@pytest.mark.parametrize("unseen", ["0,0,0,0,0,0,0", "0,0,0,1,0,0,0"])
+def test_what_a_tracker_does_not_see_is_missing(tmp_path: Path, unseen: str):
+    """Drivers write zeros, or the pose of the origin, where the tool is hidden; a frame may begin at the origin."""
+    head = ",".join(["time", *pose_names("tracker_cp")])
+    rows = [unseen, "0.1,0,0,1,0,0,0", "0,0,0,0.8,0.6,0,0", "0.2,0,0,1,0,0,0"]
+    log = read_log(write(tmp_path / "a.csv", "\n".join([head, *(f"{k},{row}" for k, row in enumerate(rows * 2))])))
+    assert np.flatnonzero(np.isnan(log.tracker_cp.position).any(axis=1)).tolist() == [0, 4]
+    assert np.flatnonzero(~log.tracker_cp.finite).tolist() == [0, 4]
+    assert any("2 samples of tracker_cp are at exactly 0, 0, 0" in remark for remark in log.remarks)
+    once = read_log(write(tmp_path / "b.csv", "\n".join([head, *(f"{k},{row}" for k, row in enumerate(rows))])))
+    assert np.isfinite(once.tracker_cp.position).all()

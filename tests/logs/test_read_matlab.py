@@ -131,3 +131,11 @@ def test_a_missing_library_names_the_extra_that_brings_it(tmp_path: Path, monkey
     with pytest.raises(MissingExtraError, match=r"h5py, which is not installed.*gpcorrect\[matlab\]"):
         matlab.read(new, ReadSettings())
     assert len(matlab.read(old, ReadSettings())) == N
+
+
+def test_a_trajectory_of_another_length_is_refused(tmp_path: Path):
+    """It was left out, and all motions were taken for one."""
+    content = {"time": np.arange(9.0), "trajectory": np.arange(3), "tracker_cp": np.ones((9, 3))}
+    savemat(tmp_path / "a.mat", content)
+    with pytest.raises(LogError, match="column trajectory must hold a number for every sample"):
+        read_log(tmp_path / "a.mat")

@@ -346,3 +346,23 @@ def test_disordered_time_of_an_export_is_refused_or_left_out(tmp_path: Path):
     log = read_log(path, disorder="drop")
     assert (np.diff(log.time) > 0).all()
     assert any("left out" in remark for remark in log.remarks)
+
+
+@pytest.mark.parametrize("empty", ["", ",,,"])
+@pytest.mark.parametrize("writer", [write_motive, write_tracker, write_nexus, write_trc, write_qualisys, write_ndi])
+def test_no_sample_behind_an_empty_line_is_lost(tmp_path: Path, writer, empty: str):
+    """All that followed was left out, without a word."""
+    path = writer(tmp_path / "a.csv", moving_tool(29))
+    whole = read_log(path)
+    mark = "\t" if writer in (write_qualisys, write_trc) else ","
+    lines = path.read_text().splitlines()
+    at = len(lines) - 10
+    log = read_log(write_lines(path, [*lines[:at], empty.replace(",", mark), *lines[at:]]))
+    np.testing.assert_array_equal(log.time, whole.time)
+    np.testing.assert_array_equal(log.tracker_cp.table, whole.tracker_cp.table)
+
+
+def test_a_frame_that_shows_nothing_is_a_frame(tmp_path: Path):
+    """Qualisys may write neither frame nor time, and nothing in place of what it does not see: a line of tabs."""
+    tool = moving_tool(30)
+    assert_sees(read_log(write_qualisys(tmp_path / "q.tsv", tool, titled=False, lost="")), tool)

@@ -15,6 +15,7 @@ from read_support import (
     plain_pose,
     pose_stamped,
     random_pose,
+    transform_stamped,
     transforms,
     write,
     write_bag,
@@ -181,3 +182,34 @@ def test_the_pose_between_any_two_frames_is_the_product_of_the_transforms(tmp_pa
         read_log(bag, tracker_topic="/tf:world->nowhere")
     with pytest.raises(LogError, match="nothing moves between world and base"):
         read_log(bag, tracker_topic="/tf:world->base")
+
+
+@pytest.mark.parametrize("name", ["frame_id", "child_frame_id"])
+def test_poses_of_two_bodies_under_one_topic_are_not_mixed(tmp_path: Path, name: str):
+    """They were read as one body that jumps from one place to the other."""
+
+    def post(k: int) -> Post:
+        whole = transform_stamped("/ndi/tools", POSE.position[k], POSE.quaternion[k], TICKS[k])
+
+        def make(types: Any) -> Any:
+            made = whole.make(types)
+            setattr(made.header if name == "frame_id" else made, name, ["left", "/left", "right"][k % 3])
+            return made
+
+        return Post(whole.topic, whole.msgtype, whole.receive, make)
+
+    one = [post(k) for k in range(N) if k % 3 < 2]
+    assert len(read_log(write_bag(tmp_path / "one", one, "mcap"))) == len(one)
+    with pytest.raises(LogError, match=r"/ndi/tools holds poses of several bodies .*left.*right"):
+        read_log(write_bag(tmp_path / "two", [post(k) for k in range(N)], "mcap"))
+
+
+def test_joint_states_that_are_not_read_are_named(tmp_path: Path):
+    """A robot that follows no CRTK names was left out without a word."""
+    joints = [joint_state("/joint_states", POSE.position[k], t) for k, t in enumerate(TICKS)]
+    tracker = [pose_stamped("/ndi/tool", POSE.position[k], POSE.quaternion[k], t) for k, t in enumerate(TICKS)]
+    log = read_log(write_bag(tmp_path / "r", joints + tracker, "mcap"))
+    assert log.signals == ("tracker_cp",)
+    assert any("/joint_states" in remark and "[bag.topics]" in remark for remark in log.remarks)
+    whose = write(tmp_path / "m.toml", '[bag.topics]\nmeasured_js = "joint_states"\n')
+    assert "measured_jp" in read_log(tmp_path / "r", columns=whose).signals

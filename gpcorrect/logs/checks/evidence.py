@@ -168,16 +168,6 @@ class Evidence:
         """
         yield from (pair for pair in pairs if set(pair) <= self.present)
 
-    def repeats(self, name: str) -> BoolArray:
-        """(n,) mask of rows that equal the row before in the same trajectory to the last bit.
-
-        Parameters
-        ----------
-        name : str
-        """
-        table = self.tables[name]
-        return np.asarray((self.previous >= 0) & (table == table[self.previous]).all(axis=1))
-
 
 Check = Callable[[Evidence], Iterator[Finding]]
 """One question to a log: it yields what there is to say, nothing when all is well."""

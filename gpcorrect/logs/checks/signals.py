@@ -111,8 +111,8 @@ def _frozen(evidence: Evidence) -> Iterator[Finding]:
         reference = next((r for r in commands_first if {name, r} <= evidence.present), None)
         if reference is None:
             continue
-        same = evidence.repeats(name)
-        moves = ~evidence.repeats(reference) & np.isfinite(evidence.steps) & evidence.known[reference]
+        same = _repeats(evidence, name)
+        moves = ~_repeats(evidence, reference) & np.isfinite(evidence.steps) & evidence.known[reference]
         repeated = _runs(same)
         usual = _usual_hold(repeated) if moves.any() and same[moves].mean() > HELD_SHARE else 0.0
         least = max(FROZEN_SAMPLES, HELD_FACTOR * usual)
@@ -135,6 +135,12 @@ def _frozen(evidence: Evidence) -> Iterator[Finding]:
             )
             severity: Severity = "error" if name in OUTSIDE else "warning"
             yield Finding(severity, "held", name, what, hint, int(held.sum()))
+
+
+def _repeats(evidence: Evidence, name: str) -> BoolArray:
+    """(n,) mask of rows that equal the row before in the same trajectory to the last bit."""
+    table = evidence.tables[name]
+    return np.asarray((evidence.previous >= 0) & (table == table[evidence.previous]).all(axis=1))
 
 
 def _usual_hold(repeated: IntArray) -> float:

@@ -23,7 +23,6 @@ from gpcorrect.types import FloatArray, PoseSignal
 
 TYPES = ("Rigid Body", "Marker", "Rigid Body Marker", "Bone", "Bone Marker")
 BODY, MARKER = "Rigid Body", "Marker"
-LABELLED = ("Type", "Name")
 ORDERS = get_args(EulerOrder)
 
 
@@ -40,7 +39,6 @@ def read(path: Path, settings: ReadSettings) -> Take:
     if heading is None or "Length Units" not in header:
         raise LogError("expected Length Units in line 1 of Motive's CSV, and a line that begins with Frame.")
     items = _items(export, heading)
-    stop = export.stop(heading + 1)
     axes = export.cells(heading)
     clock = next((k for k, cell in enumerate(axes) if cell == "Time" or cell.startswith("Time (")), None)
     if clock is None:
@@ -48,15 +46,15 @@ def read(path: Path, settings: ReadSettings) -> Take:
     width = max(len(export.cells(k)) for k in range(1, heading + 1))
     text = {k for k, cell in enumerate(axes) if cell == "TimeCode"}
     columns = [k for k in range(1, width) if k not in text]
-    table = export.numbers(heading + 1, stop, columns)
+    table = export.numbers(export.samples(heading + 1), columns)
     values = {column: table[:, place] for place, column in enumerate(columns)}
     return _taken(header, items, values, values[clock])
 
 
 def _items(export: Export, heading: int) -> dict[tuple[str, str], Columns]:
     """Columns of each item, by its type and name, in the order of the file."""
-    lines = [export.cells(k) for k in range(1, heading) if not export.empty(k)]
-    kinds, names = (_labelled(lines, label) for label in LABELLED)
+    lines = [export.cells(k) for k in range(1, heading) if export.cells(k)]
+    kinds, names = (_labelled(lines, label) for label in ("Type", "Name"))
     quantities, axes = lines[-1] if lines else (), export.cells(heading)
     if not (kinds and names) or "Position" not in quantities:
         raise LogError("the header of Motive's CSV lacks the lines of types, names and quantities.")

@@ -17,14 +17,13 @@ import numpy as np
 
 from gpcorrect.errors import LogError
 from gpcorrect.logs.columns import ReadSettings
-from gpcorrect.logs.mocap.take import Body, Take
+from gpcorrect.logs.mocap.take import METRES, Body, Take
 from gpcorrect.logs.mocap.text import read_export
 from gpcorrect.logs.orientation import unit_quaternions
 from gpcorrect.types import FloatArray, PoseSignal
 
 MARKS = (b"Tools,Port", b"#Tools,ToolInfo", b"ToolCount,ToolInfo")
 POSE = ("Q0", "Qx", "Qy", "Qz", "Tx", "Ty", "Tz", "Error")
-MILLIMETRE = 1e-3  # m: the unit of NDI's positions
 LARGEST = 1e20  # NDI writes -3.697314E28 for what it does not see
 FRAME_RATE = 60.0  # Hz at which Polaris and Vega count frames, whatever their rate of measuring
 PER_MARKER = 4  # cells: state and position
@@ -113,7 +112,7 @@ def _time(table: FloatArray, names: Sequence[str], rate: float | None) -> tuple[
 
 
 def _body(values: FloatArray) -> Body:
-    position = values[:, 4:7] * MILLIMETRE
+    position = values[:, 4:7] * METRES["mm"]
     hidden = np.asarray(np.isnan(position).any(axis=1))
     quaternion = unit_quaternions(np.where(hidden[:, None], np.nan, values[:, :4]))
-    return Body(PoseSignal(position, quaternion), np.where(hidden, np.nan, values[:, 7] * MILLIMETRE))
+    return Body(PoseSignal(position, quaternion), np.where(hidden, np.nan, values[:, 7] * METRES["mm"]))

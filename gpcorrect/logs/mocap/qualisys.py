@@ -14,13 +14,12 @@ import numpy as np
 
 from gpcorrect.errors import LogError
 from gpcorrect.logs.columns import ReadSettings
-from gpcorrect.logs.mocap.take import Body, Take
+from gpcorrect.logs.mocap.take import METRES, Body, Take
 from gpcorrect.logs.mocap.text import read_export, seen_only
 from gpcorrect.logs.orientation import CONVERTERS
 from gpcorrect.types import FloatArray, PoseSignal
 
 MARKS = (b"NO_OF_FRAMES\t", b"FILE_VERSION\t")
-MILLIMETRE = 1e-3  # m: the unit of Qualisys' positions
 WIDTH = {"3D": 3, "6D": 16}  # columns of a marker or body
 RESIDUAL, MATRIX = 6, slice(7, 16)  # columns of a body
 BY_ROWS = [0, 3, 6, 1, 4, 7, 2, 5, 8]  # from a matrix written column by column
@@ -35,10 +34,12 @@ def read(path: Path, settings: ReadSettings) -> Take:
     names = header.get("BODY_NAMES" if kind == "6D" else "MARKER_NAMES", ())
     if kind not in WIDTH or not names or len(set(names)) < len(names):
         raise LogError("expected DATA_INCLUDED 3D or 6D and different MARKER_NAMES or BODY_NAMES in Qualisys' TSV.")
-    stop = export.stop(start)
-    width = max((len(export.cells(k)) for k in range(start, stop)), default=0)
-    table = export.numbers(start, stop, range(width))
+    lines = export.samples(start)
+    width = max(len(export.cells(k)) for k in lines)
     clock = 2 if "Frame" in header else (width % WIDTH[kind]) % 3
+    if not clock:  # a line of tabs alone is a frame that shows nothing
+        lines = [k for k in range(start, lines[-1] + 1) if export.lines[k]]
+    table = export.numbers(lines, range(width))
     if clock == 2:
         time = table[:, 1]
     else:  # the frame's number, or the row's, at the stated rate
@@ -54,7 +55,7 @@ def read(path: Path, settings: ReadSettings) -> Take:
     values[:, : min(width, needed)] = table[:, :needed]
     parts = np.split(values[:, clock:], len(names), axis=1)
     if kind == "3D":
-        markers = {name: seen_only(part * MILLIMETRE) for name, part in zip(names, parts, strict=True)}
+        markers = {name: seen_only(part * METRES["mm"]) for name, part in zip(names, parts, strict=True)}
         return Take(time, markers=markers, tracker="Qualisys")
     return Take(time, bodies={n: _body(part) for n, part in zip(names, parts, strict=True)}, tracker="Qualisys")
 
@@ -67,8 +68,8 @@ def _begins_samples(cells: Sequence[str]) -> bool:
 
 
 def _body(part: FloatArray) -> Body:
-    position = seen_only(part[:, :3] * MILLIMETRE)
+    position = seen_only(part[:, :3] * METRES["mm"])
     hidden = np.asarray(np.isnan(position).any(axis=1))
     matrix = np.where(hidden[:, None], np.nan, part[:, MATRIX][:, BY_ROWS])
-    error = np.where(hidden, np.nan, part[:, RESIDUAL] * MILLIMETRE)
+    error = np.where(hidden, np.nan, part[:, RESIDUAL] * METRES["mm"])
     return Body(PoseSignal(position, CONVERTERS["matrix"](matrix)), error)

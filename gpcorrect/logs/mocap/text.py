@@ -28,7 +28,7 @@ class Export:
         return len(self.lines)
 
     def cells(self, line: int) -> tuple[str, ...]:
-        """Cells of a line, without blanks around them; empty cells at its end are left out.
+        """Cells of a line, without blanks around them; empty cells at its end are left out, so an empty line has none.
 
         Parameters
         ----------
@@ -39,39 +39,31 @@ class Export:
             cells.pop()
         return tuple(cells)
 
-    def empty(self, line: int) -> bool:
-        """Whether no cell of a line holds anything.
+    def samples(self, start: int, stop: int | None = None) -> list[int]:
+        """Lines that hold anything, from one on to the one before another, or to the end of the file.
 
         Parameters
         ----------
-        line : int, counted from 0
+        start, stop : int, counted from 0
         """
-        return not self.lines[line].strip(f"{self.delimiter} \t\r")
-
-    def stop(self, start: int) -> int:
-        """First empty line from one on, or the end of the file.
-
-        Parameters
-        ----------
-        start : int, line to begin at, counted from 0
-        """
-        return next((k for k in range(start, len(self)) if self.empty(k)), len(self))
-
-    def numbers(self, start: int, stop: int, columns: Sequence[int]) -> FloatArray:
-        """Cells `(n, k)` of these columns and lines, NaN where a cell is empty or the line ends before it.
-
-        Parameters
-        ----------
-        start, stop : int, first line and the one after the last
-        columns : sequence of int, counted from 0
-        """
-        if stop <= start:
+        blank = f"{self.delimiter} \t\r"
+        found = [k for k, line in enumerate(self.lines[start:stop], start) if line.strip(blank)]
+        if not found:
             raise LogError("the file has a header but no samples.")
-        table = np.empty((stop - start, len(columns)))
-        rows = csv.reader(self.lines[start:stop], delimiter=self.delimiter)
+        return found
+
+    def numbers(self, lines: Sequence[int], columns: Sequence[int]) -> FloatArray:
+        """Cells `(n, k)` of these lines and columns, NaN where a cell is empty or the line ends before it.
+
+        Parameters
+        ----------
+        lines, columns : sequence of int, counted from 0
+        """
+        table = np.empty((len(lines), len(columns)))
+        rows = csv.reader((self.lines[line] for line in lines), delimiter=self.delimiter)
         for k, row in enumerate(rows):
             for place, column in enumerate(columns):
-                table[k, place] = self._number(row[column] if column < len(row) else "", start + k, column)
+                table[k, place] = self._number(row[column] if column < len(row) else "", lines[k], column)
         return table
 
     def _number(self, text: str, line: int, column: int) -> float:

@@ -28,12 +28,11 @@ def read(path: Path, settings: ReadSettings) -> Take:
     header = dict(zip(export.cells(KEYS), export.cells(VALUES), strict=False))
     if "Units" not in header:
         raise LogError("line 2 of a TRC file must name Units.")
-    start = DATA + int(export.empty(DATA))
-    stop = export.stop(start)
-    width = max((len(export.cells(k)) for k in range(start, stop)), default=0)
+    lines = export.samples(DATA)
+    width = max(len(export.cells(k)) for k in lines)
     names = _names(export)
     names += [f"{VIRTUAL}unnamed_{k}" for k in range(len(names) + 1, -(-(width - FIRST) // 3) + 1)]
-    table = export.numbers(start, stop, range(1, FIRST + 3 * len(names)))
+    table = export.numbers(lines, range(1, FIRST + 3 * len(names)))
     points = table[:, 1:].reshape(len(table), len(names), 3) * scale_of(header["Units"])
     unseen = int((points == 0.0).all(axis=2).sum())
     remarks = [f"{unseen} positions at exactly 0, 0, 0 count as hidden."] if unseen else []

@@ -83,7 +83,10 @@ def _section(export: Export, line: int, stated: float | None) -> Section:
     units, axes = export.cells(line + 1), export.cells(line)
     start = line + 1 if units and units[0] else line + 2  # some exports have no line of units
     items, kinds = _items(export.cells(line - 1), axes)
-    table = export.numbers(start, export.stop(start), range(len(axes)))
+    # Samples begin with a frame's number; the only cell of a line is a title or a rate.
+    cells = ((k, export.cells(k)) for k in range(start, len(export)))
+    beyond = (k for k, found in cells if found and not (len(found) > 1 and found[0].isdigit()))
+    table = export.numbers(export.samples(start, next(beyond, None)), range(len(axes)))
     return Section(table[:, 0] / rate, table, items, kinds, dict(enumerate(units)) if start > line + 1 else {})
 
 
