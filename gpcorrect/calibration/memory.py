@@ -190,6 +190,24 @@ def left_out_squares(F: FloatArray, Y: FloatArray, folds: IntArray, penalties: F
 
 
 @njit(cache=True)
+def spans(path: FloatArray, new: BoolArray) -> FloatArray:
+    """Return how far apart the ends of what a path `(n, d)` has covered so far are `(n, d)`; 0 where `new`.
+
+    Parameters
+    ----------
+    path : (n, d) array, positions
+    new : (n,) mask, where a path starts
+    """
+    found, low, high = np.zeros(path.shape), path[:1].copy(), path[:1].copy()
+    for i in range(len(path)):
+        for j in range(path.shape[1]):
+            low[0, j] = path[i, j] if new[i] else min(low[0, j], path[i, j])
+            high[0, j] = path[i, j] if new[i] else max(high[0, j], path[i, j])
+            found[i, j] = high[0, j] - low[0, j]
+    return found
+
+
+@njit(cache=True)
 def lag_step(behind: FloatArray, moved: FloatArray, step: float, constants: FloatArray) -> FloatArray:
     """Return by how much lags `(t, d)` are behind a signal that moved evenly by `moved` (d,) during `step`.
 
@@ -199,13 +217,13 @@ def lag_step(behind: FloatArray, moved: FloatArray, step: float, constants: Floa
     ----------
     behind : (t, d) array, by how much they were
     moved : (d,) array, what the signal moved by; where that is not known it is taken to have stood
-    step : float, s
+    step : float, s; 0 where two samples have one stamp
     constants : (t,) array, time constants tau, s
     """
     after = np.empty((len(constants), len(moved)))
     for t in range(len(constants)):
         left = np.exp(-step / constants[t])
-        fraction = (1.0 - left) * constants[t] / step
+        fraction = (1.0 - left) * constants[t] / step if step > 0.0 else 1.0
         for j in range(len(moved)):
             after[t, j] = behind[t, j] * left + (moved[j] * fraction if np.isfinite(moved[j]) else 0.0)
     return after

@@ -50,6 +50,7 @@ class _PathFollower:
         """Forget the path."""
         self._past: deque[tuple[float, FloatArray]] = deque(maxlen=MOST_PAST)
         self._memory: tuple[FloatArray, FloatArray, FloatArray] | None = None  # path, joints and plays so far
+        self._ends: tuple[FloatArray, FloatArray] | None = None  # of what the path has covered
         self._followed: dict[str, tuple[FloatArray, FloatArray]] = {}  # signals where last known, and lags behind them
 
     @property
@@ -67,9 +68,13 @@ class _PathFollower:
         parts = [self._column(kind, time, q, effort, state) for kind in self._features.kinds]
         return np.concatenate(parts)[self._features.used]
 
-    def passed(self, time: float, q: FloatArray) -> None:
-        """Note where the joints were."""
+    def passed(self, time: float, q: FloatArray) -> FloatArray | None:
+        """Note where the joints were; return by how much features may be off, see :meth:`JointFeatures.unsure`."""
         self._past.append((time, q))
+        scaled = self._features.scaled(q)
+        low, high = self._ends or (scaled, scaled)
+        self._ends = np.minimum(low, scaled), np.maximum(high, scaled)
+        return self._features.unsure(self._ends[1] - self._ends[0])
 
     def _column(
         self, kind: str, time: float, q: FloatArray, effort: FloatArray | None, state: FloatArray | None
@@ -201,9 +206,9 @@ class JointStream(_ViewStream):
         if new and self._filters:
             self._begin()
         x = self._follower.columns(time, moving, effort, state)
-        self._follower.passed(time, moving)
+        unsure = self._follower.passed(time, moving)
         if not isinstance(law.learned, CableModel):
-            return law.predict_one(x, moving if self._corrector.view.end_to_end else np.zeros(len(moving)))
+            return law.predict_one(x, moving if self._corrector.view.end_to_end else np.zeros(len(moving)), unsure)
         motor, stretch = law.learned.inputs(moving[None], None if effort is None else effort[None])
         samples = zip(self._filters, motor[0].tolist(), stretch[0].tolist(), strict=True)
         mean, std = np.array([one.step(m, s, new) for one, m, s in samples]).T
@@ -279,8 +284,8 @@ class ToolStream(_ViewStream):
             )
         self._arrive(state.time, q)
         x = self._follower.columns(state.time, q, effort, whole)
-        self._follower.passed(state.time, q)
-        return view.answer(position[None], law.predict_one(x, np.zeros(3)))[0]
+        unsure = self._follower.passed(state.time, q)
+        return view.answer(position[None], law.predict_one(x, np.zeros(3), unsure))[0]
 
 
 def _whole_state(state: RobotState, expected: Sequence[str]) -> FloatArray:
