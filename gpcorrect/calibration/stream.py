@@ -16,6 +16,7 @@ from gpcorrect.calibration.joint_path import JOINT_SIGNALS, refuse_other_columns
 from gpcorrect.calibration.joint_view import ViewCorrector
 from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.learners import CableModel
+from gpcorrect.calibration.learners.ukf import follow
 from gpcorrect.calibration.memory import advance, lag_step
 from gpcorrect.calibration.queries import numbers
 from gpcorrect.calibration.settings import LIMITS
@@ -165,7 +166,7 @@ class JointStream(_ViewStream):
     def _begin(self) -> None:
         super()._begin()
         learned = self._corrector.law.learned
-        self._filters = learned.filters() if isinstance(learned, CableModel) else []
+        self._cable = np.zeros((2, len(learned.gap) if isinstance(learned, CableModel) else 0))
 
     def correct(
         self, time: float, q: ArrayLike, effort: ArrayLike | None = None, state: ArrayLike | None = None
@@ -203,15 +204,12 @@ class JointStream(_ViewStream):
         self, time: float, moving: FloatArray, effort: FloatArray | None, state: FloatArray | None
     ) -> Prediction:
         law, new = self._corrector.law, self._follower.new
-        if new and self._filters:
-            self._begin()
         x = self._follower.columns(time, moving, effort, state)
         unsure = self._follower.passed(time, moving)
         if not isinstance(law.learned, CableModel):
             return law.predict_one(x, moving if self._corrector.view.end_to_end else np.zeros(len(moving)), unsure)
         motor, stretch = law.learned.inputs(moving[None], None if effort is None else effort[None])
-        samples = zip(self._filters, motor[0].tolist(), stretch[0].tolist(), strict=True)
-        mean, std = np.array([one.step(m, s, new) for one, m, s in samples]).T
+        mean, std = follow(self._cable, motor[0], stretch[0], new, law.learned.noises)
         std = np.hypot(std, law.learned.motor.std)
         return law.guarded(mean[None] - moving, std[None], np.zeros(1), x[None], np.array([np.isfinite(mean).all()]))
 
