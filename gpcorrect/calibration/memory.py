@@ -189,7 +189,6 @@ def left_out_squares(F: FloatArray, Y: FloatArray, folds: IntArray, penalties: F
     return total / len(Y)
 
 
-@njit(cache=True)
 def spans(path: FloatArray, new: BoolArray) -> FloatArray:
     """Return how far apart the ends of what a path `(n, d)` has covered so far are `(n, d)`; 0 where `new`.
 
@@ -198,13 +197,8 @@ def spans(path: FloatArray, new: BoolArray) -> FloatArray:
     path : (n, d) array, positions
     new : (n,) mask, where a path starts
     """
-    found, low, high = np.zeros(path.shape), path[:1].copy(), path[:1].copy()
-    for i in range(len(path)):
-        for j in range(path.shape[1]):
-            low[0, j] = path[i, j] if new[i] else min(low[0, j], path[i, j])
-            high[0, j] = path[i, j] if new[i] else max(high[0, j], path[i, j])
-            found[i, j] = high[0, j] - low[0, j]
-    return found
+    parts = np.split(path, np.flatnonzero(new)[1:])
+    return np.vstack([np.maximum.accumulate(part) - np.minimum.accumulate(part) for part in parts])
 
 
 @njit(cache=True)

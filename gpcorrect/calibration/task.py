@@ -350,7 +350,7 @@ class Corrector(ABC):
 
 def _ratios(errors: FloatArray, interval95: FloatArray) -> FloatArray:
     """Return errors `(n, m)` over standard deviations; NaN where an interval has no width, as of data without error."""
-    return np.divide(errors * Z95, interval95, out=np.full(errors.shape, np.nan), where=interval95 > 0)
+    return np.asarray(np.divide(errors * Z95, interval95, out=np.full(errors.shape, np.nan), where=interval95 > 0))
 
 
 def _scores_by_piece(ratio: FloatArray, labels: IntArray) -> FloatArray:
