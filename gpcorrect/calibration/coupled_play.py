@@ -54,7 +54,7 @@ class CoupledPlay:
         path : (n, d) array, positions of the motors in units of half the ranges
         new : (n,) mask, where a path starts
         """
-        return _lags(np.ascontiguousarray(path), np.array(self.stiffness), np.array(self.gap), new)
+        return self._followed(path, new, slopes=False)[0]
 
     def lags_and_slopes(self, path: FloatArray, new: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Return the lags `(n, d)`, and how they change with the play's numbers `(n, d, e)`.
@@ -67,9 +67,11 @@ class CoupledPlay:
         path, new
             As for :meth:`lags`.
         """
-        found: tuple[FloatArray, FloatArray] = _lags_and_slopes(
-            np.ascontiguousarray(path), np.array(self.stiffness), np.array(self.gap), new
-        )
+        return self._followed(path, new, slopes=True)
+
+    def _followed(self, path: FloatArray, new: BoolArray, *, slopes: bool) -> tuple[FloatArray, FloatArray]:
+        K, gap = np.array(self.stiffness), np.array(self.gap)  # copies: read-only arrays would be compiled for anew
+        found: tuple[FloatArray, FloatArray] = _lags_and_slopes(np.ascontiguousarray(path), K, gap, new, slopes)
         return found
 
     def advance(self, joints: FloatArray, motors: FloatArray) -> FloatArray:
@@ -189,20 +191,6 @@ def _thinned(
 
 
 @njit(cache=True)
-def _lags(path: FloatArray, K: FloatArray, gap: FloatArray, new: BoolArray) -> FloatArray:
-    lag, y = np.empty(path.shape), np.empty(path.shape[1])
-    for t in range(len(path)):
-        if new[t] or t == 0:
-            for i in range(len(y)):
-                y[i] = path[t, i]
-        if not new[t]:
-            _drag(y, path[t], K, gap)
-        for i in range(len(y)):
-            lag[t, i] = path[t, i] - y[i]
-    return lag
-
-
-@njit(cache=True)
 def _drag(y: FloatArray, q: FloatArray, K: FloatArray, gap: FloatArray) -> None:
     """Move the joints `y`, in place, to where motors at `q` drag them.
 
@@ -227,10 +215,15 @@ def _drag(y: FloatArray, q: FloatArray, K: FloatArray, gap: FloatArray) -> None:
 
 
 @njit(cache=True)
-def _lags_and_slopes(path: FloatArray, K: FloatArray, gap: FloatArray, new: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Follow the path: a joint that sticks keeps its slopes, those that slip hang together by one law."""
+def _lags_and_slopes(
+    path: FloatArray, K: FloatArray, gap: FloatArray, new: BoolArray, wanted: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Follow the path: a joint that sticks keeps its slopes, those that slip hang together by one law.
+
+    Slopes are followed where they are wanted; there are none else.
+    """
     dof = path.shape[1]
-    lag, slopes = np.empty(path.shape), np.zeros((len(path), dof, dof + dof * (dof - 1) // 2 + 1))
+    lag, slopes = np.empty(path.shape), np.zeros((len(path) * wanted, dof, dof + dof * (dof - 1) // 2 + 1))
     y, before, slips = np.empty(dof), np.empty(dof), np.empty(dof, dtype=np.bool_)
     A, right = np.empty((dof, dof)), np.empty(slopes.shape[1:])
     for t in range(len(path)):
@@ -244,7 +237,7 @@ def _lags_and_slopes(path: FloatArray, K: FloatArray, gap: FloatArray, new: Bool
         for i in range(dof):
             lag[t, i] = path[t, i] - y[i]
             slips[i] = y[i] != before[i]
-        if not fresh:
+        if wanted and not fresh:
             _slip_law(A, right, lag[t], slips, K, slopes[t - 1])
             _solve(A, right)
             for i in range(dof):

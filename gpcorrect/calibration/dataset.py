@@ -31,6 +31,8 @@ class Samples:
     # (n, d) joints that go in, for learners that filter a path; empty where there are none
     path: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     effort: FloatArray | None = None  # (n, d) efforts, likewise
+    # (n, d) by how much inputs may be off, see :meth:`JointFeatures.unsure`; None where all are known
+    unsure: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self.time)

@@ -155,6 +155,24 @@ class JointFeatures:
         """Radii `(h, d)` of the single plays of `memory`, in units of half the ranges."""
         return np.outer(LADDER, np.ones(len(self.centre)))
 
+    def unsure(self, span: FloatArray) -> FloatArray | None:
+        """Return by how much inputs `(..., k)` may be off on a path that has covered so much; None without `memory`.
+
+        Where in its slack a joint lay when the path began is not known until the joint has crossed it: after a span s
+        a play of radius r can still be in any place of r - s / 2 to either side; and joints pull on each other.
+
+        Parameters
+        ----------
+        span : (..., d) array, between the ends of what each joint covered, in units of half the ranges
+        """
+        if self.play is None or "memory" not in self.kinds:
+            return None
+        alone = np.maximum(1 - span[..., None, :] / (2 * self.ladder), 0.0).reshape(*span.shape[:-1], -1)
+        pull = np.abs(self.play.stiffness) / np.diagonal(self.play.stiffness)[:, None]
+        slack = np.concatenate([np.maximum(self.play.gap - span / 2, 0.0) @ pull.T, alone], axis=-1)
+        off = [slack if kind == "memory" else np.zeros((*span.shape[:-1], size)) for kind, size in self._sizes]
+        return np.concatenate(off, axis=-1)[..., self.used]
+
     @property
     def smooth(self) -> IntArray:
         """Columns on which the error may depend in a curved way: no single plays, lags or accelerations."""

@@ -46,15 +46,29 @@ def joint_path(
     return JointPath(time, new, q, velocity, effort, state)
 
 
-def logged_path(log: CalibrationLog, q: FloatArray, effort: FloatArray | None, state: FloatArray | None) -> JointPath:
+def logged_path(
+    log: CalibrationLog,
+    q: FloatArray,
+    kinds: Sequence[str],
+    moving: IntArray | None = None,
+    *,
+    efforts: bool = True,
+    extra: Sequence[str] | None = None,
+) -> JointPath:
     """Return the path of joints of a log; in static poses every row is a path of its own, at rest.
 
     Parameters
     ----------
     log : CalibrationLog, n samples
-    q, effort, state : (n, d), (n, d) and (n, k) arrays, see :func:`joint_path`
+    q : (n, d) array, all joints, rad or m
+    kinds : sequence of str, kinds of features; the whole state is read for "state" only
+    moving : (k,) int array, optional, joints that the path is of; all without it
+    efforts : bool, whether reported efforts belong to it
+    extra : sequence of str, optional, see :func:`state_columns`
     """
-    path = joint_path(log.time, log.session, q, effort, state)
+    effort = efforts_of(log, q.shape[1], moving) if efforts else None
+    state = state_columns(log, extra)[1] if "state" in kinds else None
+    path = joint_path(log.time, log.session, q if moving is None else q[:, moving], effort, state)
     if not log.static:
         return path
     return replace(path, new=np.ones(len(log), dtype=bool), velocity=np.zeros(path.q.shape))
@@ -97,6 +111,42 @@ def state_columns(log: CalibrationLog, extra: Sequence[str] | None = None) -> tu
     columns = [(name, values.reshape(len(log), -1)) for name, values in parts if values is not None]
     names = tuple(f"{name}_{i + 1}" for name, values in columns for i in range(values.shape[1]))
     return names, np.hstack([values for _, values in columns]) if columns else np.zeros((len(log), 0))
+
+
+def efforts_of(log: CalibrationLog, dof: int, moving: IntArray | None = None) -> FloatArray | None:
+    """Return the efforts `(n, k)` of k joints of a log; None where it has none.
+
+    Parameters
+    ----------
+    log : CalibrationLog, n samples
+    dof : int, joints that go in
+    moving : (k,) int array, optional, those that are asked for; all without it
+
+    Raises
+    ------
+    LogError
+        There are more or fewer efforts than joints, so that none is known to be which joint's.
+    """
+    effort = log.measured_jf
+    if effort is not None and effort.shape[1] != dof:
+        raise LogError(
+            f"measured_jf has {effort.shape[1]} joints, the positions have {dof}.",
+            hint="Name the same joints in both: a mapping file given with --columns says which columns are which.",
+            path=log.name,
+        )
+    return effort if effort is None or moving is None else effort[:, moving]
+
+
+def effort_kind(log: CalibrationLog, dof: int, moving: IntArray | None = None) -> tuple[str, ...]:
+    """Return the feature of efforts where they are complete in most samples: the others cannot be learned from.
+
+    Parameters
+    ----------
+    log, dof, moving
+        As for :func:`efforts_of`.
+    """
+    effort = efforts_of(log, dof, moving)
+    return () if effort is None or 2 * np.isfinite(effort).all(axis=1).sum() <= len(log) else ("effort",)
 
 
 def refuse_other_columns(names: Sequence[str], expected: Sequence[str]) -> None:

@@ -246,11 +246,13 @@ class JointRoute:
         time: FloatArray = np.arange(len(reference), dtype=np.float64) * self.joints.usual_step
         found = []
         for session in (np.arange(len(reference)), np.zeros(len(reference), dtype=np.int64)):
-            answer = self.correct(reference, time, session, bounds)
+            answer = self.correct(reference, time, session, bounds, from_middle=True)
             found.append(answer.numbers(answer.interval95))
         return np.nan_to_num(np.vstack(found))
 
-    def correct(self, reference: PoseSignal, time: FloatArray, session: IntArray, bounds: Bounds) -> Correction:
+    def correct(
+        self, reference: PoseSignal, time: FloatArray, session: IntArray, bounds: Bounds, *, from_middle: bool = False
+    ) -> Correction:
         """Return what to command along a path of reference poses; NaN where the arm comes not near.
 
         Parameters
@@ -259,9 +261,10 @@ class JointRoute:
         time : (n,) array, s
         session : (n,) int array, homing or day
         bounds : Bounds, largest believed correction of a pose
+        from_middle : bool, whether joints are known to begin in the middle of their slack
         """
         q = self.kinematics.inverse(reference)
-        in_joints = self.joints.correct_path(q, time, sessions=clocks(time, session))
+        in_joints = self.joints.correct_path(q, time, sessions=clocks(time, session), from_middle=from_middle)
         if self.aim is not None:
             assert in_joints.joints is not None
             moved, beyond = self.aim.moved(q, in_joints.joints, time, session)

@@ -13,6 +13,7 @@ from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.joint_features import JointFeatures, law_penalties
 from gpcorrect.calibration.joint_path import JointPath, joint_path, logged_path, refuse_other_columns, state_columns
 from gpcorrect.calibration.law import Prediction
+from gpcorrect.calibration.memory import spans
 from gpcorrect.calibration.settings import Direction, InputSignal
 from gpcorrect.calibration.stops import Stops
 from gpcorrect.calibration.task import Corrector, Measured
@@ -65,7 +66,8 @@ class PathView(ABC):
         """
         X = self.features.transform(path)
         usable = keep & np.isfinite(X).all(axis=1) & np.isfinite(error).all(axis=1)
-        return Samples(path.time, trajectory, path.new, X, error, np.zeros(error.shape), usable)
+        unsure = self.features.unsure(spans(self.features.scaled(path.q), path.new))
+        return Samples(path.time, trajectory, path.new, X, error, np.zeros(error.shape), usable, unsure=unsure)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -218,7 +220,9 @@ class ViewCorrector(Corrector):
         state = np.zeros((n, features.n_state)) if features.n_state else None
         one, unknown = np.zeros(n, dtype=np.int64), np.full((n, len(self.law.zero)), np.nan)
         path = joint_path(np.arange(n, dtype=np.float64), one, q, np.zeros(q.shape), state)
-        prediction = self.law.predict(self.view.samples(path, one, unknown, np.zeros(n, dtype=bool)))
+        # From the middle of the slack, as files of before there was a doubt about it were checked.
+        samples = replace(self.view.samples(path, one, unknown, np.zeros(n, dtype=bool)), unsure=None)
+        prediction = self.law.predict(samples)
         return np.nan_to_num(np.hstack([prediction.residual, prediction.std]))
 
 
@@ -318,6 +322,5 @@ def path_and_error(
     if stops is not None:
         source = stops.reached(source)
         truth = truth if direction == "estimate" else stops.reached(truth)
-    effort = None if log.measured_jf is None or direction == "command" else log.measured_jf[:, moving]
-    state = state_columns(log)[1] if "state" in kinds else None
-    return logged_path(log, source[:, moving], effort, state), (truth - source)[:, moving]
+    path = logged_path(log, source, kinds, moving, efforts=direction == "estimate")
+    return path, (truth - source)[:, moving]

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.joint_features import JointFeatures
-from gpcorrect.calibration.joint_path import JointPath, joint_path, state_columns, usual_steps
+from gpcorrect.calibration.joint_path import JointPath, effort_kind, joint_path, state_columns, usual_steps
 from gpcorrect.calibration.joint_view import JointView, ViewCorrector, directed, joint_layout, path_and_error
 from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.metrics import joint_units, spread
@@ -83,9 +83,17 @@ class JointCorrector(ViewCorrector):
         return zero
 
     def correct_path(
-        self, q: ArrayLike, times: ArrayLike, efforts: ArrayLike | None = None, sessions: ArrayLike | None = None
+        self,
+        q: ArrayLike,
+        times: ArrayLike,
+        efforts: ArrayLike | None = None,
+        sessions: ArrayLike | None = None,
+        *,
+        from_middle: bool = False,
     ) -> Correction:
         """Return the true joints of a path of reported ones, or what to command, by the model's direction.
+
+        Until the path has crossed their slack, intervals allow for joints having begun on either side of it.
 
         Parameters
         ----------
@@ -93,6 +101,7 @@ class JointCorrector(ViewCorrector):
         times : (n,) array, seconds, increasing within a session
         efforts : (n, d) array, optional, as logged, for models that look at them
         sessions : (n,) int array, optional, where the number changes, the arm was homed or moved by hand
+        from_middle : bool, whether joints are known to begin in the middle of their slack
 
         Returns
         -------
@@ -108,7 +117,9 @@ class JointCorrector(ViewCorrector):
         if joints.ndim != 2 or joints.shape[1] != len(self.types):
             raise DataError(f"the model knows {len(self.types)} joints, got an array of shape {joints.shape}.")
         n, moving = len(joints), self.view.moving
-        homed = np.zeros(n, dtype=np.int64) if sessions is None else np.asarray(sessions, dtype=np.int64)
+        homed: IntArray = np.zeros(n, dtype=np.int64)
+        if sessions is not None:
+            homed = np.unique(numbers(sessions, "sessions"), return_inverse=True)[1]
         effort = None if efforts is None else numbers(efforts, "efforts")
         if homed.shape != (n,) or (effort is not None and effort.shape != joints.shape):
             raise DataError(f"a path of {n} samples needs {n} sessions and as many rows of efforts as of joints.")
@@ -118,7 +129,7 @@ class JointCorrector(ViewCorrector):
         self.trained.refuse_slow(joints, seconds, homed)
         path = joint_path(seconds, homed, self.view.reached(joints)[:, moving], effort)
         samples = self.view.samples(path, homed, np.full(path.q.shape, np.nan), np.zeros(n, dtype=bool))
-        return self.view.answer(joints, self.law.predict(samples))
+        return self.view.answer(joints, self.law.predict(replace(samples, unsure=None) if from_middle else samples))
 
     def stream(self) -> JointStream:
         """Return a stream, which answers sample after sample and remembers where in its slack the arm is."""
@@ -269,7 +280,7 @@ class JointTask:
         still = tuple(j + 1 for j in range(len(types)) if j not in moving)
         if still:
             remarks.append(f"joint {', '.join(map(str, still))} never moves in training: left uncorrected")
-        kinds = settings.features or _default_features(log, settings)
+        kinds = settings.features or _default_features(log, settings, len(types), moving)
         sent, ended = (source, truth) if settings.direction == "estimate" else (truth, source)
         stops = Stops.of(sent, ended)
         path, error = path_and_error(log, source, truth, stops, moving, settings.direction, kinds)
@@ -308,12 +319,11 @@ def _input_signal(log: CalibrationLog, settings: FitSettings) -> InputSignal:
     return settings.input_signal or ("measured_jp" if log.measured_jp is not None else "setpoint_jp")
 
 
-def _default_features(log: CalibrationLog, settings: FitSettings) -> tuple[str, ...]:
+def _default_features(log: CalibrationLog, settings: FitSettings, dof: int, moving: IntArray) -> tuple[str, ...]:
     """Return the method's own choice: positions and, where logged, efforts; for the Gaussian process the past too."""
     if settings.method in ("offset", "ukf"):
         return ("position",)
-    effort = log.measured_jf if settings.direction == "estimate" else None
-    logged = () if effort is None or not np.isfinite(effort).any() else ("effort",)
+    logged = effort_kind(log, dof, moving) if settings.direction == "estimate" else ()
     past = ("velocity", "acceleration", "memory", "lags")
     return ("position", *logged, *(past if settings.method in ("gp", "trees", "auto") and not log.static else ()))
 

@@ -55,36 +55,44 @@ class Law:
         samples : Samples, n samples
         """
         if not isinstance(self.learned, CableModel):
-            return self.predict_rows(samples.X, samples.origin)
+            return self.predict_rows(samples.X, samples.origin, samples.unsure)
         mean, std = self.learned.errors(samples)
         return self.guarded(mean, std, np.zeros(len(samples)), samples.X, np.asarray(np.isfinite(mean).all(axis=1)))
 
-    def predict_rows(self, X: FloatArray, origin: FloatArray | float = 0.0) -> Prediction:
+    def predict_rows(
+        self, X: FloatArray, origin: FloatArray | float = 0.0, unsure: FloatArray | None = None
+    ) -> Prediction:
         """Return predictions for inputs, of a law that needs no path.
 
         Parameters
         ----------
         X : (n, d) array, inputs; a row with a NaN is missing
-        origin : (n, m) array, optional, see :class:`Samples`
+        origin, unsure : (n, m) and (n, d) arrays, optional, see :class:`Samples`
         """
         assert not isinstance(self.learned, CableModel)
         mean, std = np.full((2, len(X), len(self.zero)), np.nan)
         novelty, rows = np.zeros(len(X)), np.asarray(np.isfinite(X).all(axis=1))
         if rows.any():
             mean[rows], std[rows], novelty[rows] = self.learned.predict(self.inputs(X[rows]))
+        if unsure is not None and (off := rows & unsure.any(axis=1)).any():
+            ends = [self.learned.predict(self.inputs(X[off] + side * unsure[off]))[0] for side in (-1, 1)]
+            std[off] = np.hypot(std[off], (ends[1] - ends[0]) / 2)
         return self.guarded(mean - origin, std, novelty, X, rows)
 
-    def predict_one(self, x: FloatArray, origin: FloatArray) -> Prediction:
+    def predict_one(self, x: FloatArray, origin: FloatArray, unsure: FloatArray | None = None) -> Prediction:
         """Return the prediction for one input, of a law that needs no path, as one row: the hot path of streams.
 
         Parameters
         ----------
         x : (d,) array, inputs
-        origin : (m,) array, see :class:`Samples`
+        origin, unsure : (m,) and (d,) arrays, see :class:`Samples`
         """
         if not (isinstance(self.learned, GPMap) and np.isfinite(x).all()):
-            return self.predict_rows(x[None], origin[None])
+            return self.predict_rows(x[None], origin[None], None if unsure is None else unsure[None])
         mean, std, novelty = self.learned.predict_one(self.inputs(x))
+        if unsure is not None and unsure.any():
+            ends = [self.learned.predict_one(self.inputs(x + side * unsure))[0] for side in (-1, 1)]
+            std = np.hypot(std, (ends[1] - ends[0]) / 2)
         return self.guarded(mean[None] - origin, std[None], np.array([novelty]), x[None], np.ones(1, dtype=bool))
 
     def unguarded_one(self, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:

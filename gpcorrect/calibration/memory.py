@@ -189,6 +189,18 @@ def left_out_squares(F: FloatArray, Y: FloatArray, folds: IntArray, penalties: F
     return total / len(Y)
 
 
+def spans(path: FloatArray, new: BoolArray) -> FloatArray:
+    """Return how far apart the ends of what a path `(n, d)` has covered so far are `(n, d)`; 0 where `new`.
+
+    Parameters
+    ----------
+    path : (n, d) array, positions
+    new : (n,) mask, where a path starts
+    """
+    parts = np.split(path, np.flatnonzero(new)[1:])
+    return np.vstack([np.maximum.accumulate(part) - np.minimum.accumulate(part) for part in parts])
+
+
 @njit(cache=True)
 def lag_step(behind: FloatArray, moved: FloatArray, step: float, constants: FloatArray) -> FloatArray:
     """Return by how much lags `(t, d)` are behind a signal that moved evenly by `moved` (d,) during `step`.
@@ -199,13 +211,13 @@ def lag_step(behind: FloatArray, moved: FloatArray, step: float, constants: Floa
     ----------
     behind : (t, d) array, by how much they were
     moved : (d,) array, what the signal moved by; where that is not known it is taken to have stood
-    step : float, s
+    step : float, s; 0 where two samples have one stamp
     constants : (t,) array, time constants tau, s
     """
     after = np.empty((len(constants), len(moved)))
     for t in range(len(constants)):
         left = np.exp(-step / constants[t])
-        fraction = (1.0 - left) * constants[t] / step
+        fraction = (1.0 - left) * constants[t] / step if step > 0.0 else 1.0
         for j in range(len(moved)):
             after[t, j] = behind[t, j] * left + (moved[j] * fraction if np.isfinite(moved[j]) else 0.0)
     return after

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, get_args
 
 from gpcorrect.cleaning import CleaningSettings
+from gpcorrect.errors import DataError
 from gpcorrect.rigid import MarkerOption
 
 Direction = Literal["estimate", "command"]
@@ -62,6 +63,19 @@ class FitSettings:
     direction: Direction = "estimate"
     end_to_end: bool = False
     extra: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name, value, known in (
+            ("direction", self.direction, get_args(Direction)),
+            ("input_signal", self.input_signal, (None, *get_args(InputSignal))),
+        ):
+            if value not in known:
+                raise DataError(f"{name} is one of {', '.join(map(str, known))}; got {value!r}.")
+        counts = {"inducing": self.inducing, "search_samples": self.search_samples, "epochs": self.epochs}
+        counts |= {"layers": min(self.layers, default=1)}
+        for name, count in counts.items():
+            if count is not None and count < 1:
+                raise DataError(f"{name} must be at least 1, got {count}.")
 
 
 @dataclass(frozen=True)

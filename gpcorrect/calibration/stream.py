@@ -16,6 +16,7 @@ from gpcorrect.calibration.joint_path import JOINT_SIGNALS, refuse_other_columns
 from gpcorrect.calibration.joint_view import ViewCorrector
 from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.learners import CableModel
+from gpcorrect.calibration.learners.ukf import follow
 from gpcorrect.calibration.memory import advance, lag_step
 from gpcorrect.calibration.queries import numbers
 from gpcorrect.calibration.settings import LIMITS
@@ -50,6 +51,7 @@ class _PathFollower:
         """Forget the path."""
         self._past: deque[tuple[float, FloatArray]] = deque(maxlen=MOST_PAST)
         self._memory: tuple[FloatArray, FloatArray, FloatArray] | None = None  # path, joints and plays so far
+        self._ends: tuple[FloatArray, FloatArray] | None = None  # of what the path has covered
         self._followed: dict[str, tuple[FloatArray, FloatArray]] = {}  # signals where last known, and lags behind them
 
     @property
@@ -67,9 +69,13 @@ class _PathFollower:
         parts = [self._column(kind, time, q, effort, state) for kind in self._features.kinds]
         return np.concatenate(parts)[self._features.used]
 
-    def passed(self, time: float, q: FloatArray) -> None:
-        """Note where the joints were."""
+    def passed(self, time: float, q: FloatArray) -> FloatArray | None:
+        """Note where the joints were; return by how much features may be off, see :meth:`JointFeatures.unsure`."""
         self._past.append((time, q))
+        scaled = self._features.scaled(q)
+        low, high = self._ends or (scaled, scaled)
+        self._ends = np.minimum(low, scaled), np.maximum(high, scaled)
+        return self._features.unsure(self._ends[1] - self._ends[0])
 
     def _column(
         self, kind: str, time: float, q: FloatArray, effort: FloatArray | None, state: FloatArray | None
@@ -160,7 +166,7 @@ class JointStream(_ViewStream):
     def _begin(self) -> None:
         super()._begin()
         learned = self._corrector.law.learned
-        self._filters = learned.filters() if isinstance(learned, CableModel) else []
+        self._cable = np.zeros((2, len(learned.gap) if isinstance(learned, CableModel) else 0))
 
     def correct(
         self, time: float, q: ArrayLike, effort: ArrayLike | None = None, state: ArrayLike | None = None
@@ -198,15 +204,12 @@ class JointStream(_ViewStream):
         self, time: float, moving: FloatArray, effort: FloatArray | None, state: FloatArray | None
     ) -> Prediction:
         law, new = self._corrector.law, self._follower.new
-        if new and self._filters:
-            self._begin()
         x = self._follower.columns(time, moving, effort, state)
-        self._follower.passed(time, moving)
+        unsure = self._follower.passed(time, moving)
         if not isinstance(law.learned, CableModel):
-            return law.predict_one(x, moving if self._corrector.view.end_to_end else np.zeros(len(moving)))
+            return law.predict_one(x, moving if self._corrector.view.end_to_end else np.zeros(len(moving)), unsure)
         motor, stretch = law.learned.inputs(moving[None], None if effort is None else effort[None])
-        samples = zip(self._filters, motor[0].tolist(), stretch[0].tolist(), strict=True)
-        mean, std = np.array([one.step(m, s, new) for one, m, s in samples]).T
+        mean, std = follow(self._cable, motor[0], stretch[0], new, law.learned.noises)
         std = np.hypot(std, law.learned.motor.std)
         return law.guarded(mean[None] - moving, std[None], np.zeros(1), x[None], np.array([np.isfinite(mean).all()]))
 
@@ -279,8 +282,8 @@ class ToolStream(_ViewStream):
             )
         self._arrive(state.time, q)
         x = self._follower.columns(state.time, q, effort, whole)
-        self._follower.passed(state.time, q)
-        return view.answer(position[None], law.predict_one(x, np.zeros(3)))[0]
+        unsure = self._follower.passed(state.time, q)
+        return view.answer(position[None], law.predict_one(x, np.zeros(3), unsure))[0]
 
 
 def _whole_state(state: RobotState, expected: Sequence[str]) -> FloatArray:

@@ -20,7 +20,7 @@ from gpcorrect.calibration.metrics import Z95, coverage
 from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.calibration.training_motion import UNITS, TrainingMotion
 from gpcorrect.cleaning import CleaningReport, FittedCleaner, Pair, clean_with, fit_cleaner
-from gpcorrect.errors import LogError
+from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import IntervalCalibration, LeftOut
 from gpcorrect.logs.copies import LEAST, marks_of, recalled
 from gpcorrect.logs.sync import Clocks, match_clocks
@@ -69,7 +69,7 @@ class Outcome:
         """Scores of left-out pieces of the training, with which later scores are compared."""
         rows, left_out = self.samples.rows, self.left_out
         labels = pieces(self.samples.time[rows], self.samples.trajectory[rows])
-        return _scores_by_piece(left_out.errors * Z95 / self.intervals.interval95(left_out.std), labels)
+        return _scores_by_piece(_ratios(left_out.errors, self.intervals.interval95(left_out.std)), labels)
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +113,7 @@ class Measured:
     @property
     def scores(self) -> FloatArray:
         """Scores of pieces, about 1 while the model holds; samples outside the training region are not counted."""
-        ratio = self.corrected * Z95 / self.interval95
+        ratio = _ratios(self.corrected, self.interval95)
         known = np.isfinite(ratio).any(axis=0)
         ratio = np.where(self.in_domain[:, None], ratio, np.nan)[:, known]
         return _scores_by_piece(ratio, pieces(self.time, self.trajectory))
@@ -245,6 +245,8 @@ class Corrector(ABC):
         log : CalibrationLog
         """
         path = self.query_path(log)
+        if path.shape[1] != len(self.trained.low):
+            raise DataError(f"the model knows {len(self.trained.low)} joints, the log has {path.shape[1]}.")
         known = path[np.isfinite(path).all(axis=1)]
         if len(known):
             self.trained.refuse_far(np.median(known, axis=0), UNITS)
@@ -346,9 +348,14 @@ class Corrector(ABC):
         return dict(self.summary)
 
 
+def _ratios(errors: FloatArray, interval95: FloatArray) -> FloatArray:
+    """Return errors `(n, m)` over standard deviations; NaN where an interval has no width, as of data without error."""
+    return np.asarray(np.divide(errors * Z95, interval95, out=np.full(errors.shape, np.nan), where=interval95 > 0))
+
+
 def _scores_by_piece(ratio: FloatArray, labels: IntArray) -> FloatArray:
     """Return root mean squares of ratios `(n, m)` of error over standard deviation, a piece each, in order."""
-    squares = np.mean(ratio**2, axis=1)
-    known = np.isfinite(squares)
+    squares = np.sum(ratio**2, axis=1) / max(ratio.shape[1], 1)
+    known = np.isfinite(squares) & (ratio.shape[1] > 0)
     scores = [np.sqrt(squares[known & (labels == label)].mean()) for label in np.unique(labels[known])]
     return np.array(scores)

@@ -10,7 +10,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.calibration.dataset import Samples
 from gpcorrect.calibration.joint_features import JointFeatures
-from gpcorrect.calibration.joint_path import JointPath, logged_path, refuse_other_columns, state_columns, usual_steps
+from gpcorrect.calibration.joint_path import effort_kind, logged_path, refuse_other_columns, state_columns, usual_steps
 from gpcorrect.calibration.joint_view import PathView, ViewCorrector, joint_layout
 from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.settings import LIMITS, FitSettings
@@ -38,7 +38,7 @@ class ToolView(PathView):
 
     def of_log(self, log: CalibrationLog, keep: BoolArray, *, needs_truth: bool = True) -> tuple[FloatArray, Samples]:
         """See :class:`PathView`."""
-        path = _path_of(log, self.features.kinds, self.extra)
+        path = logged_path(log, _reported_joints(log), self.features.kinds, extra=self.extra)
         if "state" in self.features.kinds:
             refuse_other_columns(state_columns(log, self.extra)[0], self.state_names)
         reported, seen = _positions(log, needs_truth=needs_truth)
@@ -154,7 +154,7 @@ class PositionEstimator(ViewCorrector):
         reported, seen = _positions(log)
         assert seen is not None
         kinds = settings.features or _default_features(log, settings)
-        path = _path_of(log, kinds, settings.extra)
+        path = logged_path(log, _reported_joints(log), kinds, extra=settings.extra)
         known = np.isfinite(path.q).all(axis=1) & np.isfinite(seen).all(axis=1) & np.isfinite(reported).all(axis=1)
         rows = np.flatnonzero(keep & known)
         if rows.size < LIMITS.fewest_samples:
@@ -195,21 +195,14 @@ def _default_features(log: CalibrationLog, settings: FitSettings) -> tuple[str, 
     """Return the whole state for the network, joints, slack and efforts otherwise."""
     if settings.method == "network":
         return ("state",)
-    effort = log.measured_jf is not None and bool(np.isfinite(log.measured_jf).any())
     memory = () if log.static else ("memory",)
-    return ("position", *(("effort",) if effort else ()), *memory)
+    return ("position", *effort_kind(log, _reported_joints(log).shape[1]), *memory)
 
 
 def _reported_joints(log: CalibrationLog) -> FloatArray:
     if log.measured_jp is None:
         raise LogError(f"the estimator needs measured_jp; the log has {', '.join(log.signals)}.", path=log.name)
     return log.measured_jp
-
-
-def _path_of(log: CalibrationLog, kinds: tuple[str, ...], extra: tuple[str, ...]) -> JointPath:
-    joints = _reported_joints(log)
-    state = state_columns(log, extra)[1] if "state" in kinds else None
-    return logged_path(log, joints, log.measured_jf, state)
 
 
 def _positions(log: CalibrationLog, *, needs_truth: bool = True) -> tuple[FloatArray, FloatArray | None]:

@@ -34,7 +34,6 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
     feature_groups: Sequence[Sequence[int]] | None
     output_groups: Sequence[int] | None
     n_learn: int
-    n_restarts: int
     kernel: KernelOption
     random_state: int | None
     _most_samples: int | None = None  # that the posterior can bear; None for any number
@@ -130,10 +129,10 @@ class GaussianProcess(MultiOutputMixin, RegressorMixin, BaseEstimator):  # type:
         for i, columns in enumerate(_columns(outputs.shape[1], self.output_groups)):
             scaling = Scaling.of(inputs, outputs[:, columns])
             A, B = inputs[rows] / scaling.x_spread, scaling.outputs(outputs[rows, columns])
-            options: dict[str, Any] = {"restarts": self.n_restarts, "rng": learning, "kernel": self.kernel}
+            options: dict[str, Any] = {"kernel": self.kernel}
             if starts is not None:
                 known = starts[i].hyperparameters
-                options |= {"start": known.theta, "kernel": known.kernel.name}
+                options = {"start": known.theta, "kernel": known.kernel.name}
             learned.append(Learned(columns, scaling, learn(A, B, masks, *stretches, **options, progress=progress)))
         self.learned_: tuple[Learned, ...] = tuple(learned)
         self.predictor_ = self._predictor(inputs, outputs, placing, progress)
@@ -178,10 +177,9 @@ class ExactGPR(GaussianProcess):
     output_groups : sequence of int, optional
         How many outputs in turn share a kernel, as (3, 3) for positions and rotations; all of them by default.
     n_learn : int, samples that the hyperparameters are learned from
-    n_restarts : int, further searches for the hyperparameters, from random starts
     kernel : "rbf", "matern52" or "auto"
         Correlation function; "auto" takes, for each group of outputs, the one of greater evidence.
-    random_state : int, RandomState or None, seed of the subset and the restarts
+    random_state : int, RandomState or None, seed of the subset
 
     See Also
     --------
@@ -196,14 +194,12 @@ class ExactGPR(GaussianProcess):
         feature_groups: Sequence[Sequence[int]] | None = None,
         output_groups: Sequence[int] | None = None,
         n_learn: int = 1000,
-        n_restarts: int = 0,
         kernel: KernelOption = "rbf",
         random_state: int | None = 0,
     ) -> None:
         self.feature_groups = feature_groups
         self.output_groups = output_groups
         self.n_learn = n_learn
-        self.n_restarts = n_restarts
         self.kernel = kernel
         self.random_state = random_state
 

@@ -61,11 +61,6 @@ class Kernel(ABC):
 
     @staticmethod
     @abstractmethod
-    def profile(halves: FloatArray) -> FloatArray:
-        """Return f of `-s / 2` `(n, m)`, which it may use up."""
-
-    @staticmethod
-    @abstractmethod
     def profile_and_slope(halves: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return f and `-2 df/ds` of `-s / 2` `(n, m)`, which it may use up."""
 
@@ -75,7 +70,7 @@ class Kernel(ABC):
         for start in range(0, len(A), ROWS):
             rows = slice(start, start + ROWS)
             for weight, scales in zip(self.weights, self.length_scales, strict=True):
-                part = self.profile(_half_squares(A[rows] / scales, B / scales))
+                part, _ = self.profile_and_slope(_half_squares(A[rows] / scales, B / scales))
                 part *= weight
                 total[rows] += part
         return total
@@ -145,12 +140,8 @@ class AdditiveRBF(Kernel):
     code = 0.0
 
     @staticmethod
-    def profile(halves: FloatArray) -> FloatArray:  # noqa: D102  # documented on the base
-        return np.exp(halves, out=halves)
-
-    @staticmethod
-    def profile_and_slope(halves: FloatArray) -> tuple[FloatArray, FloatArray]:  # noqa: D102
-        part = AdditiveRBF.profile(halves)
+    def profile_and_slope(halves: FloatArray) -> tuple[FloatArray, FloatArray]:  # noqa: D102  # documented on the base
+        part = np.exp(halves, out=halves)
         return part, part
 
 
@@ -164,12 +155,7 @@ class AdditiveMatern52(Kernel):
     code = 1.0
 
     @staticmethod
-    def profile(halves: FloatArray) -> FloatArray:  # noqa: D102  # documented on the base
-        r = np.sqrt(-10.0 * halves)
-        return (1.0 + r + r * r / 3.0) * np.exp(-r)
-
-    @staticmethod
-    def profile_and_slope(halves: FloatArray) -> tuple[FloatArray, FloatArray]:  # noqa: D102
+    def profile_and_slope(halves: FloatArray) -> tuple[FloatArray, FloatArray]:  # noqa: D102  # documented on the base
         r = np.sqrt(-10.0 * halves)
         decay = np.exp(-r)
         return (1.0 + r + r * r / 3.0) * decay, 5.0 / 3.0 * (1.0 + r) * decay

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, Self
 
@@ -23,7 +22,6 @@ TOLERANCE = 1e-5
 # The same of a search that starts where one of data of the same kind ended: half the evaluations and the same errors;
 # from eight trajectories 96.0, 98.5 and 91.5 % covered become 96.6, 96.5 and 91.5 % (docs/design/0002).
 TOLERANCE_FROM_KNOWN = 1e-4
-RESTART_SPREAD = 0.7  # log units around the first start
 FLAT = 1e-12  # a column whose spread is this small beside its values is constant but for rounding
 
 
@@ -106,13 +104,11 @@ def learn(
     groups: IntArray | None,
     times: FloatArray | None,
     *,
-    restarts: int,
-    rng: np.random.Generator,
     progress: Progress,
     start: FloatArray | None = None,
     kernel: KernelOption = "rbf",
 ) -> Hyperparameters:
-    """Return the best of `1 + restarts` searches by L-BFGS-B, and of the kernels that may be taken.
+    """Return what a search by L-BFGS-B finds, the best of the kernels that may be taken.
 
     A further kernel is searched from where the first one's search ended; that of the greater posterior is taken.
 
@@ -121,9 +117,7 @@ def learn(
     X, Y : (n, d) and (n, m) arrays, of unit spread, outputs centred
     masks : (c, d) bool array, features that each component of the kernel sees
     groups, times : (n,) arrays or None, trajectory and time (s) of each sample; None takes the noise as white
-    restarts : int, further searches from random starts
-    rng : numpy.random.Generator, source of the random starts
-    progress : Progress, updated after each search
+    progress : Progress, updated after the search
     start : (p,) array, optional, where the first search starts, as it came out of a search of data of the same kind
     kernel : "rbf", "matern52" or "auto", Kernel, or "auto" for any
     """
@@ -139,37 +133,27 @@ def learn(
             " data of the same kind have as many.",
             hint="Give groups and times where the first fit had them, and only there.",
         )
-    low, high = np.array(layout.bounds).T
-    starts = [layout.start if start is None else np.clip(start, low, high)]
-    for _ in range(restarts):
-        starts.append(np.clip(layout.start + RESTART_SPREAD * rng.standard_normal(len(low)), low, high))
-    best = _search(data, layout, starts, TOLERANCE if start is None else TOLERANCE_FROM_KNOWN, progress)
+    first, tolerance = layout.start, TOLERANCE
+    if start is not None:
+        first, tolerance = np.clip(start, *np.array(layout.bounds).T), TOLERANCE_FROM_KNOWN
+    best = _search(data, layout, first, tolerance)
     for kind in kinds[1:]:
-        other = _search(data, replace(layout, kind=kind), [best.theta], TOLERANCE, progress)
+        other = _search(data, replace(layout, kind=kind), best.theta, TOLERANCE)
         best = min(best, other, key=lambda h: h.objective)
+    progress.step("hyperparameters", 1.0)
     return best
 
 
-def _search(
-    data: LearningData, layout: Layout, starts: Sequence[FloatArray], tolerance: float, progress: Progress
-) -> Hyperparameters:
-    """Best of the searches for one kernel."""
-    results = []
-    for start in starts:
-        options = {"maxiter": MOST_STEPS, "ftol": tolerance}
-        results.append(
-            minimize(
-                negative_log_posterior,
-                start,
-                args=(data, layout),
-                jac=True,
-                method="L-BFGS-B",
-                bounds=layout.bounds,
-                options=options,
-            )
-        )
-        progress.step("hyperparameters", len(results) / len(starts))
-    best = min(results, key=lambda result: float(result.fun))
+def _search(data: LearningData, layout: Layout, start: FloatArray, tolerance: float) -> Hyperparameters:
+    best = minimize(
+        negative_log_posterior,
+        start,
+        args=(data, layout),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=layout.bounds,
+        options={"maxiter": MOST_STEPS, "ftol": tolerance},
+    )
     noise, signal = layout.noise(best.x), profiled_signal(best.x, data, layout)
     return Hyperparameters(
         kernel=layout.kernel(best.x),

@@ -36,12 +36,12 @@ class SparseGPR(GaussianProcess):
     ----------
     n_inducing : int, inducing points that the mean rests on
     n_variance : int, how many of them the variance rests on: the part of a query that costs their square
-    feature_groups, output_groups, n_learn, n_restarts, kernel
+    feature_groups, output_groups, n_learn, kernel
         As for :class:`ExactGPR`.
     inflation : sequence of float, optional
         For each group of outputs, how many neighbouring samples count as one, because they err together; 1 by default.
         :func:`gpcorrect.gpr.learn_inflation` learns it.
-    random_state : int, RandomState or None, seed of the subset, the restarts and the inducing points
+    random_state : int, RandomState or None, seed of the subset and the inducing points
 
     Attributes
     ----------
@@ -64,7 +64,6 @@ class SparseGPR(GaussianProcess):
         feature_groups: Sequence[Sequence[int]] | None = None,
         output_groups: Sequence[int] | None = None,
         n_learn: int = 500,
-        n_restarts: int = 0,
         inflation: Sequence[float] | None = None,
         kernel: KernelOption = "rbf",
         random_state: int | None = 0,
@@ -74,7 +73,6 @@ class SparseGPR(GaussianProcess):
         self.feature_groups = feature_groups
         self.output_groups = output_groups
         self.n_learn = n_learn
-        self.n_restarts = n_restarts
         self.inflation = inflation
         self.kernel = kernel
         self.random_state = random_state

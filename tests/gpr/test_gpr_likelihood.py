@@ -55,17 +55,8 @@ def test_the_value_is_that_of_scikit_learn_at_the_best_signal_variance() -> None
     assert value - layout.penalty(theta)[0] + constant == pytest.approx(expected, rel=1e-8)
 
 
-def learned(X, Y, groups=None, times=None, restarts=0):  # type: ignore[no-untyped-def]
-    return learn(
-        X,
-        Y,
-        component_masks(X.shape[1], None),
-        groups,
-        times,
-        restarts=restarts,
-        rng=np.random.default_rng(0),
-        progress=Progress(),
-    )
+def learned(X, Y, groups=None, times=None):  # type: ignore[no-untyped-def]
+    return learn(X, Y, component_masks(X.shape[1], None), groups, times, progress=Progress())
 
 
 def test_planted_length_scales_and_noise_are_recovered() -> None:
@@ -111,9 +102,3 @@ def test_ignoring_correlated_noise_makes_the_model_overconfident() -> None:
     Y = 0.5 * np.column_stack([correlated_noise(10, 40, 0.1, 0.5, rng) for _ in range(2)])
     with_groups, without = learned(X, Y, groups, times), learned(X, Y)
     assert (without.noise < 0.67 * with_groups.noise).all()
-
-
-def test_restarts_never_make_the_objective_worse() -> None:
-    """The best of several searches is at least as good as the first."""
-    X, Y, _ = planted(60, seed=11)
-    assert learned(X, Y, restarts=2).objective <= learned(X, Y).objective

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 
 from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.learners.learner import Fitted
@@ -24,9 +25,12 @@ from gpcorrect.types import BoolArray, FloatArray, Progress
 GAPS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.15)
 """Half gap over half the range, to choose from: up to the slack of the dVRK wrist recorded in `dvrk_random`."""
 PROCESS = (0.01, 0.1, 1.0)  # standard deviation a step over that of the play's residual, to choose from; chosen by hand
-TUNING_ROWS = 1500  # samples that the process noise is tuned on: a pass of the filter over them takes a second
+TUNING_ROWS = 1500  # samples that the process noise is tuned on; chosen by hand
 LEAST_EXPLAINED = 0.05
 """Part of the stretch's variance that the effort must explain to be a measurement; chosen by hand."""
+ALPHA, BETA, KAPPA = 0.5, 2.0, 2.0  # of Merwe's scaled sigma points (van der Merwe 2004, Sec. 3.2.2); chosen by hand
+FACTOR = ALPHA**2 * (1.0 + KAPPA)  # of the variance, in the square of a sigma point's distance
+MIDDLE = 1.0 - 1.0 / FACTOR + 1.0 - ALPHA**2 + BETA  # weight of the middle one in the variance
 TINY = 1e-9  # m or rad: keeps variances positive, far below the resolution of any encoder
 
 
@@ -61,8 +65,7 @@ class CableModel:
         samples : Samples, n samples, in order, with their path of d joints
         """
         motor, stretch = self.inputs(samples.path, samples.effort)
-        parts = [_filtered(motor[:, j], stretch[:, j], samples.new, cable) for j, cable in enumerate(self.filters())]
-        mean, std = (np.column_stack(columns) for columns in zip(*parts, strict=True))
+        mean, std = _filtered(motor, stretch, samples.new, self.noises)
         return mean - samples.path, np.hypot(std, self.motor.std)
 
     def inputs(self, q: FloatArray, effort: FloatArray | None) -> tuple[FloatArray, FloatArray]:
@@ -79,10 +82,10 @@ class CableModel:
         stretch = self.stretch_per_effort * effort + self.stretch_at_rest
         return motor, np.where(np.isfinite(self.measurement), stretch, np.nan)
 
-    def filters(self) -> list[CableFilter]:
-        """Return a filter for every joint, for a live path."""
-        noises = zip(self.gap.tolist(), self.process.tolist(), self.measurement.tolist(), strict=True)
-        return [CableFilter(*parts) for parts in noises]
+    @property
+    def noises(self) -> FloatArray:
+        """(3, d) half gaps and deviations of the joint's step and of the stretch, as :func:`follow` reads them."""
+        return np.array([self.gap, self.process, self.measurement])
 
 
 def learn_cable(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
@@ -119,9 +122,9 @@ def _tuned(data: Samples, motor: FloatArray, left: FloatArray, joint: int) -> tu
     def _square(fraction: float) -> float:
         new = data.new[first:last].copy()
         new[0] = True
-        cable = CableFilter(gap * half, fraction * spread, measurement)
-        mean, _ = _filtered(motor[first:last], stretch[first:last], new, cable)
-        return float(np.mean((mean[inside] - (motor + left)[head]) ** 2))
+        cable = np.array([[gap * half], [fraction * spread], [measurement]])
+        mean, _ = _filtered(motor[first:last, None], stretch[first:last, None], new, cable)
+        return float(np.mean((mean[inside, 0] - (motor + left)[head]) ** 2))
 
     process = min(PROCESS, key=_square) if np.isfinite(measurement) else PROCESS[0]
     return spread, gap * half, compliance, rest, process * spread, measurement
@@ -150,62 +153,47 @@ def _clipped(motor: FloatArray, gap: float, new: BoolArray) -> FloatArray:
     return joint
 
 
-def _filtered(
-    motor: FloatArray, stretch: FloatArray, new: BoolArray, cable: CableFilter
-) -> tuple[FloatArray, FloatArray]:
-    """One joint through its filter. Where efforts show nothing, the sigma points alone carry the play along."""
-    steps = [cable.step(*sample) for sample in zip(motor.tolist(), stretch.tolist(), new.tolist(), strict=True)]
-    mean, std = np.array(steps).reshape(len(motor), 2).T
-    return mean, std
+@njit(cache=True)
+def _filtered(motor: FloatArray, stretch: FloatArray, new: BoolArray, noises: FloatArray) -> FloatArray:
+    """Return means and standard deviations `(2, n, d)` of joints along a path."""
+    state, found = np.zeros((2, motor.shape[1])), np.empty((2, *motor.shape))
+    for i in range(len(motor)):
+        found[:, i] = follow(state, motor[i], stretch[i], new[i], noises)
+    return found
 
 
-class CableFilter:
-    """The filter of one joint, sample by sample.
+@njit(cache=True)
+def follow(state: FloatArray, motor: FloatArray, stretch: FloatArray, new: bool, noises: FloatArray) -> FloatArray:
+    """Move joints on by one sample; return means and standard deviations `(2, d)`, NaN where a motor is not known.
+
+    Where efforts show nothing, the sigma points alone carry the play along.
 
     Parameters
     ----------
-    gap : float, half gap, rad or m
-    process, measurement : float
-        Standard deviations of the joint's step, and of the stretch that the effort shows; infinite where it shows
-        nothing.
+    state : (2, d) array, means and variances before the sample, and in place after it, rad or m
+    motor : (d,) array, corrected positions of the motors, rad or m
+    stretch : (d,) array, stretch that efforts show, rad or m; NaN where they show none
+    new : bool, whether a path begins here
+    noises : (3, d) array, see :attr:`CableModel.noises`
     """
-
-    def __init__(self, gap: float, process: float, measurement: float) -> None:
-        from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
-
-        self._scale = max(gap, process, TINY)
-        self._drag, self._start = gap / self._scale, max(gap, process, TINY) / self._scale
-        self._motor = np.zeros(1)
-        points = MerweScaledSigmaPoints(1, alpha=0.5, beta=2.0, kappa=2.0, sqrt_method=np.sqrt)  # of a 1 x 1 matrix
-        self._ukf = UnscentedKalmanFilter(
-            dim_x=1,
-            dim_z=1,
-            dt=1.0,
-            hx=lambda x: self._motor - x,  # the stretch
-            fx=lambda x, dt: np.clip(x, self._motor - self._drag, self._motor + self._drag),
-            points=points,
-        )
-        self._ukf.Q[:] = (process / self._scale) ** 2
-        if np.isfinite(measurement):
-            self._ukf.R[:] = max(measurement / self._scale, TINY) ** 2
-
-    def step(self, motor: float, stretch: float, new: bool) -> tuple[float, float]:
-        """Return mean and standard deviation after one sample; NaN where the motor's position is not known.
-
-        Parameters
-        ----------
-        motor : float, corrected position of the motor, rad or m
-        stretch : float, stretch that the effort shows, rad or m; NaN where it shows none
-        new : bool, whether a path begins here
-        """
-        ukf = self._ukf
-        if not np.isfinite(motor):
-            return np.nan, np.nan
-        self._motor[0] = motor / self._scale
-        if new:
-            ukf.x, ukf.P = self._motor.copy(), np.array([[self._start**2]])
-        ukf.predict()  # a new path too: an update takes its sigma points from here
-        if np.isfinite(stretch):
-            ukf.update(np.array([stretch / self._scale]))
-        ukf.P = np.clip(ukf.P, TINY**2, max(self._drag, 1.0) ** 2 * 100.0)
-        return float(ukf.x[0]) * self._scale, float(np.sqrt(ukf.P[0, 0])) * self._scale
+    found = np.full(state.shape, np.nan)
+    for j in range(len(motor)):
+        if not np.isfinite(motor[j]):
+            continue
+        gap, process, measurement = noises[:, j]
+        size = max(gap, process, TINY)
+        mean, variance = (motor[j], size**2) if new else (state[0, j], state[1, j])
+        # Merwe's scaled sigma points of one number: the mean, and one to either side of it.
+        spread, moved = np.sqrt(FACTOR * variance), np.empty(3)
+        for k in range(3):
+            moved[k] = min(max(mean + (k - 1) * spread, motor[j] - gap), motor[j] + gap)
+        mean = (moved[0] + moved[2]) / (2.0 * FACTOR) + (1.0 - 1.0 / FACTOR) * moved[1]
+        squares = (moved - mean) ** 2
+        variance = (squares[0] + squares[2]) / (2.0 * FACTOR) + MIDDLE * squares[1] + process**2
+        if np.isfinite(stretch[j]):  # linear in the joint: Kalman's own step
+            gain = variance / (variance + max(measurement, TINY * size) ** 2)
+            mean += gain * (motor[j] - stretch[j] - mean)
+            variance -= gain * variance
+        state[0, j], state[1, j] = mean, min(max(variance, (TINY * size) ** 2), (10.0 * size) ** 2)
+        found[0, j], found[1, j] = state[0, j], np.sqrt(state[1, j])
+    return found
