@@ -156,9 +156,9 @@ def list_models(place: Place, json: Json = False) -> None:
     if json:
         print_json(rows)
         return
-    table = plain_table("", "name", "hash", "kind", "made (UTC)", "held-out RMSE", "added", "server", left=8)
+    table = plain_table("", "name", "hash", "kind", "made (UTC)", "held-out RMSE", "added (UTC)", "server", left=8)
     for row in rows:
-        when = time.strftime("%Y-%m-%d %H:%M", time.localtime(row["added"]))
+        when = time.strftime("%Y-%m-%d %H:%M", time.gmtime(row["added"]))
         mark = "active" if row["active"] else ""
         errors = _rmse_words((part["unit"], part["rmse"]) for part in row["held_out"])
         made = row["made"][:16].replace("T", " ") or "-"

@@ -9,7 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from gpcorrect.calibration import Ageing, Detection, Evaluation, Experiment, FitResult, SideBySide, part_errors
+from gpcorrect.calibration import (
+    Ageing,
+    Detection,
+    Evaluation,
+    Experiment,
+    FitResult,
+    Measured,
+    SideBySide,
+    part_errors,
+)
 from gpcorrect.calibration.dataset import evenly_spread
 from gpcorrect.cleaning import CleaningReport, Reason
 from gpcorrect.logs.sync import Clocks
@@ -51,8 +60,9 @@ def write_fit_report(experiment: Experiment, path: Path) -> None:
     if evaluation is not None and test is not None:
         verdict = f"Mean error on held-out trajectories: {_verdict(evaluation)}."
         held_out = f"{experiment.n_test} samples that pass cleaning, {len(test.trajectory_ids)} whole trajectories"
-        chosen = "" if test.static else str(typical_trajectory(evaluation.clean))
-        sections = [*_measured(evaluation, test, (fit.log, fit.cleaning))]
+        shown = Shown(evaluation.corrector, evaluation.clean, evaluation.cleaning, test)
+        chosen = typical_trajectory(shown.groups(), evaluation.clean)
+        sections = _measured(shown, evaluation.dirty, (fit.log, fit.cleaning))
     sections += [*registration_sections(fit), clocks_section(fit.clocks)]
     if evaluation is not None and test is not None:
         sections.append(dropped_section("Dropped from the held-out recording", test, evaluation.cleaning))
@@ -92,20 +102,23 @@ def write_evaluation_report(
         *(("note", note) for note in notes),
         *(("caution", caution) for caution in evaluation.cautions),
     ]
-    sections = [*_measured(evaluation, log, None), dropped_section("Rejected samples", log, evaluation.cleaning)]
+    shown = Shown(corrector, clean, evaluation.cleaning, log)
+    sections = [
+        *_measured(shown, evaluation.dirty, None),
+        dropped_section("Rejected samples", log, evaluation.cleaning),
+    ]
     sources = [*_model_sources(name, corrector), *_recording_sources(log)]
-    chosen = "" if log.static else str(typical_trajectory(clean))
+    chosen = typical_trajectory(shown.groups(), clean)
     verdict = f"Mean error: {_verdict(evaluation)}."
     write_page(Page(_title("evaluate", corrector), verdict, facts, sections, sources, chosen), path)
 
 
-def _measured(evaluation: Evaluation, log: CalibrationLog, training: Any) -> list[Section]:
+def _measured(shown: Shown, dirty: Measured, training: Any) -> list[Section]:
     """Return what was measured; `training` is the training's log and cleaning, where they are known."""
-    measured, corrector = evaluation.clean, evaluation.corrector
-    shown = Shown(corrector, measured, evaluation.cleaning, log)
+    corrector, measured, log = shown.corrector, shown.measured, shown.log
     sections = [
         trajectories_section(shown),
-        aggregates.errors_section(shown, evaluation.dirty),
+        aggregates.errors_section(shown, dirty),
         aggregates.intervals_section(shown),
     ]
     if log.tracker_cp is not None and measured.raw.shape[1] in (3, 6) and corrector.TASK != "joints":
@@ -176,7 +189,7 @@ def write_compare_report(both: SideBySide, names: tuple[str, str], notes: Sequen
     sections = [_overall(both, names), _both_trajectories(both, names, shown), dropped]
     made = [source for n, e in zip(names, both.evaluations, strict=True) for source in _model_sources(n, e.corrector)]
     sources = [*made, *_recording_sources(both.log)]
-    chosen = "" if both.log.static else str(typical_trajectory(both.measured[1]))
+    chosen = typical_trajectory(shown.groups(), both.measured[1])
     write_page(Page("gpcorrect compare", f"Mean error, {words[0]}.", facts, sections, sources, chosen), path)
 
 

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 import typer
 from rich.table import Table
 
-from gpcorrect.atomic import make_folder, write_file
+from gpcorrect.atomic import make_folder, require_own, write_file
 from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar
-from gpcorrect.cli.options import Jobs, Json, Scheduler
+from gpcorrect.cli.options import Jobs, Json, Scheduler, Seed, report_page
+from gpcorrect.errors import DataError
 from gpcorrect.parallel import workers
 from gpcorrect.plain import json_ready
 
@@ -40,8 +41,10 @@ def _studies() -> None:
 @reproduce_app.command()
 def mahler2014(
     output: Output = Path("mahler2014"),
-    seed: Annotated[int, typer.Option(help="Seed of the recording and of everything random.")] = 0,
-    reaches: Annotated[int, typer.Option(help="Reaches of the recording; the paper had 303.")] = 303,
+    seed: Seed = 0,
+    reaches: Annotated[
+        int | None, typer.Option(help="Reaches of the recording of the whole study; 303 without it, as in the paper.")
+    ] = None,
     short: Short = False,
     quick: Quick = False,
     jobs: Jobs = 1,
@@ -61,7 +64,11 @@ def mahler2014(
     from gpcorrect_studies.mahler2014 import Scope, reproduce_mahler2014
     from gpcorrect_studies.mahler2014.page import write_mahler_report  # the report's libraries are an extra
 
-    scope = Scope.quick() if quick else Scope.short() if short else Scope(reaches)
+    scope = _scope(Scope, short=short, quick=quick)
+    if reaches is not None:
+        if scope != Scope():
+            raise DataError("--reaches goes with the whole study.", hint="Leave out --short and --quick, or --reaches.")
+        scope = Scope(reaches)
     how = _How("mahler2014", reproduce_mahler2014, write_mahler_report, _show_mahler2014)
     with workers(jobs, scheduler):
         _reproduce(how, scope, seed, output, json=json)
@@ -70,7 +77,7 @@ def mahler2014(
 @reproduce_app.command()
 def peng2020(
     output: Output = Path("peng2020"),
-    seed: Annotated[int, typer.Option(help="Seed of scene, motion and noise.")] = 0,
+    seed: Seed = 0,
     short: Short = False,
     quick: Quick = False,
     json: Json = False,
@@ -84,7 +91,7 @@ def peng2020(
     from gpcorrect_studies.peng2020 import Peng2020Scope, reproduce_peng2020
     from gpcorrect_studies.peng2020.page import write_peng2020_report  # the report's libraries are an extra
 
-    scope = Peng2020Scope.quick() if quick else Peng2020Scope.short() if short else Peng2020Scope()
+    scope = _scope(Peng2020Scope, short=short, quick=quick)
     how = _How("peng2020", reproduce_peng2020, write_peng2020_report, _show_peng2020)
     _reproduce(how, scope, seed, output, json=json)
 
@@ -92,7 +99,7 @@ def peng2020(
 @reproduce_app.command()
 def peng2024(
     output: Output = Path("peng2024"),
-    seed: Annotated[int, typer.Option(help="Seed of the recordings.")] = 0,
+    seed: Seed = 0,
     short: Short = False,
     quick: Quick = False,
     as_published: Annotated[
@@ -114,9 +121,16 @@ def peng2024(
     from gpcorrect_studies.peng2024 import PengScope, reproduce_peng2024
     from gpcorrect_studies.peng2024.page import write_peng_report  # the report's libraries are an extra
 
-    scope = PengScope.quick() if quick else PengScope.short() if short else PengScope()
+    scope = _scope(PengScope, short=short, quick=quick)
     how = _How("peng2024", reproduce_peng2024, write_peng_report, _show_peng2024)
     _reproduce(how, scope, seed, output, json=json, as_published=as_published)
+
+
+def _scope(scopes: Any, *, short: bool, quick: bool) -> Any:
+    """Return how much of a study is done: the whole, or one of two smaller sizes."""
+    if short and quick:
+        raise DataError("--short and --quick are two sizes of a run.", hint="Give one of them.")
+    return scopes.quick() if quick else scopes.short() if short else scopes()
 
 
 class _How(NamedTuple):
@@ -133,12 +147,15 @@ def _reproduce(how: _How, scope: DataclassInstance, seed: int, output: Path, *, 
     from gpcorrect_studies.parts import Parts
 
     make_folder(output)
+    page = output / "report.html"
+    report_page(page)
+    require_own(output / "reproduce.json", rb"{", "figures of a study")
     parts = Parts(output / "parts.jsonl", {"study": how.study, "scope": asdict(scope), "seed": seed, **choices})
     if parts.count:
         note(f"goes on with an earlier run: {parts.count} parts are done ({parts.seconds_before:.0f} s).")
     with progress_bar(quiet=json) as progress:
         result = how.reproduce(scope, seed, progress, parts, **choices)
-    how.write_page(result, output / "report.html")
+    how.write_page(result, page)
     figures = json_ready(result.to_dict())
     write_file(output / "reproduce.json", json_text.dumps(figures, indent=2))
     parts.remove()
@@ -147,7 +164,7 @@ def _reproduce(how: _How, scope: DataclassInstance, seed: int, output: Path, *, 
         return
     how.show(figures)
     _show_claims(figures)
-    out.print(f"{figures['seconds']:.0f} s; page: {output / 'report.html'}   figures: {output / 'reproduce.json'}")
+    out.print(f"{figures['seconds']:.0f} s; page: {page}   figures: {output / 'reproduce.json'}")
 
 
 def _show_claims(figures: dict[str, Any]) -> None:

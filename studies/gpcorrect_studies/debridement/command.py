@@ -64,7 +64,7 @@ def debride(
 
     gpcorrect debride --arms 1 --models demo/ --report task.html
     """
-    page = None if report is None else report_page(report)
+    page = report_page(report)
     chosen: Mode = one_of(mode, get_args(Mode), "the mode")
     scene, places = stations(arms)
     with ExitStack() as stack:
