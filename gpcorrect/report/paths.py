@@ -266,7 +266,7 @@ def typical_trajectory(groups: Mapping[str, IntArray], measured: Measured) -> st
     """
     size = np.linalg.norm(np.nan_to_num(measured.corrected[:, :3]), axis=1)
     means = [size[index].mean() for index in groups.values()]
-    return list(groups)[np.argsort(means)[len(means) // 2]]
+    return list(groups)[int(np.argsort(means)[len(means) // 2])]
 
 
 def listed(shown: Shown) -> str:

@@ -6,7 +6,7 @@ import json as json_text
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
@@ -31,11 +31,6 @@ reproduce_app = typer.Typer(help="Do a published study again on simulated data."
 Output = Annotated[Path, typer.Option("--output", "-o", help="Folder for report.html and reproduce.json.")]
 Short = Annotated[bool, typer.Option("--short", help="Less of every part; meant for four minutes of processor time.")]
 Quick = Annotated[bool, typer.Option("--quick", help="Little of every part; meant for one minute of processor time.")]
-
-
-@reproduce_app.callback()
-def _studies() -> None:
-    """Do a published study again on simulated data."""
 
 
 @reproduce_app.command()
@@ -69,9 +64,8 @@ def mahler2014(
         if scope != Scope():
             raise DataError("--reaches goes with the whole study.", hint="Leave out --short and --quick, or --reaches.")
         scope = Scope(reaches)
-    how = _How("mahler2014", reproduce_mahler2014, write_mahler_report, _show_mahler2014)
     with workers(jobs, scheduler):
-        _reproduce(how, scope, seed, output, json=json)
+        _reproduce(reproduce_mahler2014, write_mahler_report, _show_mahler2014, scope, seed, output, json=json)
 
 
 @reproduce_app.command()
@@ -92,8 +86,7 @@ def peng2020(
     from gpcorrect_studies.peng2020.page import write_peng2020_report  # the report's libraries are an extra
 
     scope = _scope(Peng2020Scope, short=short, quick=quick)
-    how = _How("peng2020", reproduce_peng2020, write_peng2020_report, _show_peng2020)
-    _reproduce(how, scope, seed, output, json=json)
+    _reproduce(reproduce_peng2020, write_peng2020_report, _show_peng2020, scope, seed, output, json=json)
 
 
 @reproduce_app.command()
@@ -122,8 +115,9 @@ def peng2024(
     from gpcorrect_studies.peng2024.page import write_peng_report  # the report's libraries are an extra
 
     scope = _scope(PengScope, short=short, quick=quick)
-    how = _How("peng2024", reproduce_peng2024, write_peng_report, _show_peng2024)
-    _reproduce(how, scope, seed, output, json=json, as_published=as_published)
+    _reproduce(
+        reproduce_peng2024, write_peng_report, _show_peng2024, scope, seed, output, json=json, as_published=as_published
+    )
 
 
 def _scope(scopes: Any, *, short: bool, quick: bool) -> Any:
@@ -133,16 +127,17 @@ def _scope(scopes: Any, *, short: bool, quick: bool) -> Any:
     return scopes.quick() if quick else scopes.short() if short else scopes()
 
 
-class _How(NamedTuple):
-    """Name of a study, what does it, writes its page, and prints its own figures."""
-
-    study: str
-    reproduce: Callable[..., StudyResult]
-    write_page: Callable[[Any, Path], None]
-    show: Callable[[dict[str, Any]], None]
-
-
-def _reproduce(how: _How, scope: DataclassInstance, seed: int, output: Path, *, json: bool, **choices: bool) -> None:
+def _reproduce(
+    study: Callable[..., StudyResult],
+    write_page: Callable[[Any, Path], None],
+    show: Callable[[dict[str, Any]], None],
+    scope: DataclassInstance,
+    seed: int,
+    output: Path,
+    *,
+    json: bool,
+    **choices: bool,
+) -> None:
     """Do a study, going on with what an earlier run of the same left in the folder; write page and figures."""
     from gpcorrect_studies.parts import Parts
 
@@ -150,19 +145,19 @@ def _reproduce(how: _How, scope: DataclassInstance, seed: int, output: Path, *, 
     page = output / "report.html"
     report_page(page)
     require_own(output / "reproduce.json", rb"{", "figures of a study")
-    parts = Parts(output / "parts.jsonl", {"study": how.study, "scope": asdict(scope), "seed": seed, **choices})
+    parts = Parts(output / "parts.jsonl", {"study": study.__name__, "scope": asdict(scope), "seed": seed, **choices})
     if parts.count:
         note(f"goes on with an earlier run: {parts.count} parts are done ({parts.seconds_before:.0f} s).")
     with progress_bar(quiet=json) as progress:
-        result = how.reproduce(scope, seed, progress, parts, **choices)
-    how.write_page(result, page)
+        result = study(scope, seed, progress, parts, **choices)
+    write_page(result, page)
     figures = json_ready(result.to_dict())
     write_file(output / "reproduce.json", json_text.dumps(figures, indent=2))
     parts.remove()
     if json:
         print_json(figures)
         return
-    how.show(figures)
+    show(figures)
     _show_claims(figures)
     out.print(f"{figures['seconds']:.0f} s; page: {page}   figures: {output / 'reproduce.json'}")
 

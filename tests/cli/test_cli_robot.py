@@ -25,7 +25,9 @@ def test_options_that_cannot_be_meant_are_refused(gpcorrect, tmp_path):
     assert_refused(gpcorrect("debride", "--mode", "half"), "full or endpoints")
     assert_refused(gpcorrect("debride", "--picture", tmp_path / "p.png"), "--report instead of --picture")
     assert_refused(gpcorrect("monitor", "--host", "0.0.0.0"), "other machines")
-    assert_refused(gpcorrect("sim", "serve", "--rate", "5000"), "1000 Hz")
+    for rate in ("5000", "nan", "0"):
+        assert_refused(gpcorrect("sim", "serve", "--rate", rate), "--rate")
+    assert_refused(gpcorrect("sim", "serve", "--time-scale", "0"), "--time-scale")
     assert_refused(gpcorrect("sim", "serve", "--endpoint", "tcp/0.0.0.0:7448"), "other machines")
     assert_refused(gpcorrect("sim", "serve", "--ros-distro", "humble"), "--ros-domain")
     assert_refused(gpcorrect("sim", "serve", "--ros-domain", 0, "--ros-distro", "foxy"), "humble, jazzy or rolling")
