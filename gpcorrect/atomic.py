@@ -47,7 +47,7 @@ def require_new(path: str | Path) -> None:
     """
     if Path(path).exists():
         hint = "Name another one, or move it away."
-        raise GpCorrectError(f"{path} is there already, and a recording is not overwritten.", hint=hint)
+        raise GpCorrectError(f"{path} is there already: it is not overwritten.", hint=hint)
 
 
 def require_own(path: str | Path, begins: bytes, what: str) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.types import FloatArray
-from gpcorrect_studies.debridement import Station
+from gpcorrect_studies.debridement.scene import Station
 
 
 @dataclass(frozen=True)

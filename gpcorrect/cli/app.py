@@ -6,6 +6,7 @@ packages add commands by an entry point of the group `gpcorrect.commands` that n
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from importlib import import_module
@@ -214,6 +215,8 @@ def main() -> None:
     # that use several cores start processes or threads of their own (`--jobs`). Set before anything imports NumPy.
     for name in THREADS:
         os.environ.setdefault(name, "1")
+    if isinstance(sys.stdout, io.TextIOWrapper):  # what a terminal has no sign for comes out as an escape
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         app()
     except GpCorrectError as error:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 collect_app = typer.Typer(no_args_is_help=True, help="Calibrations from end to end: drive, record, fit, measure.")
 
-Sparsity = Annotated[int, typer.Option(help="n: stripes lie 1/n of the block's side apart.", min=1)]
+Sparsity = Annotated[int, typer.Option(help="n: stripes lie 1/n of the block's side apart.", min=1, max=100)]
 
 UNITS = (math.radians(1.0), math.radians(1.0), 1e-3)  # rad, rad, m
 ROUNDING = 1e-9  # rad and m: of limits written in degrees and millimetres
@@ -44,7 +44,7 @@ def zigzag_command(
         str, typer.Option(help="Whose limits must hold: packaged machine, robot or model file; or none.")
     ] = "raven2_left",
     speed: opt.Speed = opt.FASTEST,
-    rate: Annotated[float, typer.Option(help="Samples a second.")] = RATE_HZ,
+    rate: Annotated[float, typer.Option(help="Samples a second.", min=0.1, max=1000.0)] = RATE_HZ,
     as_published: Annotated[
         bool, typer.Option("--as-published", help="J1-J2-J3 as the study's published files drive it, not its Eq. (3).")
     ] = False,

@@ -11,8 +11,6 @@ from gpcorrect.cli.options import AlwaysJson, Json, ModelFile, ServicePlace, one
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from gpcorrect.correction import Correction
     from gpcorrect_service import CorrectionClient, Reply
 
@@ -90,27 +88,18 @@ def query_correct(
     out.print(f"model    {origin.model_id} {origin.model_hash[:12]}, served by {origin.replica}")
 
 
-def _question(show: Callable[[CorrectionClient], None]) -> Callable[[CorrectionClient], None]:
-    """Make a command, with the name and the docstring of `show`, that finds a service and prints its JSON."""
-
-    @query_app.command(show.__name__, help=show.__doc__)
-    def _command(place: ServicePlace, timeout: Timeout = 0.5, json: AlwaysJson = True) -> None:
-        with _client(place, timeout) as client:
-            show(client)
-
-    return show
-
-
-@_question
-def model(client: CorrectionClient) -> None:
+@query_app.command()
+def model(place: ServicePlace, timeout: Timeout = 0.5, json: AlwaysJson = True) -> None:
     """Print which model is served: id, hash, frames, features, fit report (JSON)."""
-    print_json(_plain(client.model()))
+    with _client(place, timeout) as client:
+        print_json(_plain(client.model()))
 
 
-@_question
-def health(client: CorrectionClient) -> None:
+@query_app.command()
+def health(place: ServicePlace, timeout: Timeout = 0.5, json: AlwaysJson = True) -> None:
     """Print the state of the service (JSON)."""
-    print_json(_plain(client.health()))
+    with _client(place, timeout) as client:
+        print_json(_plain(client.health()))
 
 
 @query_app.command()

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gpcorrect.atomic import make_folder, write_file
+from gpcorrect.atomic import make_folder, require_new, write_file
 from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar, styled
-from gpcorrect.cli.options import Columns, Jobs, Json, Scheduler
+from gpcorrect.cli.options import Columns, Jobs, Json, Scheduler, Seed, report_page
 from gpcorrect.cli.reading import model_named, read_logs
 from gpcorrect.errors import DataError
 
@@ -44,7 +44,7 @@ def run(
     log: Annotated[list[Path], typer.Option(help="Recording; repeat it for several sessions of one machine.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for report, page and model; made if absent.")],
     columns: Columns = None,
-    seed: Annotated[int, typer.Option(help="Seed of the split and of everything drawn.", min=0)] = 0,
+    seed: Seed = 0,
     jobs: Annotated[int, typer.Option(help="Threads to spread the work over; -1 for one a core.")] = -1,
     scheduler: Scheduler = None,
     json: Json = False,
@@ -73,9 +73,14 @@ def run(
     from gpcorrect.report import write_discrepancy_report  # the report's libraries are an extra: say so before the work
     from gpcorrect.sim.model import write_completed
 
-    if (output / "model.toml").exists() and (output / "model.toml").resolve() == Path(machine).resolve():
+    models = [output / "model.toml", output / "model.xml"]
+    if any(path.exists() and path.resolve() == Path(machine).resolve() for path in models):
         raise DataError(f"the completed model would be written over {machine}.", hint="Name another --output.")
     make_folder(output)
+    report_page(output / "report.html")
+    if not (output / "stages").exists():  # of an earlier run, whose files are written again
+        for path in (*models, output / "report.json"):
+            require_new(path)
     model, recording = model_named(machine), read_logs(log, columns, learned=LEARNED)
     with progress_bar(quiet=json) as progress, workers(jobs, scheduler, threads=True):
         result = find_discrepancy(model, recording, seed=seed, progress=progress, stages=output / "stages")
@@ -141,17 +146,22 @@ def generate(
     from gpcorrect.logs import write_log
     from gpcorrect.logs.reader import recording_digest
     from gpcorrect.parallel import workers
-    from gpcorrect.sim import write_model
+    from gpcorrect.sim import read_model, write_model
 
     make_folder(output)
-    wanted = read_spec(spec)
+    wanted, nominal = read_spec(spec), output / "nominal.toml"
+    require_new(output / LABELS)
+    known = nominal.exists() and read_model(nominal) == wanted.model  # the file that the spec names, by hand
+    if not known:
+        require_new(nominal)
     labels: dict[str, Any] = {}
     with progress_bar(quiet=json) as progress, workers(jobs, scheduler):
         for case in generate_cases(wanted, progress):
             path = output / f"{case.name}.parquet"
             write_log(case.log, path)
             labels[case.name] = label_of(case, recording_digest(path))
-    write_model(wanted.model, output / "nominal.toml")
+    if not known:
+        write_model(wanted.model, nominal)
     digest = seal({"cases": labels}, output)
     if json:
         print_json({"cases": sorted(labels), "labels": str(output / LABELS / "labels.json"), "sha256": digest})

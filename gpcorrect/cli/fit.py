@@ -121,9 +121,8 @@ def evaluate(
     if json:
         console.print_json(result)
         return
-    for remark in clocks.notes:
-        console.note(remark)
-    _caution(measured.cautions)
+    for sentence in (*clocks.notes, *measured.cautions):
+        console.note(sentence)
     console.show_errors(f"{result['n_test']} samples that pass cleaning", result["errors"])
     console.show_errors(f"all {len(measured.dirty.rows)} samples as they came", result["errors_dirty"])
     console.out.print(console.certainty(result))
@@ -147,15 +146,9 @@ def _segments(texts: list[str] | None) -> tuple[Segment, ...]:
     return tuple(segments)
 
 
-def _caution(sentences: tuple[str, ...]) -> None:
-    for sentence in sentences:
-        console.err.print(console.styled(("caution:", "yellow"), " ", sentence))
-
-
 def _show(experiment: Experiment, result: dict[str, Any], output: Path, page: Path | None) -> None:
-    for remark in experiment.fit.remarks:
-        console.note(remark)
-    _caution(experiment.evaluation.cautions if experiment.evaluation else ())
+    for sentence in (*experiment.fit.remarks, *(experiment.evaluation.cautions if experiment.evaluation else ())):
+        console.note(sentence)
     if result["errors"]:
         console.show_errors(f"Held-out error, {result['n_test']} samples that pass cleaning", result["errors"])
         console.show_errors("All held-out samples as they came", result["errors_dirty"])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gpcorrect.cli.console import note, out, plain_table, print_json, print_result
+from gpcorrect.cli.console import dropped_words, note, out, plain_table, print_json, print_result
 from gpcorrect.cli.options import SERVICE, AnyModel, ArmName, Config, Json, KeyRoot, ServicePlace, one_of
 from gpcorrect.errors import DataError
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 DIGITS = 12  # of a digest that are shown to people, as in `gpcorrect models list`, chosen by hand; JSON holds all
 
 
-def info(model: Annotated[Path, typer.Argument(help="Model file that any fit wrote.")], json: Json = False) -> None:
+def info(model: AnyModel, json: Json = False) -> None:
     """Print what a model file remembers: task, data, each step of its making with command, versions, held-out errors.
 
     Example: gpcorrect info model.gpc
@@ -56,7 +56,7 @@ def show_model(corrector: Corrector, digest: str) -> None:
         "method": f"{summary.get('method')} on {', '.join(summary.get('features', ()))}",
         "data": " ".join(str(part) for part in (data.get("source"), data.get("sha256", "")[:DIGITS]) if part),
         "trained on": f"{fit.get('n_train')} samples of {fit.get('n_trajectories')} trajectories",
-        "dropped": ", ".join(f"{count} {why}" for why, count in fit.get("dropped", {}).items() if count),
+        "dropped": dropped_words(fit.get("dropped", {})),
         "remarks": "; ".join(summary.get("remarks", ())),
     }
     table = plain_table("", "", left=2)
@@ -156,9 +156,9 @@ def list_models(place: Place, json: Json = False) -> None:
     if json:
         print_json(rows)
         return
-    table = plain_table("", "name", "hash", "kind", "made (UTC)", "held-out RMSE", "added", "server", left=8)
+    table = plain_table("", "name", "hash", "kind", "made (UTC)", "held-out RMSE", "added (UTC)", "server", left=8)
     for row in rows:
-        when = time.strftime("%Y-%m-%d %H:%M", time.localtime(row["added"]))
+        when = time.strftime("%Y-%m-%d %H:%M", time.gmtime(row["added"]))
         mark = "active" if row["active"] else ""
         errors = _rmse_words((part["unit"], part["rmse"]) for part in row["held_out"])
         made = row["made"][:16].replace("T", " ") or "-"

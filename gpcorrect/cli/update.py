@@ -6,13 +6,13 @@ import csv
 import io
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from gpcorrect.atomic import require_own, write_file
 from gpcorrect.cli.console import err, note, out, print_json, progress_bar, show_errors, styled
-from gpcorrect.cli.options import Columns, Holdout, Json, Logs, ModelFile, Report, renamed, report_page
+from gpcorrect.cli.options import Columns, Holdout, Json, Logs, ModelFile, Report, Seed, renamed, report_page
 from gpcorrect.cli.reading import Reading, read_logs
 from gpcorrect.errors import DataError
 
@@ -111,7 +111,7 @@ def drift(
     worn_out: Annotated[float, typer.Option(help="Worn out: errors this many times those at the fit.")] = 2.0,
     report: Report = None,
     old_plot: Annotated[Path | None, renamed("--plot", "--report", "drawings are pages")] = None,
-    seed: Annotated[int, typer.Option(help="Seed of tie-breaking and bootstrap.", min=0)] = 0,
+    seed: Seed = 0,
     json: Json = False,
 ) -> None:
     """Tell from recordings, oldest first, whether a model has aged, and estimate its remaining useful time.
@@ -159,7 +159,16 @@ def drift(
 
         write_drift_report(baseline, found, ageing, [logs[i].name for i in where], words, page)
     if json:
-        print_json(_drift_dict(found, ageing, unit, where, logs))
+        print_json(
+            {
+                "alarm": found.alarm is not None,
+                "alarm_log": None if found.alarm is None else str(logs[int(where[found.alarm])]),
+                "alarm_trajectory": found.alarm,
+                **{name: getattr(found, name) for name in ("evidence", "threshold", "scores")},
+                "unit": unit,
+                **{n: getattr(ageing, n) for n in ("ageing", "slope", "slope95", "remaining", "remaining95")},
+            }
+        )
         return
     for i, path in enumerate(logs):
         own = found.scores[where == i]
@@ -178,17 +187,6 @@ def _require_ages(age: list[float] | None, logs: list[Path]) -> None:
     if not all(earlier <= later for earlier, later in pairwise(age)):
         hint = "Give the logs oldest first, and their ages in the same order."
         raise DataError(f"the ages of logs rise from one to the next, got {', '.join(map(str, age))}.", hint=hint)
-
-
-def _drift_dict(found: Detection, ageing: Ageing, unit: str, where: IntArray, logs: list[Path]) -> dict[str, Any]:
-    return {
-        "alarm": found.alarm is not None,
-        "alarm_log": None if found.alarm is None else str(logs[int(where[found.alarm])]),
-        "alarm_trajectory": found.alarm,
-        **{name: getattr(found, name) for name in ("evidence", "threshold", "scores")},
-        "unit": unit,
-        **{name: getattr(ageing, name) for name in ("ageing", "slope", "slope95", "remaining", "remaining95")},
-    }
 
 
 def _drift_verdict(found: Detection, where: IntArray, logs: list[Path]) -> str:
@@ -218,7 +216,7 @@ def explore(
     ] = None,
     output: Annotated[Path | None, typer.Option("--output", "-o", help="CSV file to write.")] = None,
     columns: Columns = None,
-    seed: Annotated[int, typer.Option(help="Seed of the candidates.", min=0)] = 0,
+    seed: Seed = 0,
     json: Json = False,
 ) -> None:
     """Propose the poses and velocities that reduce the uncertainty in the task region most, best first.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from gpcorrect.atomic import require_folder, require_new, require_own, write_file
+from gpcorrect.atomic import require_new, require_own, write_file
 from gpcorrect.cli import console
 from gpcorrect.cli import options as opt
 from gpcorrect.cli.processes import stop_signal
@@ -23,6 +23,7 @@ if TYPE_CHECKING:  # OpenCV is an extra, and scikit-learn is slow: they are impo
     from gpcorrect.vision.opencv import Image
 
 STATE = ("measured_cp", "tracker_cp", "measured_jp")  # what an estimator learns from
+TRACKED = "cameras and coloured balls"  # tracker of the logs that `track` writes, which it may write again
 vision_app = typer.Typer(
     no_args_is_help=True,
     help="Ground truth from ordinary cameras and coloured balls, and a position estimator from it.",
@@ -212,13 +213,19 @@ def track(
     gpcorrect vision track cam0/ cam1/ --ball red --fps 25 --annotated look.mp4 --report quality.html
     """
     from gpcorrect.logs import require_writable, write_log
+    from gpcorrect.logs.native import read_sidecar
     from gpcorrect.vision import AnnotatedVideo, TrackSettings, open_sources, read_cameras
     from gpcorrect.vision import annotated as draw
     from gpcorrect.vision import track as track_sources
 
     require_writable(output)
-    if annotated is not None:
-        require_folder(annotated)
+    if read_sidecar(output).tracker != TRACKED:
+        require_new(output)
+    if annotated is not None and {annotated.resolve(), annotated.resolve().parent} & {v.resolve() for v in videos}:
+        raise DataError(
+            f"the annotated video {annotated} would be among the recordings that are tracked.",
+            hint="Name another file or folder after --annotated.",
+        )
     page = opt.report_page(report)
     followed, known = _target(target, ball), read_cameras(cameras)
     sources = open_sources(videos, [camera.name for camera in known], timed=fps is None)
@@ -262,7 +269,7 @@ def fit(
     extra: Annotated[str | None, typer.Option(help="Extra columns of the log that belong to the state.")] = None,
     columns: opt.Columns = None,
     as_is: opt.AsIs = False,
-    seed: Annotated[int, typer.Option(help="Seed of everything random.", min=0)] = 0,
+    seed: opt.Seed = 0,
     report: opt.Report = None,
     json: opt.Json = False,
 ) -> None:

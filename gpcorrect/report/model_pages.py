@@ -9,7 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from gpcorrect.calibration import Ageing, Detection, Evaluation, Experiment, FitResult, SideBySide, part_errors
+from gpcorrect.calibration import (
+    Ageing,
+    Detection,
+    Evaluation,
+    Experiment,
+    FitResult,
+    Measured,
+    SideBySide,
+    part_errors,
+)
 from gpcorrect.calibration.dataset import evenly_spread
 from gpcorrect.cleaning import CleaningReport, Reason
 from gpcorrect.logs.sync import Clocks
@@ -51,12 +60,13 @@ def write_fit_report(experiment: Experiment, path: Path) -> None:
     if evaluation is not None and test is not None:
         verdict = f"Mean error on held-out trajectories: {_verdict(evaluation)}."
         held_out = f"{experiment.n_test} samples that pass cleaning, {len(test.trajectory_ids)} whole trajectories"
-        chosen = "" if test.static else str(typical_trajectory(evaluation.clean))
-        sections = [*_measured(evaluation, test, (fit.log, fit.cleaning))]
-    sections += [*registration_sections(fit), clocks_section(fit.clocks)]
+        shown = Shown(evaluation.corrector, evaluation.clean, evaluation.cleaning, test)
+        chosen = typical_trajectory(shown.groups(), evaluation.clean)
+        sections = _measured(shown, evaluation.dirty, (fit.log, fit.cleaning))
+    sections += [*_registration_sections(fit), _clocks_section(fit.clocks)]
     if evaluation is not None and test is not None:
-        sections.append(dropped_section("Dropped from the held-out recording", test, evaluation.cleaning))
-    sections.append(dropped_section("Dropped from the training recording", fit.log, fit.cleaning))
+        sections.append(_dropped_section("Dropped from the held-out recording", test, evaluation.cleaning))
+    sections.append(_dropped_section("Dropped from the training recording", fit.log, fit.cleaning))
     summary: Any = experiment.corrector.summary
     facts = [
         ("recording", summary["data"]["source"]),
@@ -92,20 +102,21 @@ def write_evaluation_report(
         *(("note", note) for note in notes),
         *(("caution", caution) for caution in evaluation.cautions),
     ]
-    sections = [*_measured(evaluation, log, None), dropped_section("Rejected samples", log, evaluation.cleaning)]
+    shown = Shown(corrector, clean, evaluation.cleaning, log)
+    dropped = _dropped_section("Rejected samples", log, evaluation.cleaning)
+    sections = [*_measured(shown, evaluation.dirty, None), dropped]
     sources = [*_model_sources(name, corrector), *_recording_sources(log)]
-    chosen = "" if log.static else str(typical_trajectory(clean))
+    chosen = typical_trajectory(shown.groups(), clean)
     verdict = f"Mean error: {_verdict(evaluation)}."
     write_page(Page(_title("evaluate", corrector), verdict, facts, sections, sources, chosen), path)
 
 
-def _measured(evaluation: Evaluation, log: CalibrationLog, training: Any) -> list[Section]:
+def _measured(shown: Shown, dirty: Measured, training: Any) -> list[Section]:
     """Return what was measured; `training` is the training's log and cleaning, where they are known."""
-    measured, corrector = evaluation.clean, evaluation.corrector
-    shown = Shown(corrector, measured, evaluation.cleaning, log)
+    corrector, measured, log = shown.corrector, shown.measured, shown.log
     sections = [
         trajectories_section(shown),
-        aggregates.errors_section(shown, evaluation.dirty),
+        aggregates.errors_section(shown, dirty),
         aggregates.intervals_section(shown),
     ]
     if log.tracker_cp is not None and measured.raw.shape[1] in (3, 6) and corrector.TASK != "joints":
@@ -172,11 +183,11 @@ def write_compare_report(both: SideBySide, names: tuple[str, str], notes: Sequen
         *(("note", note) for note in notes),
         *((f"caution, {name}", c) for name, e in zip(names, both.evaluations, strict=True) for c in e.cautions),
     ]
-    dropped = dropped_section("Rejected", both.log, cleaning)
+    dropped = _dropped_section("Rejected", both.log, cleaning)
     sections = [_overall(both, names), _both_trajectories(both, names, shown), dropped]
     made = [source for n, e in zip(names, both.evaluations, strict=True) for source in _model_sources(n, e.corrector)]
     sources = [*made, *_recording_sources(both.log)]
-    chosen = "" if both.log.static else str(typical_trajectory(both.measured[1]))
+    chosen = typical_trajectory(shown.groups(), both.measured[1])
     write_page(Page("gpcorrect compare", f"Mean error, {words[0]}.", facts, sections, sources, chosen), path)
 
 
@@ -253,13 +264,8 @@ def write_drift_report(
     write_page(Page("gpcorrect drift", words[0], (), [Section("Over time", words[1:], (), (chart,))]), path)
 
 
-def registration_sections(fit: FitResult) -> list[Section]:
-    """Return how the rigid model was chosen; nothing for a task without one.
-
-    Parameters
-    ----------
-    fit : FitResult
-    """
+def _registration_sections(fit: FitResult) -> list[Section]:
+    """Return how the rigid model was chosen; nothing for a task without one."""
     chosen = fit.registration
     if chosen is None:
         return []
@@ -273,13 +279,8 @@ def registration_sections(fit: FitResult) -> list[Section]:
     return [Section("Registration of the frames", words, (table,) if rows else ())]
 
 
-def clocks_section(clocks: Clocks) -> Section:
-    """Return what was found of the outside sensor's clock.
-
-    Parameters
-    ----------
-    clocks : Clocks
-    """
+def _clocks_section(clocks: Clocks) -> Section:
+    """Return what was found of the outside sensor's clock."""
     offset, words = clocks.offset, [f"{clocks.remark[:1].upper()}{clocks.remark[1:].rstrip('.')}."]
     if offset is None or offset.lags.size == 0:
         return Section("Clocks", words)
@@ -292,15 +293,8 @@ def clocks_section(clocks: Clocks) -> Section:
     return Section("Clocks", words, (), (Chart(caption, [panel]),))
 
 
-def dropped_section(title: str, log: CalibrationLog, report: CleaningReport) -> Section:
-    """Return which samples of a recording were rejected, over the recording, a row a reason.
-
-    Parameters
-    ----------
-    title : str
-    log : CalibrationLog
-    report : CleaningReport
-    """
+def _dropped_section(title: str, log: CalibrationLog, report: CleaningReport) -> Section:
+    """Return which samples of a recording were rejected, over the recording, a row a reason."""
     reasons: Sequence[str] = [reason for reason, count in report.counts.items() if count]
     words = [f"{int(report.keep.sum())} of {len(log)} samples passed cleaning."]
     if not reasons:

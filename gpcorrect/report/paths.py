@@ -256,17 +256,17 @@ def trajectories_section(shown: Shown) -> Section:
     return Section("Trajectory by trajectory", (words.errors, listed(shown)), (_table(shown, groups),), charts)
 
 
-def typical_trajectory(measured: Measured) -> int:
-    """Return the number of the trajectory whose mean corrected error is the median one.
+def typical_trajectory(groups: Mapping[str, IntArray], measured: Measured) -> str:
+    """Return which of the trajectories that a page lists has the median mean corrected error.
 
     Parameters
     ----------
-    measured : Measured, of a whole recording; joints that were not measured count nothing
+    groups : mapping, as `Shown.groups` returns
+    measured : Measured, the same samples; joints that were not measured count nothing
     """
-    ids = np.unique(measured.trajectory)
     size = np.linalg.norm(np.nan_to_num(measured.corrected[:, :3]), axis=1)
-    means = np.array([size[measured.trajectory == i].mean() for i in ids])
-    return int(ids[np.argsort(means)[len(ids) // 2]])
+    means = [size[index].mean() for index in groups.values()]
+    return list(groups)[int(np.argsort(means)[len(means) // 2])]
 
 
 def listed(shown: Shown) -> str:

@@ -38,16 +38,11 @@ def write_study_page(
     if result.short:
         words = f"A short run, with less of everything than the whole study. {words}"
     facts = [*facts, ("time", f"{result.seconds:.0f} s for everything on this page")]
-    write_page(Page(f"gpcorrect reproduce {study}", words, facts, [claims_section(comparison), *sections]), path)
+    write_page(Page(f"gpcorrect reproduce {study}", words, facts, [_claims_section(comparison), *sections]), path)
 
 
-def claims_section(comparison: Comparison) -> Section:
-    """Return the section with every claim, where it is printed, both numbers and the verdict; failed ones first.
-
-    Parameters
-    ----------
-    comparison : Comparison
-    """
+def _claims_section(comparison: Comparison) -> Section:
+    """Return the section with every claim, where it is printed, both numbers and the verdict; failed ones first."""
     half, twice = (f"With {100 * k * TOLERANCE:g} %: {counted(comparison.counts(k))}." for k in (0.5, 2.0))
     note = (
         f"What is within {100 * TOLERANCE:g} % of the printed number (of a ratio: of its distance from 1, if less) "

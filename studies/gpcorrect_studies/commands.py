@@ -6,14 +6,15 @@ import json as json_text
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
 
-from gpcorrect.atomic import make_folder, write_file
+from gpcorrect.atomic import make_folder, require_own, write_file
 from gpcorrect.cli.console import note, out, plain_table, print_json, progress_bar
-from gpcorrect.cli.options import Jobs, Json, Scheduler
+from gpcorrect.cli.options import Jobs, Json, Scheduler, Seed, report_page
+from gpcorrect.errors import DataError
 from gpcorrect.parallel import workers
 from gpcorrect.plain import json_ready
 
@@ -32,16 +33,13 @@ Short = Annotated[bool, typer.Option("--short", help="Less of every part; meant 
 Quick = Annotated[bool, typer.Option("--quick", help="Little of every part; meant for one minute of processor time.")]
 
 
-@reproduce_app.callback()
-def _studies() -> None:
-    """Do a published study again on simulated data."""
-
-
 @reproduce_app.command()
 def mahler2014(
     output: Output = Path("mahler2014"),
-    seed: Annotated[int, typer.Option(help="Seed of the recording and of everything random.")] = 0,
-    reaches: Annotated[int, typer.Option(help="Reaches of the recording; the paper had 303.")] = 303,
+    seed: Seed = 0,
+    reaches: Annotated[
+        int | None, typer.Option(help="Reaches of the recording of the whole study; 303 without it, as in the paper.")
+    ] = None,
     short: Short = False,
     quick: Quick = False,
     jobs: Jobs = 1,
@@ -61,16 +59,19 @@ def mahler2014(
     from gpcorrect_studies.mahler2014 import Scope, reproduce_mahler2014
     from gpcorrect_studies.mahler2014.page import write_mahler_report  # the report's libraries are an extra
 
-    scope = Scope.quick() if quick else Scope.short() if short else Scope(reaches)
-    how = _How("mahler2014", reproduce_mahler2014, write_mahler_report, _show_mahler2014)
+    scope = _scope(Scope, short=short, quick=quick)
+    if reaches is not None:
+        if scope != Scope():
+            raise DataError("--reaches goes with the whole study.", hint="Leave out --short and --quick, or --reaches.")
+        scope = Scope(reaches)
     with workers(jobs, scheduler):
-        _reproduce(how, scope, seed, output, json=json)
+        _reproduce(reproduce_mahler2014, write_mahler_report, _show_mahler2014, scope, seed, output, json=json)
 
 
 @reproduce_app.command()
 def peng2020(
     output: Output = Path("peng2020"),
-    seed: Annotated[int, typer.Option(help="Seed of scene, motion and noise.")] = 0,
+    seed: Seed = 0,
     short: Short = False,
     quick: Quick = False,
     json: Json = False,
@@ -84,15 +85,14 @@ def peng2020(
     from gpcorrect_studies.peng2020 import Peng2020Scope, reproduce_peng2020
     from gpcorrect_studies.peng2020.page import write_peng2020_report  # the report's libraries are an extra
 
-    scope = Peng2020Scope.quick() if quick else Peng2020Scope.short() if short else Peng2020Scope()
-    how = _How("peng2020", reproduce_peng2020, write_peng2020_report, _show_peng2020)
-    _reproduce(how, scope, seed, output, json=json)
+    scope = _scope(Peng2020Scope, short=short, quick=quick)
+    _reproduce(reproduce_peng2020, write_peng2020_report, _show_peng2020, scope, seed, output, json=json)
 
 
 @reproduce_app.command()
 def peng2024(
     output: Output = Path("peng2024"),
-    seed: Annotated[int, typer.Option(help="Seed of the recordings.")] = 0,
+    seed: Seed = 0,
     short: Short = False,
     quick: Quick = False,
     as_published: Annotated[
@@ -114,40 +114,52 @@ def peng2024(
     from gpcorrect_studies.peng2024 import PengScope, reproduce_peng2024
     from gpcorrect_studies.peng2024.page import write_peng_report  # the report's libraries are an extra
 
-    scope = PengScope.quick() if quick else PengScope.short() if short else PengScope()
-    how = _How("peng2024", reproduce_peng2024, write_peng_report, _show_peng2024)
-    _reproduce(how, scope, seed, output, json=json, as_published=as_published)
+    scope = _scope(PengScope, short=short, quick=quick)
+    _reproduce(
+        reproduce_peng2024, write_peng_report, _show_peng2024, scope, seed, output, json=json, as_published=as_published
+    )
 
 
-class _How(NamedTuple):
-    """Name of a study, what does it, writes its page, and prints its own figures."""
-
-    study: str
-    reproduce: Callable[..., StudyResult]
-    write_page: Callable[[Any, Path], None]
-    show: Callable[[dict[str, Any]], None]
+def _scope(scopes: Any, *, short: bool, quick: bool) -> Any:
+    """Return how much of a study is done: the whole, or one of two smaller sizes."""
+    if short and quick:
+        raise DataError("--short and --quick are two sizes of a run.", hint="Give one of them.")
+    return scopes.quick() if quick else scopes.short() if short else scopes()
 
 
-def _reproduce(how: _How, scope: DataclassInstance, seed: int, output: Path, *, json: bool, **choices: bool) -> None:
+def _reproduce(
+    study: Callable[..., StudyResult],
+    write_page: Callable[[Any, Path], None],
+    show: Callable[[dict[str, Any]], None],
+    scope: DataclassInstance,
+    seed: int,
+    output: Path,
+    *,
+    json: bool,
+    **choices: bool,
+) -> None:
     """Do a study, going on with what an earlier run of the same left in the folder; write page and figures."""
     from gpcorrect_studies.parts import Parts
 
     make_folder(output)
-    parts = Parts(output / "parts.jsonl", {"study": how.study, "scope": asdict(scope), "seed": seed, **choices})
+    page = output / "report.html"
+    report_page(page)
+    require_own(output / "reproduce.json", rb"{", "figures of a study")
+    parts = Parts(output / "parts.jsonl", {"study": study.__name__, "scope": asdict(scope), "seed": seed, **choices})
     if parts.count:
         note(f"goes on with an earlier run: {parts.count} parts are done ({parts.seconds_before:.0f} s).")
     with progress_bar(quiet=json) as progress:
-        result = how.reproduce(scope, seed, progress, parts, **choices)
-    how.write_page(result, output / "report.html")
+        result = study(scope, seed, progress, parts, **choices)
+    write_page(result, page)
     figures = json_ready(result.to_dict())
     write_file(output / "reproduce.json", json_text.dumps(figures, indent=2))
     parts.remove()
     if json:
         print_json(figures)
         return
-    how.show(figures)
+    show(figures)
     _show_claims(figures)
-    out.print(f"{figures['seconds']:.0f} s; page: {output / 'report.html'}   figures: {output / 'reproduce.json'}")
+    out.print(f"{figures['seconds']:.0f} s; page: {page}   figures: {output / 'reproduce.json'}")
 
 
 def _show_claims(figures: dict[str, Any]) -> None:

@@ -29,6 +29,9 @@ OVER_A_LOG = (
     ("vision", "board", "-o", "log.csv"),
     ("vision", "calibrate", "rig.toml", "-o", "rig.toml"),
     ("vision", "rig", ".", "-o", "rig.toml"),
+    ("vision", "track", "front.mp4", "-o", "log.csv"),
+    ("discrepancy", "run", "--machine", "raven2_calibration", "--log", "log.csv", "-o", "."),
+    ("reproduce", "mahler2014", "-o", "."),
     ("fit", "log.csv", "-o", "new.gpc", "--report", "notes.html"),
     ("fit", "log.csv", "-o", "new.gpc", "--report", "."),  # where somebody's own report.html is
     ("joint", "fit", "log.csv", "-o", "new.gpc", "--report", "tables.html"),
@@ -52,6 +55,42 @@ def test_a_command_never_replaces_a_file_of_another_kind(
     before = {path: path.read_bytes() for path in folder.iterdir()}
     assert_refused(gpcorrect(*words), "is there already")
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize("name", ["model.toml", "model.xml", "report.json"])
+def test_a_run_replaces_files_of_its_own_runs_only(
+    gpcorrect: CommandLine, log_file: Path, tmp_path: Path, name: str
+) -> None:
+    """A model by hand, of the name that the completed one gets, was replaced by it, or the run failed at its end."""
+    output = tmp_path / "missing"
+    output.mkdir()
+    (output / name).write_text("by hand")
+    words = ("discrepancy", "run", "--machine", "raven2_calibration", "--log", log_file, "-o", output)
+    assert_refused(gpcorrect(*words), f"{name} is there already")
+    assert list(output.iterdir()) == [output / name]
+
+
+def test_sealed_labels_are_not_replaced(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """Nor is a nominal model which is not the one that the cases are simulated with."""
+    (tmp_path / "one.toml").write_text('arm = "joints"\njoints = [1]\njoint_types = "R"\n[noise]\n')
+    (tmp_path / "spec.toml").write_text('model = "one.toml"\n[[cases]]\n')
+    words = ("discrepancy", "generate", "--spec", tmp_path / "spec.toml", "-o")
+    sealed, other = tmp_path / "blind" / "sealed", tmp_path / "other"
+    sealed.mkdir(parents=True)
+    assert_refused(gpcorrect(*words, sealed.parent), "sealed is there already")
+    other.mkdir()
+    (other / "nominal.toml").write_text('arm = "joints"\njoints = [1, 2]\njoint_types = "RR"\n')
+    assert_refused(gpcorrect(*words, other), "nominal.toml is there already")
+
+
+def test_an_annotated_video_is_none_of_those_that_are_tracked(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """It took the place of a camera's own recording, or became one more camera of a folder."""
+    video = tmp_path / "front.mp4"
+    video.write_bytes(b"recorded")
+    for given, annotated in ((video, video), (tmp_path, tmp_path / "look.mp4")):
+        words = ("vision", "track", given, "--annotated", annotated, "-o", tmp_path / "track.csv")
+        assert_refused(gpcorrect(*words), "would be among the recordings")
+    assert video.read_bytes() == b"recorded"
 
 
 def test_a_model_and_its_page_are_two_files(gpcorrect: CommandLine, log_file: Path) -> None:

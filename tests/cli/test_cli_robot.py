@@ -25,7 +25,9 @@ def test_options_that_cannot_be_meant_are_refused(gpcorrect, tmp_path):
     assert_refused(gpcorrect("debride", "--mode", "half"), "full or endpoints")
     assert_refused(gpcorrect("debride", "--picture", tmp_path / "p.png"), "--report instead of --picture")
     assert_refused(gpcorrect("monitor", "--host", "0.0.0.0"), "other machines")
-    assert_refused(gpcorrect("sim", "serve", "--rate", "5000"), "1000 Hz")
+    for rate in ("5000", "nan", "0"):
+        assert_refused(gpcorrect("sim", "serve", "--rate", rate), "--rate")
+    assert_refused(gpcorrect("sim", "serve", "--time-scale", "0"), "--time-scale")
     assert_refused(gpcorrect("sim", "serve", "--endpoint", "tcp/0.0.0.0:7448"), "other machines")
     assert_refused(gpcorrect("sim", "serve", "--ros-distro", "humble"), "--ros-domain")
     assert_refused(gpcorrect("sim", "serve", "--ros-domain", 0, "--ros-distro", "foxy"), "humble, jazzy or rolling")
@@ -37,6 +39,19 @@ def test_options_that_cannot_be_meant_are_refused(gpcorrect, tmp_path):
         refused = gpcorrect("robot", "draw", "--centre", 0, 0, 0, *quaternion.split())
         assert_refused(refused, "seven numbers whose quaternion is not zero", quaternion)
     assert_refused(gpcorrect("robot", "extract", "no.csv", "-o", tmp_path / "x.csv"), "no.csv")
+    for rate in ("0", "nan", "1e9"):  # refused as a speed, and a traceback
+        assert_refused(gpcorrect("zigzag", "--rate", rate, "-o", tmp_path / "x.csv"), "--rate")
+    for study in ("mahler2014", "peng2020", "peng2024"):
+        assert_refused(gpcorrect("reproduce", study, "--seed", -1, "-o", tmp_path / "x"), "--seed")
+        assert_refused(gpcorrect("reproduce", study, "--quick", "--short", "-o", tmp_path / "x"), "two sizes")
+    short = ("reproduce", "mahler2014", "--short", "--reaches", 50, "-o", tmp_path / "x")
+    assert_refused(gpcorrect(*short), "--reaches goes with the whole study")
+
+
+def test_a_list_of_no_signals_is_refused(gpcorrect, log_file, tmp_path):
+    """It made a log without any."""
+    words = ("robot", "extract", log_file, "--signals", ",", "-o", tmp_path / "part.csv")
+    assert_refused(gpcorrect(*words), "--signals names no signal")
 
 
 def test_debridement_with_served_corrections(gpcorrect, tmp_path, monkeypatch):

@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -80,6 +81,32 @@ def test_simulate_and_models_say_in_json_what_they_did(
     assert gpcorrect("models", "activate", added["id"], "--store", store, "--json").json["hash"] == added["hash"]
     made = gpcorrect("secure", "init", tmp_path / "site", "--json").json
     assert all((tmp_path / "site" / name).exists() for name in made["files"])
+
+
+def test_a_terminal_of_few_signs_shows_escapes(log_file: Path, tmp_path: Path) -> None:
+    """A name that cannot be encoded ended in a traceback and status 1, after the work was done."""
+    words = ("robot", "extract", str(log_file), "--every", "9", "-o", str(tmp_path / "März.csv"))
+    plain = os.environ | {"PYTHONIOENCODING": "ascii"}
+    done = subprocess.run([sys.executable, "-m", "gpcorrect", *words], env=plain, capture_output=True, check=True)
+    assert b"M\\xe4rz.csv" in done.stdout
+
+
+def test_models_are_listed_in_one_time(
+    gpcorrect: CommandLine, small_model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """When a model was made and when it was added stood in UTC and in local time side by side."""
+    store = tmp_path / "store"
+    added = gpcorrect("models", "add", small_model, "--store", store, "--json").json["added"]
+    monkeypatch.setenv("TZ", "Asia/Kolkata")
+    time.tzset()
+    try:
+        listed = gpcorrect("models", "list", "--store", store).out
+        local = time.strftime("%Y-%m-%d %H:%M", time.localtime(added))
+    finally:
+        monkeypatch.undo()
+        time.tzset()
+    assert local not in listed
+    assert time.strftime("%Y-%m-%d %H:%M", time.gmtime(added)) in listed
 
 
 def test_no_terminal_cuts_a_number(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

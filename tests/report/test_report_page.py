@@ -14,7 +14,7 @@ from chromium import Page, browser
 from support import Once, small_log
 
 from gpcorrect.calibration import CommandCorrector, Evaluation, evaluate_model
-from gpcorrect.report import write_evaluation_report
+from gpcorrect.report import paths, write_evaluation_report
 from gpcorrect.report.page import Chart, Mark, Panel, Role, Section, Series, TableData, charts_data, write_page
 from gpcorrect.report.page import Page as ReportPage
 
@@ -200,6 +200,18 @@ def test_an_array_of_several_series_is_written_once() -> None:
     series = [Series(n, Mark.LINE, Role.RAW, time, np.array([1.0, np.nan])) for n in ("a", "</script>")]
     data = charts_data([Chart("", [Panel("x", "y", series)])])
     assert data["columns"] == [[0.0, 1.0], [1.0, None], [1.0, None]]
+
+
+def test_a_page_begins_with_a_trajectory_that_it_lists(
+    small_corrector: CommandCorrector, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of more trajectories than a page lists, the first shown was one that has neither row nor charts."""
+    monkeypatch.setattr(paths, "MOST_TRAJECTORIES", 1)
+    for seed in (5, 7, 8):
+        log, page = small_log(seed, trajectories=6), tmp_path / "page.html"
+        write_evaluation_report(evaluate_model(small_corrector, log), log, page)
+        html = page.read_text()
+        assert re.findall('data-key="([^"]*)"', html) == re.findall('"chosen": "([^"]*)"', html) == ["0"]
 
 
 def test_static_poses_are_dots_and_have_no_table(small_corrector: CommandCorrector, tmp_path: Path) -> None:

@@ -8,19 +8,20 @@ from planning_support import Moves, ideal
 from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect.planning import Margins
-from gpcorrect_studies.debridement import (
+from gpcorrect_studies.debridement.mission import (
+    ATTEMPTS,
+    MIDDLE,
+    ArmRecord,
     Condition,
-    LookAndMove,
+    Fetched,
     Mission,
-    OpenLoop,
     Outcome,
     debride,
-    rehearsal_log,
-    stations,
 )
-from gpcorrect_studies.debridement.mission import ATTEMPTS, MIDDLE, ArmRecord, Fetched
 from gpcorrect_studies.debridement.page import path_charts, seconds_chart
-from gpcorrect_studies.debridement.scene import catches
+from gpcorrect_studies.debridement.rehearsal import rehearsal_log
+from gpcorrect_studies.debridement.scene import catches, stations
+from gpcorrect_studies.debridement.strategies import LookAndMove, OpenLoop
 
 
 def mission(arms: int, fragments: int, seed: int, *, perfect: bool = True) -> Mission:

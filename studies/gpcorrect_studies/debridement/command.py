@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 import numpy as np
 import typer
 from joblib import Parallel, cpu_count, delayed
-from rich.table import Table
 
 from gpcorrect.atomic import make_folder
-from gpcorrect.cli.console import err, out, print_json, progress_bar
+from gpcorrect.cli.console import err, out, plain_table, print_json, progress_bar
 from gpcorrect.cli.options import Json, OldConnect, Report, one_of, renamed, report_page
 from gpcorrect.cli.processes import free_endpoint, running
 from gpcorrect.errors import DataError
 from gpcorrect.planning import Margins, Mode
-from gpcorrect_studies.debridement import PAPER, Condition, Mission, Station, compare, stations
+from gpcorrect_studies.debridement.mission import PAPER, Condition, Mission, compare
 from gpcorrect_studies.debridement.rehearsal import AFTER_REHEARSAL, learn
+from gpcorrect_studies.debridement.scene import Station, stations
 
 if TYPE_CHECKING:
     from gpcorrect_service import CorrectionClient
@@ -64,7 +64,7 @@ def debride(
 
     gpcorrect debride --arms 1 --models demo/ --report task.html
     """
-    page = None if report is None else report_page(report)
+    page = report_page(report)
     chosen: Mode = one_of(mode, get_args(Mode), "the mode")
     scene, places = stations(arms)
     with ExitStack() as stack:
@@ -150,10 +150,8 @@ def _facts(conditions: Sequence[Condition], served: list[str], mode: Mode) -> di
 
 def _show(conditions: Sequence[Condition], facts: dict[str, Any]) -> None:
     title = f"Debridement, simulated: means of {facts['sets']} sets of fragments; retries, re-plans and looks in all"
-    table = Table(title=title, title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("", no_wrap=True)
-    for column in ["cm/s", "done", "at\nonce", "retries", "re-\nplans", "looks", "miss\nmm", "s\neach", "s in\nall"]:
-        table.add_column(column, justify="right", no_wrap=True)
+    columns = ("cm/s", "done", "at\nonce", "retries", "re-\nplans", "looks", "miss\nmm", "s\neach", "s in\nall")
+    table = plain_table("", *columns, title=title)
     for condition in conditions:
         table.add_row(*condition.to_words())
     out.print(table)

@@ -17,8 +17,9 @@ from gpcorrect.sim import debridement_log, machine_of, preset
 from gpcorrect.sim.reaches import DEBRIDEMENT_PRESET
 from gpcorrect.types import Progress
 from gpcorrect_studies.claims import ClaimTable, StudyResult
-from gpcorrect_studies.debridement import Condition, Mission, compare, stations
+from gpcorrect_studies.debridement.mission import Condition, Mission, compare
 from gpcorrect_studies.debridement.rehearsal import AFTER_REHEARSAL, learn
+from gpcorrect_studies.debridement.scene import stations
 from gpcorrect_studies.mahler2014.ablations import ABLATIONS, Base, ablations
 from gpcorrect_studies.mahler2014.closed_loop import Landing, closed_loop, places_to_visit
 from gpcorrect_studies.mahler2014.regressions import Limit, TrainingSize, limits, training_sizes
