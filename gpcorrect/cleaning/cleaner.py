@@ -30,6 +30,7 @@ SMOOTH_LEEWAY = 1.25  # a piece that leaves the model smoothly and comes back is
 FEW = 8  # samples: fewer are no motion of their own, however slow the recording
 HABIT = 1 / 150  # more runs of repeats a sample are how the log was made (held samples, no noise), not a fault
 LEVER = 0.05  # m: a turn counts as travel by this arm, about the size of a workspace
+USUAL = 0.99  # of trusted samples have an error that another recording may have, whatever the median of it
 NEARBY = 8  # samples on either side
 SURROUNDED = 0.6  # fraction of them that is rejected, beyond which what is left is no motion
 
@@ -38,7 +39,9 @@ SURROUNDED = 0.6  # fraction of them that is rejected, beyond which what is left
 class Thresholds:
     """What is learned from training data to label samples by themselves and by their neighbours in time."""
 
-    scales: FloatArray  # (g,) robust standard deviation of an error component about the registration, m and rad
+    # (g,) robust standard deviation of an error component about the registration, m and rad; of joints more where
+    # `allowing` says so
+    scales: FloatArray
     # (g, w) each: corners of the box of commands; infinite for rotations
     low: FloatArray
     high: FloatArray
@@ -65,6 +68,20 @@ class Thresholds:
             frozen_array(high),
             StepThresholds.learn(samples, Residual.without_model(samples.error), settings),
         )
+
+    def allowing(self, lengths: FloatArray, settings: CleaningSettings) -> Self:
+        """Return thresholds under which errors as large as these are no outliers.
+
+        A joint's error about its median is near zero for most samples where slack holds it at one of two ends, and
+        the median of another recording may be at the other end.
+
+        Parameters
+        ----------
+        lengths : (n, g) array, of errors that are trusted
+        settings : CleaningSettings
+        """
+        usual = np.quantile(lengths, USUAL, axis=0) if len(lengths) else np.zeros(len(self.scales))
+        return replace(self, scales=frozen_array(np.maximum(self.scales, usual / settings.outlier_factor)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +162,8 @@ def fit_cleaner(
     physical = _label_samples(samples, thresholds, settings)
     residual, smooth = Residual.without_model(samples.error), None
     trusted = _label_motion(samples, physical, residual, thresholds, settings).keep
+    if pair.joints:
+        thresholds = thresholds.allowing(samples.error_lengths[trusted], settings)
     if samples[trusted].fresh >= FEWEST_FOR_FIELD:
         smooth, residual = learn_smooth_model(samples, trusted, settings, rng)
         thresholds = replace(thresholds, steps=StepThresholds.learn(samples, residual, settings))

@@ -175,3 +175,19 @@ def test_a_joint_that_hardly_moved_in_training_condemns_no_other_motion() -> Non
     """Its slope is noise: followed over ten training ranges, it had 77 % of a good recording rejected."""
     cleaner, _ = fit_cleaner(joint_log(1, trajectories=6, first=0.1), pair=REPORTED, rng=np.random.default_rng(0))
     assert clean_with(cleaner, joint_log(2, trajectories=3)).keep.mean() > 0.95
+
+
+@pytest.mark.parametrize("seed", [7, 8, 9])
+def test_slack_that_holds_a_joint_at_the_other_end_is_no_outlier(seed: int) -> None:
+    """Most errors of one recording lie at one end of a joint's slack, those of the next at the other."""
+    cleaner, report = fit_cleaner(joint_log(0, 10, 20.0), rng=np.random.default_rng(0), pair=REPORTED)
+    assert report.keep.all()
+    assert clean_with(cleaner, joint_log(seed, 6, 20.0)).keep.all()
+    broken = joint_log(seed, 6, 20.0)
+    off = broken.trajectory == 2
+    assert broken.external_jp is not None
+    outside = broken.external_jp.copy()
+    outside[off, 2] += 0.02  # five times the slack
+    found = clean_with(cleaner, replace(broken, external_jp=outside))
+    assert not found.keep[off].any()
+    assert found.keep[~off].all()
