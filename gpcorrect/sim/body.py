@@ -117,7 +117,7 @@ class Body:
         return replace(self, chain=chain, held=np.zeros(0))
 
 
-Feedforward = Literal["none", "gravity", "rigid-body"]
+Feedforward = Literal["none", "gravity", "gravity-measured", "rigid-body"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,9 +130,9 @@ class Drive:
         Proportional and derivative gains on the reported motor position, N m/rad and N m s/rad, or N/m and N s/m.
     motor_inertia : (dof,) array, rotor and gears reflected to the joint, kg m^2 or kg
     rate_hz : float, of the servo loop
-    feedforward : "none", "gravity" or "rigid-body"
-        Torque added at the commanded motion from the nominal masses: nothing, what holds the arm, or also what
-        accelerates it and its motors.
+    feedforward : "none", "gravity", "gravity-measured" or "rigid-body"
+        Torque added from the nominal masses: nothing; at the commanded motion what holds the arm, or also what
+        accelerates it and its motors; or what holds it where the motors are.
     kv : (dof,) array or None
         Gains on the motor's own velocity, which a controller without a velocity command brakes by; none when None.
     brakes_late : bool, whether kv acts on the speed before a step, not behind it
@@ -168,6 +168,11 @@ class Drive:
     def feeds(self) -> bool:
         """Whether anything is fed forward."""
         return self.feedforward != "none" or bool(self.beyond.any())
+
+    @property
+    def is_compensated(self) -> bool:
+        """Whether gravity is compensated where the motors are, not where they were commanded to be."""
+        return self.feedforward == "gravity-measured"
 
     @property
     def speed_gains(self) -> tuple[FloatArray, FloatArray]:

@@ -8,7 +8,7 @@ and the sensors are the same ones.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -167,7 +167,12 @@ class LiveArm:
         """Torque `(1, 1, dof)` that the controller feeds forward."""
         if not self._drive.feeds:
             return np.zeros(desired.q.shape)
-        return feedforward(self._drive, desired, link_load(self._nominal, desired))
+        load = link_load(self._nominal, desired)
+        fed = feedforward(self._drive, desired, load)
+        if not self._drive.is_compensated:
+            return fed
+        there = link_load(self._nominal, replace(desired, q=self._position))
+        return fed + there.gravity - load.gravity
 
     def _look(self, torque: FloatArray, joint_friction: FloatArray) -> Moment:
         """Bring what lies behind the motors up to date."""

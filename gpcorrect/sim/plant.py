@@ -119,16 +119,24 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
     if not machine.has_nominal_body:
         mass = mean_inertia(machine.actual_body(machine.payload(command.whole)), command.whole.q)
     path, load = _first_guess(machine, body, command, drive, fed)
+    motors = path.q
     for number in range(passes or (PASSES if drive.kv is None else LAGGING_PASSES)):
         load = link_load(body, path) if number or load is None else load
         beyond_inertia = load.total - mass * path.acceleration
         inertia = drive.motor_inertia + mass
-        reference = Reference(command.position, command.velocity, fed, beyond_inertia, inertia, load.total)
+        given = fed + _moved_gravity(command, motors) if drive.is_compensated else fed
+        reference = Reference(command.position, command.velocity, given, beyond_inertia, inertia, load.total)
         servo = follow(drive, reference, clock, body.joints, machine.effects)
-        motion = _motion(body, plan, servo, load)
+        motion, motors = _motion(body, plan, servo, load), servo.position
         q = joint_path(_mechanical(machine), motion)
         path = JointPath(q, servo.velocity, np.gradient(servo.velocity, 1.0 / plan.rate_hz, axis=0))
     return Driven(motion, servo.torque, q)
+
+
+def _moved_gravity(command: Command, motors: FloatArray) -> FloatArray:
+    """Torque `(n, N, dof)` by which what holds the nominal arm differs where the motors are from where they should."""
+    still = np.zeros(motors.shape)
+    return link_load(command.body, JointPath(motors, still, still)).gravity - command.nominal_load.gravity
 
 
 def _first_guess(

@@ -42,6 +42,14 @@ def test_what_is_missing_is_what_another_model_has() -> None:
     np.testing.assert_allclose(motors("none", *whole), motors("rigid-body"), atol=1e-9)
 
 
+def test_an_arm_held_up_where_its_motors_are_moves_as_without_gravity() -> None:
+    """Gravity leaves nothing in a loop that holds the arm up where it is; it does where that is where it should be."""
+    weightless = machine_of(model("none").model_copy(update={"gravity": (0.0, 0.0, 0.0)}))
+    made = motors("gravity-measured")
+    np.testing.assert_allclose(made, run(weightless, plan()).motion.position, atol=1e-9)
+    assert np.abs(made - motors("gravity")).max() > 5e-6
+
+
 def test_gains_of_the_effect_are_gains_of_the_controller() -> None:
     twice = replace(machine_of(model("gravity")).drive, kp=np.array([KP, 2 * KP, 4000.0]))
     other = replace(machine_of(model("gravity")), drive=twice)

@@ -211,3 +211,14 @@ def test_live_and_recorded_machine_agree(block):
     assert apart.max() < 3e-4
     assert np.sqrt((apart**2).mean()) < 1e-4
     assert own.mean() > 0.01
+
+
+def test_a_live_arm_that_is_held_up_where_it_is_moves_as_without_gravity():
+    """So a recorded one does: gravity and what holds the arm are taken at the same place."""
+    held, plan = raven(drive=drive("gravity-measured")), moves(runs=1, seconds=3.0)
+    weightless = replace(held, body=replace(held.body, gravity=np.zeros(3)), drive=drive())
+    spline, arms = plan.spline(), [LiveArm(machine, plan.q[0, 0], block=1) for machine in (held, weightless)]
+    for k in range(1, len(plan.q)):
+        desired = spline(np.arange(1, 11) * arms[0].step + (k - 1) / plan.rate_hz)[:, 0]
+        with_gravity, without = (live.advance(desired).motion.position for live in arms)
+        np.testing.assert_allclose(with_gravity, without, atol=5e-6)  # loads are those of a block before

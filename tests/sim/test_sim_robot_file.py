@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from robot_files import write_mjcf, write_urdf
 
+from gpcorrect.arms import RobotEdit
 from gpcorrect.errors import DataError
 from gpcorrect.sim import effect_from_dict, joint_motion_log, machine_of, model_from_dict, read_model, write_model
 from gpcorrect.sim.dynamics import posture_at
@@ -221,6 +222,46 @@ def test_friction_that_bends_stays_beside_the_file(tmp_path):
     (tmp_path / "study").mkdir()
     again = read_model(write_completed(model, tmp_path / "study" / "model.toml").model)
     assert again.effects == model.effects
+
+
+UNSERVED = [
+    ('<position joint="pan" kp="900" kv="60"/>', ""),
+    ('<position joint="lift" kp="800" kv="60" forcerange="-60 60"/>', ""),
+    ('<position joint="slide" kp="250" kv="20" gear="4"/>', ""),
+    ('<position joint="roll" kp="60" kv="4"/>', ""),
+]
+
+
+@pytest.mark.parametrize("loaded", [False, True])
+def test_a_controller_that_holds_the_arm_up_where_it_is_moves_it_as_in_mujoco(tmp_path, loaded):
+    """MuJoCo's arm under the same law, torques by its own gravity, also with a load that the controller ignores."""
+    kp, kd = np.array([900.0, 800.0, 4000.0, 60.0]), np.array([60.0, 60.0, 320.0, 4.0])
+    model = model_from_dict(
+        {
+            "robot": write_mjcf(tmp_path, *UNSERVED, ("implicitfast", "Euler")).name,
+            "tool": "tip",
+            "controller": {"kp": kp.tolist(), "kd": kd.tolist(), "feedforward": "gravity-measured"},
+        },
+        folder=tmp_path,
+    )
+    plan, known = plan_for(model, seconds=4.0), mujoco_model(tmp_path / "small.xml")
+    edit = RobotEdit(tmp_path / "small.xml", tool="tip")
+    if loaded:
+        edit.add_payload(0.4)
+    edit.write(tmp_path / "true.xml")
+    true = mujoco_model(tmp_path / "true.xml")
+    ours = run(machine_of(model.with_effects(*[effect_from_dict(FOUND[3])] if loaded else [])), plan).q[:, 0]
+    data, held, spline, step = mujoco.MjData(true), mujoco.MjData(known), plan.spline(), true.opt.timestep
+    data.qpos[:], path = ours[0], []
+    for i in range(10 * len(plan.q)):
+        path.append(data.qpos.copy())
+        held.qpos[:] = data.qpos
+        mujoco.mj_forward(known, held)
+        wanted, rate = spline(i * step)[0], spline(i * step, 1)[0]
+        data.qfrc_applied[:] = kp * (wanted - data.qpos) + kd * (rate - data.qvel) + held.qfrc_bias - held.qfrc_spring
+        mujoco.mj_step(true, data)
+    np.testing.assert_allclose(ours, path[::10], atol=5e-6)
+    assert np.abs(ours - plan.q[:, 0]).max() > (1e-3 if loaded else 1e-4)
 
 
 def test_what_a_controller_would_feed_forward_stays_beside_the_file(tmp_path):
