@@ -6,14 +6,18 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from filterpy.common import Q_discrete_white_noise
-from filterpy.kalman import KalmanFilter
 
 from gpcorrect import se3
-from gpcorrect.errors import DataError
+from gpcorrect.errors import DataError, MissingExtraError
 from gpcorrect.types import FloatArray
 from gpcorrect.vision.pose import POSE, Motion
 from gpcorrect.vision.settings import DEFAULT, MotionSettings
+
+try:
+    from filterpy.common import Q_discrete_white_noise
+    from filterpy.kalman import KalmanFilter
+except ImportError as error:
+    raise MissingExtraError("filterpy", extra="vision", purpose="Following a tool by cameras") from error
 
 UNKNOWN = np.array([1.0] * 3 + [np.pi] * 3)  # m and rad: the standard deviation of a pose of which nothing is known
 USUAL_STD = np.array([1e-4] * 3 + [3e-3] * 3)  # m and rad: of a pose without covariance, as a good frame has it

@@ -82,6 +82,19 @@ def test_a_model_that_answers_loads_nothing_that_only_learning_needs(small_model
     assert not loaded_by(answer) & {"sklearn", "scipy.stats", "matplotlib"}
 
 
+@pytest.mark.parametrize("absent", ["cv2", "filterpy"])
+def test_what_only_vision_needs_is_an_extra(absent: str) -> None:
+    """Without it all else is there, and the door to vision says what to install."""
+    code = f"""
+import sys
+sys.modules[{absent!r}] = None
+import gpcorrect.calibration, gpcorrect.cleaning, gpcorrect.discrepancy, gpcorrect.planning, gpcorrect.sim
+import gpcorrect.vision
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "pip install 'gpcorrect[vision]'" in done.stderr.splitlines()[-1]
+
+
 def test_the_programs_help_loads_no_library_of_the_commands() -> None:
     """`gpcorrect --help` needs the libraries of the terminal only."""
     assert not loaded_by(f"{HELP}\ntry: main()\nexcept SystemExit: pass") & HEAVY
