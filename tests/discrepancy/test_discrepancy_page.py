@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from discrepancy_support import estimate, finding, named, outside, result, rival, verdict_sentence
 
+from gpcorrect.discrepancy.evidence.bursts import Burst
 from gpcorrect.discrepancy.evidence.variables import Quantity, Span, Variable
 from gpcorrect.discrepancy.outcome.result import Experiment
 from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentences
@@ -51,6 +52,14 @@ def test_the_first_sentence_is_of_what_matters_most() -> None:
     assert unknown.startswith("Something outside the catalogue is missing")
     assert beside.startswith("Beside it, joint 2: ")
     assert "; joint 1: " in beside
+
+
+def test_what_happens_rarely_is_told_beside_a_name() -> None:
+    """A name explains all the time, not the moments far above the noise that are left."""
+    burst = Burst(outside(1), (4, 9), 0.02, 0.001, 3, rare=True)
+    first, rest = verdict_sentences(result("EXACT", named("backlash", 2), bursts=(burst,)))
+    assert first.startswith("Joint 2: backlash")
+    assert rest.startswith("Moments far above the noise stay unexplained: outside sensor of joint 1 (up to 1.15 ° in ")
 
 
 def test_noise_closes_no_gap() -> None:

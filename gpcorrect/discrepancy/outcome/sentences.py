@@ -101,7 +101,11 @@ def verdict_sentences(result: DiscrepancyResult) -> list[str]:
         return [_undecided(result)]
     named = _by_place(result)
     if result.level != Level.UNKNOWN:
-        return [f"{words[:1].upper()}{words[1:]}." for words in (named[0], "; ".join(named[1:])) if words]
+        rare = [
+            f"moments far above the noise stay unexplained: {_burst_words(burst)}"
+            for burst in result.provenance.bursts[:1]
+        ]
+        return [f"{words[:1].upper()}{words[1:]}." for words in (named[0], "; ".join([*named[1:], *rare])) if words]
     unknown = [f"Something outside the catalogue is missing{_where(result)}.", *_alike_words(result)]
     return [*unknown, f"Beside it, {'; '.join(named)}."] if result.effects else unknown
 
