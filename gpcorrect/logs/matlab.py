@@ -7,10 +7,11 @@ one as long as most variables are. A native pose may be 3 x n, 7 x n (x y z qw q
 
 from __future__ import annotations
 
+import zlib
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -23,6 +24,8 @@ from gpcorrect.types import CalibrationLog, FloatArray
 HDF5 = b"\x89HDF\r\n\x1a\n"  # first bytes of every such file
 MARKS = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
 NUMERIC = "iufb"  # kinds of NumPy types
+HEADER_BYTES, TAG_BYTES, COMPRESSED = 128, 8, 15  # of a version 5 file: its head, a variable's, and what marks zlib
+STEP_BYTES = 1 << 20  # unpacked at a time
 # For files in which no variable has a row a sample.
 NO_ROWS = 'Save one variable a signal, or columns named as in the native log: save("log.mat", "-struct", "log").'
 
@@ -45,11 +48,28 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
 def _version_5(path: Path, settings: ReadSettings) -> Found:
     from scipy.io import loadmat
 
+    settings.check_memory(_unpacked(path, settings.max_bytes))
     content = loadmat(path, squeeze_me=False, struct_as_record=True, verify_compressed_data_integrity=True)
     found = dict(_fields({k: v for k, v in content.items() if not k.startswith("__")}))
     arrays = {name: v for name, v in found.items() if isinstance(v, np.ndarray) and v.dtype.kind in NUMERIC}
-    settings.check_memory(sum(values.nbytes for values in arrays.values()))
     return arrays, [name for name in found if name not in arrays]
+
+
+def _unpacked(path: Path, most: int) -> int:
+    """Bytes that the compressed variables of a version 5 file unpack to, counted as far as `most`."""
+    data, at, total = path.read_bytes(), HEADER_BYTES, 0
+    order: Literal["little", "big"] = "little" if data[HEADER_BYTES - 2 : HEADER_BYTES] == b"IM" else "big"
+    while at + TAG_BYTES <= len(data) and total <= most:
+        kind, size = (int.from_bytes(data[at + k : at + k + 4], order) for k in (0, 4))
+        rest, unpacker = data[at + TAG_BYTES : at + TAG_BYTES + size], zlib.decompressobj()
+        while kind == COMPRESSED and rest and total <= most and not unpacker.eof:
+            try:
+                total += len(unpacker.decompress(rest, STEP_BYTES))
+            except zlib.error:
+                break  # damage is what the reader proper names
+            rest = unpacker.unconsumed_tail
+        at += TAG_BYTES + size
+    return total
 
 
 def _fields(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
