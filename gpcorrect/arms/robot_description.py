@@ -277,7 +277,7 @@ def _moving(tendon: Any) -> set[str]:
 
 
 def _carrying(point: Any) -> set[str]:
-    """Names of the joints between a site or shape and the world."""
+    """Names of the joints between what carries a site, shape or body and the world."""
     body, names = point.parent, set()
     while body is not None:
         names |= {joint.name for joint in body.joints}

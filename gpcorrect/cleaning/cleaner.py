@@ -30,7 +30,7 @@ SMOOTH_LEEWAY = 1.25  # a piece that leaves the model smoothly and comes back is
 FEW = 8  # samples: fewer are no motion of their own, however slow the recording
 HABIT = 1 / 150  # more runs of repeats a sample are how the log was made (held samples, no noise), not a fault
 LEVER = 0.05  # m: a turn counts as travel by this arm, about the size of a workspace
-USUAL = 0.99  # of trusted samples have an error that another recording may have, whatever the median of it
+USUAL = 0.99  # of trusted samples have an error that another recording may have; chosen by hand: the rest are spikes
 NEARBY = 8  # samples on either side
 SURROUNDED = 0.6  # fraction of them that is rejected, beyond which what is left is no motion
 

@@ -23,7 +23,6 @@ if TYPE_CHECKING:  # OpenCV is an extra, and scikit-learn is slow: they are impo
     from gpcorrect.vision.opencv import Image
 
 STATE = ("measured_cp", "tracker_cp", "measured_jp")  # what an estimator learns from
-TRACKED = "cameras and coloured balls"  # tracker of the logs that `track` writes, which it may write again
 vision_app = typer.Typer(
     no_args_is_help=True,
     help="Ground truth from ordinary cameras and coloured balls, and a position estimator from it.",
@@ -217,15 +216,14 @@ def track(
     from gpcorrect.vision import AnnotatedVideo, TrackSettings, open_sources, read_cameras
     from gpcorrect.vision import annotated as draw
     from gpcorrect.vision import track as track_sources
+    from gpcorrect.vision.track import TRACKER
 
     require_writable(output)
-    if read_sidecar(output).tracker != TRACKED:
+    if read_sidecar(output).tracker != TRACKER:  # its own it may write again
         require_new(output)
     if annotated is not None and {annotated.resolve(), annotated.resolve().parent} & {v.resolve() for v in videos}:
-        raise DataError(
-            f"the annotated video {annotated} would be among the recordings that are tracked.",
-            hint="Name another file or folder after --annotated.",
-        )
+        hint = "Name another file or folder after --annotated."
+        raise DataError(f"the annotated video {annotated} would be among the recordings that are tracked.", hint=hint)
     page = opt.report_page(report)
     followed, known = _target(target, ball), read_cameras(cameras)
     sources = open_sources(videos, [camera.name for camera in known], timed=fps is None)

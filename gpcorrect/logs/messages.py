@@ -76,7 +76,8 @@ class Recorded:
     stamp: list[int] = field(default_factory=list)
     receive: list[int] = field(default_factory=list)
     rows: list[Any] = field(default_factory=list)
-    frames: set[str] = field(default_factory=set)  # that messages are in, and bodies that they are of; without slashes
+    # frames that messages are in and bodies that they are of, without slashes; empty where a message has none
+    frames: set[tuple[str, str]] = field(default_factory=set)
 
     def add(self, message: Any, receive: int) -> None:
         """Append a message.
@@ -88,14 +89,10 @@ class Recorded:
         """
         header = getattr(message, "hdr", None) or getattr(message, "header", None)
         self.stamp.append(0 if header is None else header.stamp.sec * 10**9 + header.stamp.nanosec)
-        self.frames.add(" -> ".join(name.strip("/") for name in _frames(message, header)))
+        frame, body = getattr(header, "frame_id", ""), getattr(message, "child_frame_id", "")
+        self.frames.add((frame.strip("/"), body.strip("/")))
         self.receive.append(receive)
         self.rows.append(self.extract(message))
-
-
-def _frames(message: Any, header: Any) -> tuple[str, ...]:
-    named = (getattr(header, "frame_id", ""), getattr(message, "child_frame_id", ""))
-    return tuple(name for name in named if name)
 
 
 def pose_row(message: Any) -> tuple[float, ...]:
@@ -184,10 +181,13 @@ def _times(recorded: Recorded, origin: int, clock: str) -> tuple[FloatArray, Int
 
 def _pose_streams(name: str, recorded: Recorded, stamp: FloatArray, rows: IntArray) -> tuple[list[Stream], list[str]]:
     """Stream of poses; a quaternion that is none becomes missing, and a remark says how many."""
-    if len(recorded.frames) > 1:
-        held = "; ".join(sorted(recorded.frames))
+    for names in zip(*recorded.frames, strict=True):
+        if len(held := sorted({*names} - {""})) < 2:
+            continue
         hint = "Record each body under a topic of its own."
-        raise LogError(f"{recorded.topic} holds poses of several bodies or in several frames: {held}.", hint=hint)
+        raise LogError(
+            f"{recorded.topic} holds poses of several bodies or in several frames: {', '.join(held)}.", hint=hint
+        )
     table = np.array(recorded.rows, dtype=np.float64)[rows]
     quaternion = unit_quaternions(table[:, 3:])
     bad = int((np.isfinite(table[:, 3:]).all(axis=1) & np.isnan(quaternion).any(axis=1)).sum())

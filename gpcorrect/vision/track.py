@@ -25,6 +25,8 @@ from gpcorrect.vision.sources import Source, frame_times, pair_by_time
 from gpcorrect.vision.target import Target
 from gpcorrect.vision.tracker import Frame, Tracker
 
+TRACKER = "cameras and coloured balls"  # what the sidecar of a track's log calls it
+
 
 @dataclass(frozen=True)
 class TrackSettings:
@@ -97,7 +99,7 @@ class Track:
             session=np.zeros(n, dtype=np.int64),
             tracker_cp=PoseSignal(position, quaternion),
             extra=extra,
-            meta=LogMeta(tracker="cameras and coloured balls", notes=" ".join(remarks)),
+            meta=LogMeta(tracker=TRACKER, notes=" ".join(remarks)),
             name=name,
             remarks=tuple(remarks),
         )

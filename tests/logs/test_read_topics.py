@@ -193,7 +193,7 @@ def test_poses_of_two_bodies_under_one_topic_are_not_mixed(tmp_path: Path, name:
 
         def make(types: Any) -> Any:
             made = whole.make(types)
-            setattr(made.header if name == "frame_id" else made, name, ["left", "/left", "right"][k % 3])
+            setattr(made.header if name == "frame_id" else made, name, ["left", "/left", "right"][k % 3] if k else "")
             return made
 
         return Post(whole.topic, whole.msgtype, whole.receive, make)
