@@ -83,3 +83,15 @@ def test_a_robot_that_does_not_answer_is_looked_for_where_the_configuration_says
         pytest.raises(RobotError, match=r"on site/robot\.json5 does not go to"),
     ):
         robot.move_jp(np.array([0.5]))
+
+
+def test_joints_that_come_late_are_waited_for(monkeypatch):
+    """What has not come yet is waited for; a robot that never reports joints is told, one without pose has none."""
+    monkeypatch.setattr(robot_module, "Bus", HeldUpBus)
+    with Robot(BusSettings("tcp/127.0.0.1:1"), patience=0.2) as robot:
+        with pytest.raises(RobotError, match="does not report its joints"):
+            _ = robot.measured
+        assert robot.setpoint_pose is None
+        late = threading.Timer(0.05, robot.bus.inboxes["measured_js"], (JointState(1.0, (0.3,)),))
+        late.start()
+        assert robot.measured == [0.3]

@@ -165,12 +165,15 @@ class Robot:
 
     @property
     def measured(self) -> FloatArray:
-        """(dof,) joints that the robot reports."""
+        """(dof,) joints that the robot reports, as soon as it does; RobotError where it never does."""
+        self._until(lambda: "measured_js" in self._latest, self._patience, "report its joints")
         return np.array(self._latest["measured_js"].position)
 
     @property
     def setpoint_pose(self) -> FloatArray | None:
-        """(7,) tool pose that is commanded, base frame; None where the robot has none."""
+        """(7,) tool pose that is commanded, base frame; None where the robot says none with its joints."""
+        until = self.time + RESTED
+        self._until(lambda: "setpoint_cp" in self._latest or self.time > until, None, "say where its tool is")
         pose: Pose | None = self._latest.get("setpoint_cp")
         return None if pose is None else np.array(pose.pose)
 
