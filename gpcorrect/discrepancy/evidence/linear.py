@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from gpcorrect.types import FloatArray, IntArray
 
 FOLDS = 5  # of cross-validation over whole trajectories: chosen by hand
+RIDGE = 1e-6  # of a column's energy
+DEAD = 1e-12  # of the largest energy: columns with less have none
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,49 +40,76 @@ def grams(columns: FloatArray, residual: FloatArray, block: IntArray) -> Grams:
     return Grams(gram, moment)
 
 
-def bordered(base: Grams, columns: FloatArray, new: FloatArray, residual: FloatArray, block: IntArray) -> Grams:
-    """Return the sums of columns with further ones behind them.
+class Beside:
+    """Least squares on known columns, and what further ones gain beside them, held out: many sets of them at once.
+
+    The normal equations of the known columns are solved once for all sets, each of which then has its Schur complement.
 
     Parameters
     ----------
-    base : Grams, of `columns`, known already
     columns : (n, p) array, whitened
-    new : (n, q) array, further columns
     residual : (n,) array, whitened
     block : (n,) int array, label of each row, from 0 without gaps
     """
-    n_blocks, p = base.moment.shape
-    width = p + new.shape[1]
-    gram, moment = np.zeros((n_blocks, width, width)), np.zeros((n_blocks, width))
-    gram[:, :p, :p], moment[:, :p] = base.gram, base.moment
-    order, ends = _by_block(block, n_blocks)
-    _add_products(columns[order], new[order], residual[order], ends, gram, moment)
-    return Grams(gram, moment)
 
+    def __init__(self, columns: FloatArray, residual: FloatArray, block: IntArray) -> None:
+        sums = grams(columns, residual, block)
+        fold = fold_of(len(sums.gram))
+        self._folds = [np.flatnonzero(fold == k) for k in np.unique(fold)]
+        self._known, self._residual = columns, residual
+        self._order, self._ends = _by_block(block, len(sums.gram))
+        self._gram, self._moment = (np.stack([a[f].sum(axis=0) for f in self._folds]) for a in (sums.gram, sums.moment))
+        self._nats = float(held_out_nats(sums, fold).sum()) if columns.shape[1] else 0.0
 
-@njit(cache=True)
-def _add_products(
-    columns: FloatArray, new: FloatArray, residual: FloatArray, ends: IntArray, gram: FloatArray, moment: FloatArray
-) -> None:
-    """Sum, over the rows of each block, the products of new columns with the known ones, themselves and a residual.
+    def gains(self, new: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the factors `(s, k)` of each set's columns on all blocks, and the nats `(s,)` that it gains.
 
-    Blocks are short and many: products of small matrices one block after the other cost more in calls than in sums.
-    """
-    known, width = columns.shape[1], gram.shape[1]
-    for b in range(len(ends) - 1):
-        for row in range(ends[b], ends[b + 1]):
-            for i in range(known, width):
-                value = new[row, i - known]
-                if value == 0.0:
-                    continue
-                for k in range(known):
-                    gram[b, i, k] += value * columns[row, k]
-                for k in range(known, i + 1):
-                    gram[b, i, k] += value * new[row, k - known]
-                moment[b, i] += value * residual[row]
-        for i in range(known, width):
-            for k in range(i):
-                gram[b, k, i] = gram[b, i, k]
+        Parameters
+        ----------
+        new : (n, s, k) array, s sets of k columns, whitened
+        """
+        parts = self._products(new)
+        whole = tuple(a.sum(axis=0) for a in parts)
+        factors, nats = self._solved(*whole)[1], np.full(new.shape[1], -self._nats)
+        for i in range(len(self._folds)):
+            known, beta = self._solved(*(a - part[i] for a, part in zip(whole, parts, strict=True)))
+            gram, moment, cross, own, right = (part[i] for part in parts)
+            nats += moment @ known - 0.5 * np.einsum("ps,ps->s", known, gram @ known)
+            left = right - np.einsum("psk,ps->sk", cross, known) - 0.5 * np.einsum("skl,sl->sk", own, beta)
+            nats += np.einsum("sk,sk->s", beta, left)
+        return factors, nats
+
+    def _products(self, new: FloatArray) -> tuple[FloatArray, ...]:
+        """Sum over each fold: products of the known columns, of both, of each set's own, and with the residual."""
+        _, s, k = new.shape
+        columns, residual, rows = self._known[self._order], self._residual[self._order], new[self._order]
+        cross, own = np.zeros((len(self._folds), columns.shape[1], s, k)), np.zeros((len(self._folds), s, k, k))
+        right = np.zeros((len(self._folds), s, k))
+        for i, blocks in enumerate(self._folds):
+            for b in blocks:
+                part = slice(self._ends[b], self._ends[b + 1])
+                x = rows[part]
+                cross[i] += (columns[part].T @ x.reshape(-1, s * k)).reshape(-1, s, k)
+                own[i] += np.einsum("nsk,nsl->skl", x, x)
+                right[i] += (residual[part] @ x.reshape(-1, s * k)).reshape(s, k)
+        return self._gram, self._moment, cross, own, right
+
+    def _solved(
+        self, gram: FloatArray, moment: FloatArray, cross: FloatArray, own: FloatArray, right: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Factors of the known columns `(p, s)` beside each set, and of the set's own `(s, k)`."""
+        p, s, k = cross.shape
+        found = solve(gram, np.concatenate([moment[:, None], cross.reshape(p, s * k)], axis=1))
+        alone, taken = found[:, 0], found[:, 1:].reshape(p, s, k)
+        energy = np.diagonal(own, axis1=1, axis2=2)
+        dead = energy <= DEAD * max(float(np.diagonal(gram).max(initial=0.0)), 1e-300)
+        left = own - np.einsum("psk,psl->skl", cross, taken)
+        left[:, np.arange(k), np.arange(k)] += np.where(dead, 1.0, RIDGE * energy)
+        off = dead[:, :, None] | dead[:, None, :]
+        left = np.where(off & ~np.eye(k, dtype=np.bool_), 0.0, left)
+        asked = np.where(dead, 0.0, right - np.einsum("psk,p->sk", cross, alone))
+        beta: FloatArray = np.linalg.solve(left, asked[:, :, None])[:, :, 0]
+        return alone[:, None] - np.einsum("psk,sk->ps", taken, beta), beta
 
 
 def _by_block(block: IntArray, n_blocks: int) -> tuple[IntArray | slice, IntArray]:
@@ -102,7 +130,7 @@ def fold_of(n_blocks: int) -> IntArray:
     return np.arange(n_blocks) % max(2, min(FOLDS, n_blocks))
 
 
-def solve(gram: FloatArray, moment: FloatArray, ridge: float = 1e-6) -> FloatArray:
+def solve(gram: FloatArray, moment: FloatArray, ridge: float = RIDGE) -> FloatArray:
     """Least squares with a small ridge in units of the columns' own energy; columns without energy get zero.
 
     Parameters
@@ -114,7 +142,7 @@ def solve(gram: FloatArray, moment: FloatArray, ridge: float = 1e-6) -> FloatArr
     single = moment.ndim == gram.ndim - 1
     right = moment[..., None] if single else moment
     energy = np.array(np.diagonal(gram, axis1=-2, axis2=-1))
-    dead = energy <= 1e-12 * np.maximum(energy.max(axis=-1, initial=0.0, keepdims=True), 1e-300)
+    dead = energy <= DEAD * np.maximum(energy.max(axis=-1, initial=0.0, keepdims=True), 1e-300)
     energy[dead] = 1.0
     root = np.sqrt(energy)
     off = dead[..., :, None] | dead[..., None, :]
@@ -127,7 +155,7 @@ def solve(gram: FloatArray, moment: FloatArray, ridge: float = 1e-6) -> FloatArr
 
 
 def held_out_nats(
-    data: Grams, fold: IntArray, prior_precision: float | FloatArray = 0.0, ridge: float = 1e-6
+    data: Grams, fold: IntArray, prior_precision: float | FloatArray = 0.0, ridge: float = RIDGE
 ) -> FloatArray:
     """Gain in nats of each block `(b,)` (or `(b, r)`), its coefficients fitted to the other folds' blocks.
 

@@ -40,6 +40,18 @@ class DatasetWhitener:
         used = np.logical_or.reduce([block >= 0 for block in self.blocks])
         return self.dataset if (used & ~self.dataset.discovery).any() else self.dataset.of_discovery
 
+    def of_channels(self, wanted: BoolArray) -> DatasetWhitener:
+        """Return the whitener of some channels alone.
+
+        Parameters
+        ----------
+        wanted : (c,) bool array
+        """
+        if wanted.all():
+            return self
+        blocks = tuple(b if seen else np.full_like(b, -1) for b, seen in zip(self.blocks, wanted, strict=True))
+        return replace(self, blocks=blocks, weight=self.weight[wanted[self.channel]])
+
     @property
     def std(self) -> FloatArray:
         """(c,) standard deviation of the noise."""

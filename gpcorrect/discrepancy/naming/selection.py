@@ -7,7 +7,7 @@ something else: beside what stays, that is looked for anew, and at once where it
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -31,8 +31,9 @@ def name_effects(
 ) -> tuple[Search, tuple[Named, ...], tuple[Named, ...]]:
     """Weigh every fit of a finished search; put better rivals in place, and take out what may not be named.
 
-    An effect is weighed anew whenever an effect that shows in its channels has gone or changed. Return the search with
-    the named effects only, those in the same order, and the others with the reasons.
+    An effect is weighed anew, once an effect that shows in its channels has gone or changed, before it is itself
+    changed or named. Return the search with the named effects only, those in the same order, and the others with the
+    reasons.
 
     Parameters
     ----------
@@ -45,58 +46,104 @@ def name_effects(
     while selection.step():
         progress.step("naming", len(selection.dropped) / (total + len(selection.dropped) + 1))
     progress.step("naming", 1.0)
-    named = tuple(selection.assessments[id(m)][0] for m in selection.search.fitted)
+    named = tuple(selection.named(m) for m in selection.search.fitted)
     dropped = {n.fit.candidate.key: n for n in selection.dropped}  # once each, as it was weighed last
     for came_back in selection.search.fitted:
         dropped.pop(came_back.candidate.key, None)
     return selection.search, named, tuple(dropped.values())
 
 
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """What an effect gains, and how it may be named, in the set as it was when it was weighed."""
+
+    candidate: Candidate
+    own: Own
+    assessment: tuple[Named, Weighed] | None = None
+
+
 @dataclass
 class _ModelSelection:
-    """A set of effects on its way to names; every step changes it once."""
+    """A set of effects on its way to names; every step changes it once, or weighs one of them anew."""
 
     search: Search  # with the effects as they are now
     prepared: PreparedData
-    assessments: dict[int, tuple[Named, Weighed]] = field(default_factory=dict)  # of each fit, by its identity
+    known: dict[Hashable, _Known] = field(default_factory=dict)  # of each effect, by its key
+    stale: set[Hashable] = field(default_factory=set)  # what the set has changed beside since it was weighed
     dropped: list[Named] = field(default_factory=list)  # taken out so far
     refused: list[Candidate] = field(default_factory=list)  # what is not looked for again
-    own: dict[int, Own] = field(default_factory=dict)  # what each fit gains, by its identity
     # How often a rival took the place of each since the last search. It may come back once, for the others' numbers
     # were those beside it; two that each explain the other's must end.
     replaced: Counter[Hashable] = field(default_factory=Counter)
     searches: Counter[int | str] = field(default_factory=Counter)  # for what went at each joint: each has its own
     filled: int = 0  # how many of the dropped the last search has looked for a replacement of
+    view: View = field(init=False)  # of the search, at each step
 
     def step(self) -> bool:
-        """Change the set once; False when there is nothing to change."""
+        """Change the set once, or weigh one effect anew; False when there is nothing to change."""
         if not self.search.fitted:
             return self._search_again()
-        view = view_of(self.search, self.prepared)
-        self.own = {id(m): self.own.get(id(m)) or own_gain(view, m) for m in self.search.fitted}
-        if self._drop_idle(view):
+        self.view = view_of(self.search, self.prepared)
+        for fit in self.search.fitted:
+            if fit.candidate.key not in self.known:
+                self.known[fit.candidate.key] = _Known(fit.candidate, own_gain(self.view, fit))
+        if self._drop_idle():
             return True
-        self.assessments = {
-            id(m): self.assessments.get(id(m)) or name_effect(view, m, self.own[id(m)]) for m in self.search.fitted
-        }
-        return self._simplify() or self._swap() or self._drop() or self._search_again() or self._drop_unsure()
+        for fit in self.search.fitted:
+            self._assess(fit)
+        changed = self._simplify() or self._swap() or self._drop()
+        return changed or self._renew_one() or self._search_again() or self._drop_unsure()
 
-    def _drop_idle(self, view: View) -> bool:
-        """Take the weakest of those out that gain less than an effect must: no rivals need be weighed to know it."""
-        weakest = min(self.search.fitted, key=lambda m: self.own[id(m)].found)
-        if self.own[id(weakest)].found >= penalty(self.search.n_kinds):
+    def named(self, fit: FittedEffect) -> Named:
+        """How an effect may be named.
+
+        Parameters
+        ----------
+        fit : FittedEffect, one of the set
+        """
+        return self._assess(fit)[0]
+
+    def _assess(self, fit: FittedEffect) -> tuple[Named, Weighed]:
+        key = fit.candidate.key
+        if self.known[key].assessment is None and not self._renew(fit):
+            own = self.known[key].own
+            self.known[key] = _Known(fit.candidate, own, name_effect(self.view, fit, own))
+        found = self.known[key].assessment
+        assert found is not None
+        return found
+
+    def _renew(self, fit: FittedEffect) -> bool:
+        """Weigh an effect anew if the set has changed beside it since; whether it was."""
+        key = fit.candidate.key
+        if key not in self.stale:
             return False
-        self._take_out(weakest, name_effect(view, weakest, self.own[id(weakest)])[0])
+        own = own_gain(self.view, fit)
+        self.known[key] = _Known(fit.candidate, own, name_effect(self.view, fit, own))
+        self.stale.remove(key)
+        return True
+
+    def _renew_one(self) -> bool:
+        return any(self._renew(fit) for fit in self.search.fitted)
+
+    def _drop_idle(self) -> bool:
+        """Take the weakest of those out that gain less than an effect must: no rivals need be weighed to know it."""
+        weakest = min(self.search.fitted, key=lambda m: self.known[m.candidate.key].own.found)
+        if self.known[weakest.candidate.key].own.found >= penalty(self.search.n_kinds):
+            return False
+        if not self._renew(weakest):
+            self._take_out(weakest, self.named(weakest))
         return True
 
     def _simplify(self) -> bool:
         """Take from an effect what it has beside its law, such as a drag, where no data determine the shape of that."""
         for fit in self.search.fitted:
-            undetermined = self.assessments[id(fit)][0].undetermined
+            undetermined = self.named(fit).undetermined
             beside = {c.parameter.name for c in fit.candidate.coordinates if c.parameter.shaped_by in undetermined}
             law = fit.candidate.places.keys() - beside - set(undetermined)
             same = (t.candidate for t in self.search.traces if t.candidate.key == fit.candidate.key)
             simple = next((c for c in same if beside and c.places.keys() == law), None)
+            if simple is not None and self._renew(fit):
+                return True
             if simple is not None:
                 numbers = zip(fit.candidate.coordinates, fit.u, strict=True)
                 new = FittedEffect(simple, np.array([u for c, u in numbers if c.parameter.name in law]))
@@ -111,12 +158,14 @@ class _ModelSelection:
         pairs = [
             (self._lead(fit, rival), fit, rival.fit)
             for fit in self.search.fitted
-            for rival in self.assessments[id(fit)][1].rivals
+            for rival in self._assess(fit)[1].rivals
             if rival.candidate.key not in out and self._may_return(rival, fit)
         ]
         lead, place, new = max(pairs, key=lambda pair: pair[0], default=(0.0, None, None))
         if place is None or new is None or lead <= 0.0:
             return False
+        if self._renew(place):
+            return True
         self.replaced[place.candidate.key] += 1
         rest = (m for m in self.search.fitted if m is not place)
         self._change(self.search.refit((*rest, new), new.candidate))
@@ -129,7 +178,7 @@ class _ModelSelection:
 
     def _is_outdone(self, fit: FittedEffect) -> bool:
         """Whether its rivals leave an effect a chance that would rule out any of them."""
-        return self.assessments[id(fit)][0].probability < NAMING.stable
+        return self.named(fit).probability < NAMING.stable
 
     def _lead(self, fit: FittedEffect, rival: Rival) -> float:
         """Log odds of a rival in a fit's place, or nats by which it explains more.
@@ -137,7 +186,7 @@ class _ModelSelection:
         Beside a fit that says less there seems to be more that is missing, which makes either as probable. So what
         explains more is weighed in its place: once, for then its own odds are known.
         """
-        named, weighed = self.assessments[id(fit)]
+        named, weighed = self._assess(fit)
         gain = (rival.nats - weighed.own.nats) / weighed.own.overdispersion - (rival.price - weighed.price)
         if rival.candidate.called_like(fit.candidate):
             return gain
@@ -147,11 +196,12 @@ class _ModelSelection:
 
     def _drop(self) -> bool:
         """Take the weakest of those out that may not be named."""
-        poor = [m for m in self.search.fitted if not self.assessments[id(m)][0].may_be_named or self._is_outdone(m)]
+        poor = [m for m in self.search.fitted if not self.named(m).may_be_named or self._is_outdone(m)]
         if not poor:
             return False
-        weakest = min(poor, key=lambda m: self.assessments[id(m)][0].nats)
-        self._take_out(weakest, self.assessments[id(weakest)][0])
+        weakest = min(poor, key=lambda m: self.named(m).nats)
+        if not self._renew(weakest):
+            self._take_out(weakest, self.named(weakest))
         return True
 
     def _drop_unsure(self) -> bool:
@@ -159,8 +209,8 @@ class _ModelSelection:
         unsure = [self.search.fitted[i] for i in estimate_numbers(self.search, self.search.fitted).unsure]
         if not unsure:
             return False
-        weakest = min(unsure, key=lambda m: self.own[id(m)].nats)
-        self._take_out(weakest, self.assessments[id(weakest)][0].in_doubt())
+        weakest = min(unsure, key=lambda m: self.known[m.candidate.key].own.nats)
+        self._take_out(weakest, self.named(weakest).in_doubt())
         return True
 
     def _take_out(self, fit: FittedEffect, named: Named) -> None:
@@ -183,17 +233,24 @@ class _ModelSelection:
         found = search_on(self.search, rounds=NAMING.search_rounds, refused=self.refused)
         if found is self.search:
             return False
-        self.search, self.assessments, self.own, self.replaced = found, {}, {}, Counter()
+        self.replaced = Counter()
+        self._go_on_with(found, self.known)
         return True
 
     def _change(self, fitted: Sequence[FittedEffect]) -> None:
-        """Go on with another set; what is known of a fit stays where no change can have touched it."""
+        """Go on with another set; what is known of an effect stays where no change can have touched it."""
         now = {id(m) for m in fitted}
         moved = [m for m in self.search.fitted if id(m) not in now]
-        same = {id(m) for m in fitted if not any(self.search.alike(m.candidate, gone.candidate) for gone in moved)}
-        self.assessments = {k: v for k, v in self.assessments.items() if k in same}
-        self.own = {k: v for k, v in self.own.items() if k in same}
-        self.search = replace(self.search, fitted=tuple(fitted))
+        touched = {
+            m.candidate.key for m in fitted if any(self.search.alike(m.candidate, gone.candidate) for gone in moved)
+        }
+        self._go_on_with(replace(self.search, fitted=tuple(fitted)), touched)
+
+    def _go_on_with(self, search: Search, touched: Iterable[Hashable]) -> None:
+        """Take another set; what is known of the effects that it has touched is of before."""
+        candidates = {id(m.candidate) for m in search.fitted}
+        self.search, self.known = search, {key: k for key, k in self.known.items() if id(k.candidate) in candidates}
+        self.stale = {*self.stale, *touched} & self.known.keys()
 
 
 def name_rare(

@@ -22,7 +22,7 @@ from gpcorrect.discrepancy.recording.servo_clock import Stamps
 from gpcorrect.discrepancy.recording.tracker import Slack, Tracker
 from gpcorrect.sim.dynamics import JointPath, link_load
 from gpcorrect.sim.effects import Effect, PathEffect, Stage, in_order, of_kind
-from gpcorrect.sim.effects.base import SIDES, FrictionEffect
+from gpcorrect.sim.effects.base import SIDES, FrictionEffect, JointEffect
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion
@@ -332,9 +332,16 @@ class Scene:
         self, effect: PathEffect, paths: list[FloatArray], motion: Motion, wanted: list[int]
     ) -> dict[int, FloatArray]:
         """Paths `(n, N)` of some joints behind an effect."""
+        if not wanted:
+            return {}
         if effect.joint_by_joint:
             return {j: effect.act(paths[j][..., None], motion)[..., 0] for j in wanted}
-        behind = effect.act(np.stack(paths, axis=-1), motion) if wanted else motion.position
+        if isinstance(effect, JointEffect):
+            looked_at = np.empty((len(paths), *paths[0].shape))  # the others' columns stay what they are
+            for j in (effect.column(self.joints, joint) for joint in effect.joints):
+                looked_at[j] = paths[j]
+            return {wanted[0]: effect.own_path(np.moveaxis(looked_at, 0, -1), motion)}
+        behind = effect.act(np.stack(paths, axis=-1), motion)
         return {j: behind[..., j] for j in wanted}
 
 

@@ -16,12 +16,14 @@ from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.instants import with_best_instant
 from gpcorrect.errors import DataError
 from gpcorrect.parallel import each_here
-from gpcorrect.types import FloatArray
+from gpcorrect.types import BoolArray, FloatArray
 
 STEP = 0.002  # of a coordinate, for finite differences: far below a wave's turn over the range of a joint
 SMALLEST_STEP = 5e-4  # of a coordinate near zero
 MAX_EVALUATIONS = 16  # of a set in a refinement: for time
 HALVINGS = 8  # of sizes at which no machine could be
+FTOL = 1e-5  # of the misfit: steps that change it less end a refinement
+TRUST = 0.1  # of a step's change; slopes that foretell it better are not taken anew (Broyden 1965, Math. Comp. 19)
 HOPE = 3.0  # times the last step's gain, which steps that gain three quarters of the one before come to in all
 
 
@@ -74,6 +76,7 @@ def refine(
     free: Sequence[FittedEffect],
     evaluations: int = MAX_EVALUATIONS,
     worth: float = np.inf,
+    channels: BoolArray | None = None,
 ) -> list[FittedEffect]:
     """Fit the free effects' numbers by bounded least squares through the simulator; the fixed ones stay.
 
@@ -84,16 +87,17 @@ def refine(
     evaluations : int, of the set, at most
     worth : float
         Nats of misfit, half the sum of squares, that somebody asks for: a fit that will not come there ends early.
+    channels : (c,) bool array, optional
+        Those in which the free effects show, which alone are looked at then.
 
     Raises
     ------
     DataError
         The set is no machine that can be simulated, nor is it with smaller sizes of the free effects.
     """
-    dataset, free = whitener.simulated, list(free)
-    for i, fit in enumerate(free):
-        if fit.candidate.instant is not None:
-            free[i] = with_best_instant(whitener, [*fixed, *free[:i], *free[i + 1 :]], fit)
+    dataset, seen = whitener.simulated, np.ones(len(whitener.noises), dtype=np.bool_) if channels is None else channels
+    whitener, elsewhere = whitener.of_channels(seen), whitener.of_channels(~seen)
+    free = _with_instants(whitener, fixed, free)
     coordinates = [c for f in free for c in f.candidate.coordinates]
     if not coordinates:
         return []
@@ -101,38 +105,85 @@ def refine(
     prior = np.array([c.prior_weight for c in coordinates])
 
     @lru_cache(maxsize=1)
-    def channels(u: tuple[float, ...]) -> FloatArray:
+    def simulated(u: tuple[float, ...]) -> FloatArray:
         return dataset.predict([f.effect for f in (*fixed, *_at(free, np.array(u)))])
 
     def errors(u: FloatArray) -> FloatArray:
         try:
-            at = channels(tuple(u))
+            at = simulated(tuple(u))
         except DataError:  # no machine, such as one whose loop is unstable: a step that leads there is made shorter
             return np.full(len(whitener.weight) + len(u), np.inf)
         return np.concatenate([whitener.whiten(dataset.observed - at), prior * u])
 
-    def jacobian(u: FloatArray) -> FloatArray:
-        slopes = whitener.whiten_columns(_tangents(dataset, fixed, _at(free, u), channels(tuple(u)))[1])
+    def taken(u: FloatArray) -> FloatArray:
+        slopes = whitener.whiten_columns(_tangents(dataset, fixed, _at(free, u), simulated(tuple(u)))[1])
         return np.concatenate([-slopes, np.diag(prior)])
 
     costs: list[float] = []
+    start = _first_machine(free, errors)
+    unmoved = elsewhere.whiten(dataset.observed - simulated(tuple(start)))
+    rest = 0.5 * float(unmoved @ unmoved)
 
     def stop_if_hopeless(intermediate_result: OptimizeResult) -> None:
         costs.append(intermediate_result.cost)
-        if len(costs) > 1 and costs[-1] - HOPE * (costs[-2] - costs[-1]) > worth:
+        if len(costs) > 1 and costs[-1] - HOPE * (costs[-2] - costs[-1]) + rest > worth:
             raise StopIteration
 
     with np.errstate(over="ignore"):  # of a step to a loop that is all but unstable, which is not taken
         found = least_squares(
             errors,
-            _first_machine(free, errors),
-            jac=jacobian,
+            start,
+            jac=_Secant(errors, taken),
             bounds=(low, high),
             max_nfev=evaluations,
-            ftol=1e-5,
+            ftol=FTOL,
             callback=stop_if_hopeless,
         )
     return _at(free, found.x)
+
+
+def _with_instants(
+    whitener: DatasetWhitener, fixed: Sequence[FittedEffect], free: Sequence[FittedEffect]
+) -> list[FittedEffect]:
+    placed = list(free)
+    for i, fit in enumerate(placed):
+        if fit.candidate.instant is not None:
+            placed[i] = with_best_instant(whitener, [*fixed, *placed[:i], *placed[i + 1 :]], fit)
+    return placed
+
+
+class _Secant:
+    """Slopes that are brought up to date by each step that they foretell (Broyden 1965), and else taken anew.
+
+    Parameters
+    ----------
+    errors, taken : callables, of coordinates `(p,)`: errors `(n,)` and their slopes `(n, p)`
+    """
+
+    def __init__(self, errors: Callable[[FloatArray], FloatArray], taken: Callable[[FloatArray], FloatArray]) -> None:
+        self._errors, self._taken = errors, taken
+        self._last: tuple[FloatArray, FloatArray, FloatArray] | None = None  # coordinates, errors and slopes
+
+    def __call__(self, u: FloatArray) -> FloatArray:
+        """Return the slopes `(n, p)`."""
+        here = self._errors(u)
+        slopes = self._taken(u) if self._last is None else self._updated(u, here, *self._last)
+        self._last = u.copy(), here, slopes
+        return slopes
+
+    def _updated(
+        self, u: FloatArray, here: FloatArray, before: FloatArray, errors: FloatArray, slopes: FloatArray
+    ) -> FloatArray:
+        step = u - before
+        if not step.any():
+            return slopes
+        change = slopes @ step
+        missed = here - errors - change
+        cost, foretold, found = (float(e @ e) for e in (errors, errors + change, here))
+        gains = cost - found > (1.0 - TRUST) * (cost - foretold) or cost - foretold < FTOL * found
+        if gains and missed @ missed < TRUST**2 * (change @ change):
+            return slopes + np.outer(missed, step / (step @ step))
+        return self._taken(u)
 
 
 def _first_machine(free: Sequence[FittedEffect], errors: Callable[[FloatArray], FloatArray]) -> FloatArray:

@@ -28,6 +28,11 @@ class Trace:
     change: FloatArray  # (m, c, a) a column for each amplitude
     touched: BoolArray  # (c,) channels in which it is more than a fiftieth of the noise
 
+    @cached_property
+    def shown(self) -> BoolArray:
+        """(c,) channels in which it is anything at all."""
+        return np.asarray(np.nan_to_num(self.change).any(axis=(0, 2)))
+
 
 @dataclass(frozen=True)
 class Step:
@@ -92,6 +97,18 @@ class Search:
         """Channels of the first trace of each key."""
         return {t.candidate.key: t.touched for t in reversed(self.traces)}
 
+    def shown(self, candidates: Iterable[Candidate]) -> BoolArray:
+        """Return the mask `(c,)` of the channels in which one of some candidates is anything at all.
+
+        Parameters
+        ----------
+        candidates : iterable of Candidate
+        """
+        keys = {c.key for c in candidates}
+        seen = [t.shown for t in self.traces if t.candidate.key in keys]
+        known = {t.candidate.key for t in self.traces} >= keys
+        return np.any(seen, axis=0) if seen and known else np.ones(len(self.whitener.noises), dtype=np.bool_)
+
     def alike(self, a: Candidate, b: Candidate) -> bool:
         """Return whether two candidates show in a common channel.
 
@@ -141,7 +158,10 @@ class Search:
         worth : float, misfit that somebody asks for: a fit that will not come there ends early
         """
         fixed, near = self.parted(fitted, candidate)
-        return (*fixed, *refine(self.whitener, fixed, near, worth=worth))
+        return (
+            *fixed,
+            *refine(self.whitener, fixed, near, worth=worth, channels=self.shown(f.candidate for f in near)),
+        )
 
     def refit_with(
         self, others: Sequence[FittedEffect], new: FittedEffect, worth: float = np.inf

@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from gpcorrect.discrepancy.evidence.linear import bordered, fold_of, grams, held_out_nats, solve
+from gpcorrect.discrepancy.evidence.linear import Beside
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.linearisation import Linearisation, held_out, linearise
 from gpcorrect.discrepancy.search.state import Search, Step, penalty
@@ -16,6 +16,8 @@ from gpcorrect.discrepancy.settings import SEARCH
 from gpcorrect.errors import DataError
 from gpcorrect.parallel import each_here
 from gpcorrect.types import BoolArray, FloatArray, Progress
+
+TOGETHER = 64  # candidates whose gains are computed together: for time and memory only
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,26 +53,37 @@ def rank(
     """
     fewest = {} if beyond is None else {c.key: c.extra for c in beyond}
     taken = {m.candidate.key for m in linearised.fitted} | {c.key for c in without}
-    whitener, slopes, z = search.whitener, linearised.slopes, linearised.z
-    base, p = grams(slopes, z, whitener.block), slopes.shape[1]
-    fold = fold_of(int(whitener.block.max()) + 1)
-    base_nats = float(held_out_nats(base, fold).sum()) if p else 0.0
+    wanted = [
+        t
+        for t in search.traces
+        if t.candidate.key not in taken
+        and (channels is None or (t.touched & channels).any())
+        and (beyond is None or t.candidate.extra > fewest.get(t.candidate.key, t.candidate.extra))
+    ]
     best: dict[Hashable, Ranked] = {}
-    for trace in search.traces:
-        candidate = trace.candidate
-        if candidate.key in taken or (channels is not None and not (trace.touched & channels).any()):
-            continue
-        if beyond is not None and candidate.extra <= fewest.get(candidate.key, candidate.extra):
-            continue
-        sums = bordered(base, slopes, whitener.whiten_columns(trace.change), z, whitener.block)
-        factors = solve(sums.gram.sum(axis=0), sums.moment.sum(axis=0))[p:]
-        if not _is_physical(candidate, factors):
-            continue
-        nats = float(held_out_nats(sums, fold).sum()) - base_nats - SEARCH.complexity * candidate.extra
+    for trace, factors, gain in zip(wanted, *_gains_of(search, linearised, [t.change for t in wanted]), strict=True):
+        candidate, nats = trace.candidate, gain - SEARCH.complexity * trace.candidate.extra
         slot = candidate.key if beyond is None else (candidate.key, *candidate.places)  # fuller ones: one of each make
-        if slot not in best or nats > best[slot].nats:
+        if _is_physical(candidate, factors) and (slot not in best or nats > best[slot].nats):
             best[slot] = Ranked(candidate, nats, factors)
     return sorted(best.values(), key=lambda r: -r.nats)
+
+
+def _gains_of(
+    search: Search, linearised: Linearisation, changes: Sequence[FloatArray]
+) -> tuple[list[FloatArray], list[float]]:
+    """Factors of changes `(m, c, k)` of the channels, and what each gains beyond a set, held out."""
+    whitener = search.whitener
+    beside = Beside(linearised.slopes, linearised.z, whitener.block)
+    found: dict[int, tuple[FloatArray, float]] = {}
+    for size in {c.shape[2] for c in changes}:
+        alike = [i for i, c in enumerate(changes) if c.shape[2] == size]
+        for some in (alike[k : k + TOGETHER] for k in range(0, len(alike), TOGETHER)):
+            new = whitener.whiten_columns(np.concatenate([changes[i] for i in some], axis=2))
+            factors, nats = beside.gains(new.reshape(len(new), len(some), size))
+            found.update(zip(some, zip(factors, nats.tolist(), strict=True), strict=True))
+    ordered = [found[i] for i in range(len(changes))]
+    return [factors for factors, _ in ordered], [nats for _, nats in ordered]
 
 
 def _is_physical(candidate: Candidate, factors: FloatArray) -> bool:
@@ -168,10 +181,7 @@ def _ranked_there(state: Search, linearised: Linearisation, leaders: Sequence[Ra
     What does not grow as a line, such as a capstan's friction, may be far better than it looked; what is no machine at
     the size that its line asks for is none of them.
     """
-    whitener, z, slopes = state.whitener, linearised.z, linearised.slopes
-    base = grams(slopes, z, whitener.block)
-    fold = fold_of(int(whitener.block.max()) + 1)
-    residual, found = state.discovered(linearised.fitted), []
+    residual = state.discovered(linearised.fitted)
 
     def left_by(leader: Ranked) -> FloatArray | None:
         try:
@@ -179,12 +189,13 @@ def _ranked_there(state: Search, linearised: Linearisation, leaders: Sequence[Ra
         except DataError:  # no machine
             return None
 
-    for leader, left in zip(leaders, each_here(left_by, leaders), strict=True):
-        if left is None:
-            continue
-        sums = bordered(base, slopes, whitener.whiten_columns((residual - left)[:, :, None]), z, whitener.block)
-        nats = float(held_out_nats(sums, fold).sum()) - SEARCH.complexity * leader.candidate.extra
-        found.append(replace(leader, nats=nats))
+    left = each_here(left_by, leaders)
+    machines = [leader for leader, there in zip(leaders, left, strict=True) if there is not None]
+    changes = [(residual - there)[:, :, None] for there in left if there is not None]
+    gains = _gains_of(state, linearised, changes)[1]
+    found = [
+        replace(r, nats=gain - SEARCH.complexity * r.candidate.extra) for r, gain in zip(machines, gains, strict=True)
+    ]
     return sorted(found, key=lambda r: -r.nats)
 
 
