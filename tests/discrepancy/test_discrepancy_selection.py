@@ -148,6 +148,20 @@ def test_what_stays_is_weighed_again_when_a_name_turns_out_to_be_of_no_size(sele
     assert laboratory.weighed == ["gravity", "mass", "gravity"]
 
 
+def test_what_was_poor_beside_another_is_weighed_again_before_it_goes(select: Select) -> None:
+    """Once the weaker has gone the other may be named, and it is on that evidence that it stays."""
+
+    class Freed(Laboratory):
+        def name_effect(self, view: Any, fit: Part, own: Own) -> tuple[Named, Weighed]:
+            if fit.candidate.name in self.weighed:
+                self.levels[fit.candidate.name] = (Level.EXACT, 9.0)
+            return super().name_effect(view, fit, own)
+
+    laboratory = Freed({"a": (Level.INCONCLUSIVE, 8.0), "b": (Level.INCONCLUSIVE, 9.0)})
+    assert select(laboratory, parts("a", "b")) == (["b"], ["a"])
+    assert laboratory.weighed == ["a", "b", "b"]
+
+
 def test_of_two_that_take_each_others_place_the_weaker_goes_alone(select: Select) -> None:
     """Neither may be nothing once the other has gone."""
 

@@ -91,8 +91,9 @@ class _ModelSelection:
             return True
         for fit in self.search.fitted:
             self._assess(fit)
-        changed = self._simplify() or self._swap() or self._drop()
-        return changed or self._renew_one() or self._search_again() or self._drop_unsure()
+        if self._simplify() or self._swap() or self._drop() or any(self._renew(m) for m in self.search.fitted):
+            return True
+        return self._search_again() or self._drop_unsure()
 
     def named(self, fit: FittedEffect) -> Named:
         """How an effect may be named.
@@ -121,9 +122,6 @@ class _ModelSelection:
         self.known[key] = _Known(fit.candidate, own, name_effect(self.view, fit, own))
         self.stale.remove(key)
         return True
-
-    def _renew_one(self) -> bool:
-        return any(self._renew(fit) for fit in self.search.fitted)
 
     def _drop_idle(self) -> bool:
         """Take the weakest of those out that gain less than an effect must: no rivals need be weighed to know it."""

@@ -337,7 +337,7 @@ class Scene:
         if effect.joint_by_joint:
             return {j: effect.act(paths[j][..., None], motion)[..., 0] for j in wanted}
         if isinstance(effect, JointEffect):
-            looked_at = np.empty((len(paths), *paths[0].shape))  # the others' columns stay what they are
+            looked_at = np.full((len(paths), *paths[0].shape), np.nan)
             for j in (effect.column(self.joints, joint) for joint in effect.joints):
                 looked_at[j] = paths[j]
             return {wanted[0]: effect.own_path(np.moveaxis(looked_at, 0, -1), motion)}

@@ -61,7 +61,8 @@ def rank(
         and (beyond is None or t.candidate.extra > fewest.get(t.candidate.key, t.candidate.extra))
     ]
     best: dict[Hashable, Ranked] = {}
-    for trace, factors, gain in zip(wanted, *_gains_of(search, linearised, [t.change for t in wanted]), strict=True):
+    gains = _gains_of(search, linearised, [t.change for t in wanted])
+    for trace, (factors, gain) in zip(wanted, gains, strict=True):
         candidate, nats = trace.candidate, gain - SEARCH.complexity * trace.candidate.extra
         slot = candidate.key if beyond is None else (candidate.key, *candidate.places)  # fuller ones: one of each make
         if _is_physical(candidate, factors) and (slot not in best or nats > best[slot].nats):
@@ -71,7 +72,7 @@ def rank(
 
 def _gains_of(
     search: Search, linearised: Linearisation, changes: Sequence[FloatArray]
-) -> tuple[list[FloatArray], list[float]]:
+) -> list[tuple[FloatArray, float]]:
     """Factors of changes `(m, c, k)` of the channels, and what each gains beyond a set, held out."""
     whitener = search.whitener
     beside = Beside(linearised.slopes, linearised.z, whitener.block)
@@ -82,8 +83,7 @@ def _gains_of(
             new = whitener.whiten_columns(np.concatenate([changes[i] for i in some], axis=2))
             factors, nats = beside.gains(new.reshape(len(new), len(some), size))
             found.update(zip(some, zip(factors, nats.tolist(), strict=True), strict=True))
-    ordered = [found[i] for i in range(len(changes))]
-    return [factors for factors, _ in ordered], [nats for _, nats in ordered]
+    return [found[i] for i in range(len(changes))]
 
 
 def _is_physical(candidate: Candidate, factors: FloatArray) -> bool:
@@ -192,10 +192,8 @@ def _ranked_there(state: Search, linearised: Linearisation, leaders: Sequence[Ra
     left = each_here(left_by, leaders)
     machines = [leader for leader, there in zip(leaders, left, strict=True) if there is not None]
     changes = [(residual - there)[:, :, None] for there in left if there is not None]
-    gains = _gains_of(state, linearised, changes)[1]
-    found = [
-        replace(r, nats=gain - SEARCH.complexity * r.candidate.extra) for r, gain in zip(machines, gains, strict=True)
-    ]
+    gains = zip(machines, _gains_of(state, linearised, changes), strict=True)
+    found = [replace(r, nats=nats - SEARCH.complexity * r.candidate.extra) for r, (_, nats) in gains]
     return sorted(found, key=lambda r: -r.nats)
 
 

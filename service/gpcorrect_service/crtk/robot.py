@@ -173,7 +173,8 @@ class Robot:
     def setpoint_pose(self) -> FloatArray | None:
         """(7,) tool pose that is commanded, base frame; None where the robot says none with its joints."""
         until = self.time + RESTED
-        self._until(lambda: "setpoint_cp" in self._latest or self.time > until, None, "say where its tool is")
+        with suppress(RobotError):
+            self._until(lambda: "setpoint_cp" in self._latest or self.time > until, self._patience, "say its pose")
         pose: Pose | None = self._latest.get("setpoint_cp")
         return None if pose is None else np.array(pose.pose)
 
