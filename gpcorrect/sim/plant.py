@@ -27,6 +27,7 @@ from gpcorrect.types import FloatArray, IntArray
 
 PASSES = 2  # after the first guess; each shrinks an error of the load to a few per cent of it (load stiffness / kp)
 DRIVEN = ("position", "velocity", "load", "gravity_load")  # fields of a motion that a loop makes, `(n, N, dof)`
+PASSES_BEYOND = 1  # after a run that differs by little, for what that changes of the load
 LAGGING_PASSES = 3  # where `kv` lets the motors lag behind: on a UR5e 5e-7 rad from the limit (2 passes: 2e-5)
 
 
@@ -113,23 +114,26 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
     plan, clock = command.plan, command.clock
     body, drive = machine.actual_body(machine.payload(plan)), machine.actual_drive
     if (late := drive.latency) is not machine.drive.latency:
-        command = Command.of(machine, plan, late, command.whole)
+        command = replace(Command.of(machine, plan, late, command.whole), begun=command.begun)
     fed = command.feedforward if drive is machine.drive else feedforward(drive, command.desired, command.nominal_load)
     mass = command.mass
     if not machine.has_nominal_body:
         mass = mean_inertia(machine.actual_body(machine.payload(command.whole)), command.whole.q)
     path, load = _first_guess(machine, body, command, drive, fed)
-    motors = path.q
-    for number in range(passes or (PASSES if drive.kv is None else LAGGING_PASSES)):
+    motors = path.q if command.begun is None else command.begun.motion.position
+    usual = PASSES if drive.kv is None else LAGGING_PASSES
+    for number in range(passes or (usual if command.begun is None else PASSES_BEYOND)):
         load = link_load(body, path) if number or load is None else load
         beyond_inertia = load.total - mass * path.acceleration
         inertia = drive.motor_inertia + mass
-        given = fed + _moved_gravity(command, motors) if drive.is_compensated else fed
+        given = fed
+        if drive.is_compensated:
+            given = fed + (command.begun_gravity if command.begun and not number else _moved_gravity(command, motors))
         reference = Reference(command.position, command.velocity, given, beyond_inertia, inertia, load.total)
         servo = follow(drive, reference, clock, body.joints, machine.effects)
         motion, motors = _motion(body, plan, servo, load), servo.position
         q = joint_path(_mechanical(machine), motion)
-        path = JointPath(q, servo.velocity, np.gradient(servo.velocity, 1.0 / plan.rate_hz, axis=0))
+        path = _path(plan, q, servo.velocity)
     return Driven(motion, servo.torque, q)
 
 
@@ -146,6 +150,8 @@ def _first_guess(
 
     With the load along it, where that is known already: effects in the drive do not change it.
     """
+    if command.begun is not None:
+        return command.guess, command.guess_load if machine.has_nominal_body else None
     if machine.has_nominal_body and drive is machine.drive and not of_kind(_mechanical(machine), PathEffect):
         return command.guess, command.guess_load
     desired = command.desired
@@ -223,6 +229,9 @@ class Command:
     mass : (dof,) array, mean inertia of the nominal links at each joint
     whole : Plan
         Over which that mean is taken: the plan, or that of which it is a part, so that both run alike.
+    begun : Driven or None
+        A run of it, with other effects, to begin with in place of a guess: from there one pass is enough to say what a
+        difference in effects changes, to the per cent or so of that by which it changes its own load.
     """
 
     plan: Plan
@@ -236,6 +245,7 @@ class Command:
     feedforward: FloatArray
     mass: FloatArray
     whole: Plan
+    begun: Driven | None = None
 
     @classmethod
     def of(cls, machine: Machine, plan: Plan, latency: FloatArray | None = None, whole: Plan | None = None) -> Command:
@@ -267,7 +277,9 @@ class Command:
 
     @cached_property
     def guess(self) -> JointPath:
-        """Where the nominal arm would be without delay and friction."""
+        """Where the nominal arm would be without delay and friction, or where it has been."""
+        if self.begun is not None:
+            return _path(self.plan, self.begun.q, self.begun.motion.velocity)
         aside = _pushed_aside(self.drive, self.desired, self.nominal_load, self.feedforward)
         return JointPath(aside, self.desired.velocity, self.desired.acceleration)
 
@@ -275,6 +287,16 @@ class Command:
     def guess_load(self) -> LinkLoad:
         """Load of the nominal arm there."""
         return link_load(self.body, self.guess)
+
+    @cached_property
+    def begun_gravity(self) -> FloatArray:
+        """What :func:`_moved_gravity` is where the motors have been."""
+        assert self.begun is not None
+        return _moved_gravity(self, self.begun.motion.position)
+
+
+def _path(plan: Plan, q: FloatArray, velocity: FloatArray) -> JointPath:
+    return JointPath(q, velocity, np.gradient(velocity, 1.0 / plan.rate_hz, axis=0))
 
 
 def _late(spline: CubicSpline, time: NDArray[np.floating], latency: FloatArray, order: int) -> FloatArray:

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from discrepancy_core import joint_log, raven_swings
 
-from gpcorrect.discrepancy.recording.dataset import SignalMemory
+from gpcorrect.discrepancy.recording.dataset import Dataset, SignalMemory
 from gpcorrect.discrepancy.recording.scene import Remembered, ReplayMemory
 from gpcorrect.discrepancy.search.prepared import prepare_data
-from gpcorrect.sim import machine_of, model_from_dict, simulate
+from gpcorrect.sim import machine_of, model_from_dict, plant, simulate
 from gpcorrect.sim.effects import (
     Backlash,
     CableCoupling,
@@ -23,6 +23,7 @@ from gpcorrect.sim.effects import (
     CoulombFriction,
     Creep,
     Effect,
+    GainError,
     HomingOffset,
     Payload,
 )
@@ -79,14 +80,55 @@ def test_no_two_paths_have_one_number() -> None:
     assert len(set(numbers)) == len(offsets)
 
 
-def test_what_is_simulated_for_discovery_alone_is_what_is_simulated_of_all() -> None:
-    """Effects in the loop, behind it, and across pauses; of other motions nothing is predicted."""
+@pytest.fixture(scope="module")
+def raven() -> Dataset:
+    """Ten motions of an arm whose controller is known, and has friction."""
     controller = {"kp": [300.0, 300.0, 3000.0], "kd": [15.0, 15.0, 150.0], "feedforward": "rigid-body"}
-    raven = {"arm": "raven2_left", "joints": [1, 2, 3], "log_rate_hz": 100, "controller": controller}
-    model = model_from_dict(raven)
+    model = model_from_dict({"arm": "raven2_left", "joints": [1, 2, 3], "log_rate_hz": 100, "controller": controller})
     log = simulate(machine_of(model).with_effects(CoulombFriction(2, torque=0.2)), raven_swings(5, 10, 3.0), seed=7)
     log = replace(log, external_jp=log.measured_jp, tracker_cp=None)
-    dataset = prepare_data(log, model, np.random.default_rng(0)).dataset
+    return prepare_data(log, model, np.random.default_rng(0)).dataset
+
+
+@pytest.mark.parametrize(
+    ("base", "moved"),
+    [
+        ((), (CoulombFriction(2, torque=0.2),)),
+        ((), (Payload("all", 0.1),)),
+        ((CoulombFriction(2, torque=0.2),), (CoulombFriction(2, torque=0.21),)),
+        (
+            (CoulombFriction(2, torque=0.2), CableStretch(2, 300.0)),
+            (CoulombFriction(2, torque=0.2), CableStretch(2, 310.0)),
+        ),
+        ((Payload("all", 0.1), HomingOffset(3, 1e-3)), (Payload("all", 0.102), HomingOffset(3, 1e-3))),
+        ((GainError(1, 0.1, 0.1),), (GainError(1, 0.12, 0.1),)),
+    ],
+)
+@pytest.mark.parametrize("of_discovery", [False, True])
+def test_what_differs_little_from_a_set_is_seen_in_one_pass(
+    raven: Dataset,
+    base: tuple[Effect, ...],
+    moved: tuple[Effect, ...],
+    of_discovery: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    runs: list[int] = []
+    follow = plant.follow
+    monkeypatch.setattr(plant, "follow", lambda *given: runs.append(1) or follow(*given))
+    dataset = replace(raven, scene=replace(raven.scene, memory=ReplayMemory()), memory=SignalMemory())
+    dataset = dataset.of_discovery if of_discovery else dataset
+    rows, there = dataset.discovery, dataset.predict(base, near=base)
+    runs.clear()
+    change = (dataset.predict(moved, near=base) - there)[rows]
+    in_one_pass = len(runs)
+    exact = (dataset.predict(moved) - dataset.predict(base))[rows]
+    assert len(runs) - in_one_pass >= 2 * in_one_pass
+    assert np.linalg.norm(change - exact) < 0.05 * np.linalg.norm(exact)
+
+
+def test_what_is_simulated_for_discovery_alone_is_what_is_simulated_of_all(raven: Dataset) -> None:
+    """Effects in the loop, behind it, and across pauses; of other motions nothing is predicted."""
+    dataset = raven
     focused, rows = dataset.of_discovery, dataset.discovery
     assert dataset.scene.plan is not None
     assert 0 < len(dataset.scene.first) < 10

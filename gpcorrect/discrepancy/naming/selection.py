@@ -7,7 +7,7 @@ something else: beside what stays, that is looked for anew, and at once where it
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -46,7 +46,7 @@ def name_effects(
     while selection.step():
         progress.step("naming", len(selection.dropped) / (total + len(selection.dropped) + 1))
     progress.step("naming", 1.0)
-    named = tuple(selection.named(m) for m in selection.search.fitted)
+    named = tuple(replace(selection.named(m), fit=m) for m in selection.search.fitted)
     dropped = {n.fit.candidate.key: n for n in selection.dropped}  # once each, as it was weighed last
     for came_back in selection.search.fitted:
         dropped.pop(came_back.candidate.key, None)
@@ -55,9 +55,10 @@ def name_effects(
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """What an effect gains, and how it may be named, in the set as it was when it was weighed."""
+    """What an effect gains, and how it may be named, beside the others as they were when it was weighed."""
 
     candidate: Candidate
+    beside: frozenset[Candidate]  # the others that show in its channels
     own: Own
     assessment: tuple[Named, Weighed] | None = None
 
@@ -69,7 +70,6 @@ class _ModelSelection:
     search: Search  # with the effects as they are now
     prepared: PreparedData
     known: dict[Hashable, _Known] = field(default_factory=dict)  # of each effect, by its key
-    stale: set[Hashable] = field(default_factory=set)  # what the set has changed beside since it was weighed
     dropped: list[Named] = field(default_factory=list)  # taken out so far
     refused: list[Candidate] = field(default_factory=list)  # what is not looked for again
     # How often a rival took the place of each since the last search. It may come back once, for the others' numbers
@@ -84,9 +84,7 @@ class _ModelSelection:
         if not self.search.fitted:
             return self._search_again()
         self.view = view_of(self.search, self.prepared)
-        for fit in self.search.fitted:
-            if fit.candidate.key not in self.known:
-                self.known[fit.candidate.key] = _Known(fit.candidate, own_gain(self.view, fit))
+        self.known = {fit.candidate.key: self._of(fit) for fit in self.search.fitted}
         if self._drop_idle():
             return True
         for fit in self.search.fitted:
@@ -104,24 +102,35 @@ class _ModelSelection:
         """
         return self._assess(fit)[0]
 
+    def _of(self, fit: FittedEffect) -> _Known:
+        """Return what is known of an effect; of one that is new, or back, what it gains."""
+        known = self.known.get(fit.candidate.key)
+        if known is not None and known.candidate == fit.candidate:
+            return known
+        return _Known(fit.candidate, self._beside(fit), own_gain(self.view, fit))
+
     def _assess(self, fit: FittedEffect) -> tuple[Named, Weighed]:
         key = fit.candidate.key
-        if self.known[key].assessment is None and not self._renew(fit):
-            own = self.known[key].own
-            self.known[key] = _Known(fit.candidate, own, name_effect(self.view, fit, own))
+        known = self.known[key]
+        if known.assessment is None and not self._renew(fit):
+            self.known[key] = replace(known, assessment=name_effect(self.view, fit, known.own))
         found = self.known[key].assessment
         assert found is not None
         return found
 
     def _renew(self, fit: FittedEffect) -> bool:
-        """Weigh an effect anew if the set has changed beside it since; whether it was."""
-        key = fit.candidate.key
-        if key not in self.stale:
+        """Weigh an effect anew if there are others beside it than there were; whether it was."""
+        beside = self._beside(fit)
+        if self.known[fit.candidate.key].beside == beside:
             return False
         own = own_gain(self.view, fit)
-        self.known[key] = _Known(fit.candidate, own, name_effect(self.view, fit, own))
-        self.stale.remove(key)
+        self.known[fit.candidate.key] = _Known(fit.candidate, beside, own, name_effect(self.view, fit, own))
         return True
+
+    def _beside(self, fit: FittedEffect) -> frozenset[Candidate]:
+        """Return the others of the set that show in an effect's channels."""
+        others = (m.candidate for m in self.search.fitted if m is not fit)
+        return frozenset(c for c in others if self.search.alike(c, fit.candidate))
 
     def _drop_idle(self) -> bool:
         """Take the weakest of those out that gain less than an effect must: no rivals need be weighed to know it."""
@@ -231,24 +240,11 @@ class _ModelSelection:
         found = search_on(self.search, rounds=NAMING.search_rounds, refused=self.refused)
         if found is self.search:
             return False
-        self.replaced = Counter()
-        self._go_on_with(found, self.known)
+        self.replaced, self.search = Counter(), found
         return True
 
     def _change(self, fitted: Sequence[FittedEffect]) -> None:
-        """Go on with another set; what is known of an effect stays where no change can have touched it."""
-        now = {id(m) for m in fitted}
-        moved = [m for m in self.search.fitted if id(m) not in now]
-        touched = {
-            m.candidate.key for m in fitted if any(self.search.alike(m.candidate, gone.candidate) for gone in moved)
-        }
-        self._go_on_with(replace(self.search, fitted=tuple(fitted)), touched)
-
-    def _go_on_with(self, search: Search, touched: Iterable[Hashable]) -> None:
-        """Take another set; what is known of the effects that it has touched is of before."""
-        candidates = {id(m.candidate) for m in search.fitted}
-        self.search, self.known = search, {key: k for key, k in self.known.items() if id(k.candidate) in candidates}
-        self.stale = {*self.stale, *touched} & self.known.keys()
+        self.search = replace(self.search, fitted=tuple(fitted))
 
 
 def name_rare(

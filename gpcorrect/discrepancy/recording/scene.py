@@ -32,6 +32,7 @@ from gpcorrect.types import FloatArray, IntArray
 
 LOOP_STAGES = (Stage.LOAD, Stage.CHAIN, Stage.TORQUE, Stage.FRICTION)
 REMEMBERED = 48  # closed-loop runs in memory
+RECENT = 4  # of them at the plan's samples, and commands of others that begin with them
 REMEMBERED_BYTES = 120_000_000  # of joint paths: memory only, no result depends on it
 Value = TypeVar("Value")
 
@@ -96,6 +97,8 @@ class ReplayMemory:
     """
 
     commands: dict[Hashable, Command] = field(default_factory=dict)  # by the runs that they are of
+    begun: Remembered[Command] = field(default_factory=partial(Remembered, RECENT))  # the same from others' runs
+    recent: Remembered[Driven] = field(default_factory=partial(Remembered, RECENT))
     own: Driven | None = None  # the closed loop with the model's own effects alone
     loops: Remembered[Driven] = field(default_factory=partial(Remembered, REMEMBERED))
     numbers: dict[Hashable, int] = field(default_factory=dict)
@@ -143,6 +146,7 @@ class Scene:
     remarks: tuple[str, ...] = ()  # what had to be assumed
     first: tuple[int, ...] = ()  # runs of which closed loops are asked more often than of all; all when empty
     only_first: bool = False  # whether effects act in the loops of those alone, and in the others nothing
+    begun: tuple[Effect, ...] | None = None  # of a set those inside the loop: from its run loops take one further pass
     memory: ReplayMemory = field(default_factory=ReplayMemory, repr=False)
 
     def __len__(self) -> int:
@@ -216,9 +220,10 @@ class Scene:
             if c.joint:
                 outside = c.signal == "external_jp"
                 made, path = (numbers[c.index], paths[c.index]) if outside else (inside, measured[..., c.index])
-                found.append(Signal((c.name, made), partial(self.layout.gather, path[..., None])))
+                found.append(Signal((c.name, made, self.begun), partial(self.layout.gather, path[..., None])))
         if self.tracker is not None:
-            found.append(Signal(("tracker", machine.effects), partial(self._tracked_rows, self.tracker, effects)))
+            key = ("tracker", machine.effects, self.begun)
+            found.append(Signal(key, partial(self._tracked_rows, self.tracker, effects)))
         return found
 
     def _tracked_rows(self, tracker: Tracker, effects: Sequence[Effect]) -> FloatArray:
@@ -243,6 +248,19 @@ class Scene:
     def strict(self) -> Scene:
         """Return the scene with all of the residual in account, also what is within the tolerance of the table."""
         return replace(self, slack=None)
+
+    def near(self, effects: Sequence[Effect]) -> Scene:
+        """Return the scene for what differs by little from a set, in half of the time.
+
+        Closed loops take one further pass from the set's run. A difference from the set, as seen there too, lacks what
+        it changes of the load by its own change of the motors' path: a few per cent of itself, on arms as stiff as the
+        two passes of other runs suppose.
+
+        Parameters
+        ----------
+        effects : sequence of Effect, the set
+        """
+        return self if self.plan is None else replace(self, begun=_inside(self._machine(effects)))
 
     def residual(self, effects: Sequence[Effect] = ()) -> FloatArray:
         """Return measured minus simulated `(n, c)`; NaN where nothing was measured.
@@ -277,12 +295,16 @@ class Scene:
     def _joined(self, machine: Machine, *, only_first: bool) -> Driven:
         """Closed-loop run of all runs; of the first only, beside the others without these effects."""
         inside, memory = _inside(machine), self.memory
-        key, runs = (inside, self.first, only_first), np.arange(len(self.payload))
-        if inside == _inside(self._machine(())):
+        key, runs = (inside, self.first, only_first, self.begun), np.arange(len(self.payload))
+        if self.begun is None and inside == _inside(self._machine(())):
             memory.own = memory.own or self._followed(machine, inside, runs)
             return memory.own
         if (known := memory.loops.get(key)) is not None:
             return known
+        if self.begun is not None:
+            asked = np.array(self.first) if only_first else runs
+            others = replace(self, begun=None)._joined(self.machine.with_effects(*self.begun), only_first=only_first)
+            return memory.loops.keep(key, others.with_runs(asked, self._followed(machine, inside, asked)))
         first = np.isin(runs, self.first)
         if not first.any() or first.all():
             return memory.loops.keep(key, self._followed(machine, inside, runs))
@@ -292,22 +314,39 @@ class Scene:
 
     def _followed(self, machine: Machine, inside: tuple[Effect, ...], runs: IntArray) -> Driven:
         """Closed-loop run of some of the runs."""
-        assert self.plan is not None
-        key, whole = tuple(runs), len(runs) == len(self.payload)
-        if key not in self.memory.commands:
-            part = self.plan if whole else self.plan.of_runs(runs)
-            self.memory.commands[key] = Command.of(machine.with_effects(), part, whole=self.plan)
-        driven = follow_command(machine.with_effects(*inside), self.memory.commands[key])
+        driven = self._run(machine, inside, runs)
         if self.stamps is None:
             return driven
-        return (self.stamps if whole else self.stamps.of_runs(runs)).read(driven)
+        return (self.stamps if len(runs) == len(self.payload) else self.stamps.of_runs(runs)).read(driven)
+
+    def _run(self, machine: Machine, inside: tuple[Effect, ...], runs: IntArray) -> Driven:
+        """Return the same at the plan's samples."""
+        key, memory = (inside, tuple(runs)), self.memory
+        if self.begun is None and (known := memory.recent.get(key)) is not None:
+            return known
+        driven = follow_command(machine.with_effects(*inside), self._command(machine, runs))
+        return driven if self.begun is not None else memory.recent.keep(key, driven)
+
+    def _command(self, machine: Machine, runs: IntArray) -> Command:
+        """Commands of some of the runs."""
+        assert self.plan is not None
+        key, memory = tuple(runs), self.memory
+        if key not in memory.commands:
+            part = self.plan if len(runs) == len(self.payload) else self.plan.of_runs(runs)
+            memory.commands[key] = Command.of(machine.with_effects(), part, whole=self.plan)
+        if self.begun is None:
+            return memory.commands[key]
+        if (known := memory.begun.get((self.begun, key))) is None:
+            driven = replace(self, begun=None)._run(self.machine, self.begun, runs)
+            known = memory.begun.keep((self.begun, key), replace(memory.commands[key], begun=driven))
+        return known
 
     def _joint_paths(
         self, machine: Machine, motion: Motion, *, tracker: bool = False
     ) -> tuple[list[int], list[FloatArray]]:
         """Return the number and the true path `(n, N)` of each joint when the encoders, or the tracker, see it."""
         paths, inside = list(np.moveaxis(motion.position, -1, 0)), _inside(machine)
-        numbers = [self.memory.number(inside, j, self.only_first) for j in range(len(paths))]
+        numbers = [self.memory.number(inside, j, self.only_first, self.begun) for j in range(len(paths))]
         for effect in of_kind(machine.effects, PathEffect):
             if not effect.is_seen_by(tracker=tracker):
                 continue

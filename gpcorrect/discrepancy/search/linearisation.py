@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
@@ -12,6 +12,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from gpcorrect.discrepancy.evidence.linear import fold_of, grams, held_out_nats
 from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener
 from gpcorrect.discrepancy.recording.dataset import Dataset
+from gpcorrect.discrepancy.recording.scene import LOOP_STAGES
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.instants import with_best_instant
 from gpcorrect.errors import DataError
@@ -33,7 +34,7 @@ def signature(dataset: Dataset, base: FloatArray, candidate: Candidate) -> Float
     Parameters
     ----------
     dataset : Dataset, of m rows and c channels
-    base : (m, c) array, channels without it
+    base : (m, c) array, channels without it, near the nominal machine as well
     candidate : Candidate
 
     Returns
@@ -45,7 +46,7 @@ def signature(dataset: Dataset, base: FloatArray, candidate: Candidate) -> Float
     for i in candidate.amplitudes or (-1,):
         alone = [nothing[k] if k in candidate.amplitudes and k != i else u for k, u in enumerate(candidate.start)]
         try:
-            columns.append(dataset.predict([candidate.build(np.array(alone))]) - base)
+            columns.append(dataset.predict([candidate.build(np.array(alone))], near=()) - base)
         except DataError:
             return None
     return np.stack(columns, axis=2)
@@ -55,18 +56,20 @@ def _tangents(
     dataset: Dataset, fixed: Sequence[FittedEffect], free: Sequence[FittedEffect], known: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Channels `(m, c)` of a set, if they are not known, and their derivatives `(m, c, p)` along every coordinate."""
-    sets, steps = [[*fixed, *free]] if known is None else [], []
+    base = [f.effect for f in (*fixed, *free)]
+    sets, steps = [base], []
     for i, fit in enumerate(free):
         low, high = fit.candidate.bounds
         for j, u in enumerate(fit.u):
             step = max(STEP * abs(u), SMALLEST_STEP)
             ahead = u + step <= high[j] or high[j] - u > u - low[j]
             moved = fit.moved(j, min(u + step, high[j]) if ahead else max(u - step, low[j]))
-            sets.append([*fixed, *free[:i], moved, *free[i + 1 :]])
+            sets.append([f.effect for f in (*fixed, *free[:i], moved, *free[i + 1 :])])
             steps.append(np.inf if j == fit.candidate.instant else moved.u[j] - u)  # an instant has no slope
-    others = each_here(dataset.predict, [[f.effect for f in fitted] for fitted in sets])
-    at = others.pop(0) if known is None else known
-    columns = [(other - at) / step for other, step in zip(others, steps, strict=True)]
+    at = dataset.predict(base) if known is None else known
+    in_loop = any(f.effect.stage in LOOP_STAGES for f in free)
+    unmoved, *others = each_here(partial(dataset.predict, near=base) if in_loop else dataset.predict, sets)
+    columns = [(other - unmoved) / step for other, step in zip(others, steps, strict=True)]
     return at, np.stack(columns, axis=2) if columns else np.zeros((*at.shape, 0))
 
 

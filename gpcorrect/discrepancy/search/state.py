@@ -231,7 +231,7 @@ def start_search(dataset: Dataset, candidates: Iterable[Candidate], progress: Pr
     whitener = whitener_on(dataset, dataset.residual(), dataset.discovery)
     todo = list(candidates)
     simulated = whitener.simulated
-    changes = each(partial(signature, simulated, simulated.predict()), todo, progress, "signatures")
+    changes = each(partial(signature, simulated, simulated.predict(near=())), todo, progress, "signatures")
     traces: list[Trace] = []
     silent: dict[str, Candidate] = {}
     for candidate, change in zip(todo, changes, strict=True):
