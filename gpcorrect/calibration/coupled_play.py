@@ -54,9 +54,11 @@ class CoupledPlay:
         path : (n, d) array, positions of the motors in units of half the ranges
         new : (n,) mask, where a path starts
         """
-        return self._followed(path, new, slopes=False)[0]
+        return self.lags_and_slopes(path, new, wanted=False)[0]
 
-    def lags_and_slopes(self, path: FloatArray, new: BoolArray) -> tuple[FloatArray, FloatArray]:
+    def lags_and_slopes(
+        self, path: FloatArray, new: BoolArray, *, wanted: bool = True
+    ) -> tuple[FloatArray, FloatArray]:
         """Return the lags `(n, d)`, and how they change with the play's numbers `(n, d, e)`.
 
         Those are the d half gaps, the entries of the stiffness above its diagonal (with those below), and what is added
@@ -66,12 +68,10 @@ class CoupledPlay:
         ----------
         path, new
             As for :meth:`lags`.
+        wanted : bool, whether the slopes are
         """
-        return self._followed(path, new, slopes=True)
-
-    def _followed(self, path: FloatArray, new: BoolArray, *, slopes: bool) -> tuple[FloatArray, FloatArray]:
         K, gap = np.array(self.stiffness), np.array(self.gap)  # copies: read-only arrays would be compiled for anew
-        found: tuple[FloatArray, FloatArray] = _lags_and_slopes(np.ascontiguousarray(path), K, gap, new, slopes)
+        found: tuple[FloatArray, FloatArray] = _lags_and_slopes(np.ascontiguousarray(path), K, gap, new, wanted)
         return found
 
     def advance(self, joints: FloatArray, motors: FloatArray) -> FloatArray:

@@ -141,7 +141,10 @@ def estimate_ageing(
     slope, level = _line(baseline, scores, ages, newest)
     by_log = [np.flatnonzero(logs == name) for name in np.unique(logs)]
     drawn = np.array([_line(*_resampled(baseline, scores, ages, by_log, rng), newest) for _ in range(RESAMPLES)])
-    lines = np.array([slope, level]) + _inflation(logs) * (drawn - drawn.mean(axis=0))
+    # A bootstrap of few units is too narrow, by their lost degree of freedom and Student's t for 1.96.
+    units = len(by_log) if len(by_log) >= ENOUGH_LOGS else len(logs)
+    wider = float(np.sqrt(units / max(units - 1, 1)) * stdtrit(max(units - 1, 1), 1 - TAIL / 100) / Z95)
+    lines = np.array([slope, level]) + wider * (drawn - drawn.mean(axis=0))
     low, high = np.percentile(lines[:, 0], [TAIL, 100 - TAIL])
     known = Ageing(bool(low > 0), slope, (float(low), float(high)), worn, None, None, level)
     if not known.ageing:
@@ -151,13 +154,6 @@ def estimate_ageing(
     ends = np.percentile(np.maximum(left, 0.0), [TAIL, 100 - TAIL], method="nearest")
     remaining = max((worn - level) / slope, 0.0)
     return Ageing(True, slope, known.slope95, worn, remaining, (float(ends[0]), float(ends[1])), level)
-
-
-def _inflation(logs: IntArray) -> float:
-    """By how much a bootstrap of few units is too narrow: their lost degree of freedom, and Student's t for 1.96."""
-    names = len(np.unique(logs))
-    units = names if names >= ENOUGH_LOGS else len(logs)
-    return float(np.sqrt(units / max(units - 1, 1)) * stdtrit(max(units - 1, 1), 1 - TAIL / 100) / Z95)
 
 
 def _line(baseline: FloatArray, scores: FloatArray, ages: FloatArray, newest: float) -> tuple[float, float]:

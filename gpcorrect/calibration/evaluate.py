@@ -17,7 +17,7 @@ from gpcorrect.calibration.dataset import HoldOut, held_out
 from gpcorrect.calibration.fit import FitResult, fit_model
 from gpcorrect.calibration.history import HeldOut, PartErrors
 from gpcorrect.calibration.joints import JointCorrector
-from gpcorrect.calibration.metrics import coverage, spread
+from gpcorrect.calibration.metrics import spread
 from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.calibration.task import Corrector, Measured
 from gpcorrect.cleaning import CleaningReport, Pair, require_segments
@@ -25,7 +25,7 @@ from gpcorrect.errors import LogError
 from gpcorrect.logs.copies import LEAST, marks_of
 from gpcorrect.logs.sync import match_clocks
 from gpcorrect.one_thread import on_one_thread
-from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, Progress
+from gpcorrect.types import BoolArray, CalibrationLog, Progress
 
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 LEAST_HELD = 0.9  # of the errors by a 95 % interval: below, it misses more than twice as many as it promises
@@ -75,8 +75,7 @@ class Evaluation:
     def _too_narrow(self) -> Iterator[str]:
         """Say where the intervals hold fewer errors than the scatter of the trajectories explains."""
         clean = self.clean
-        groups = [clean.trajectory == label for label in np.unique(clean.trajectory)]
-        held = np.array([_share_held(clean.corrected[rows], clean.interval95[rows]) for rows in groups])
+        held = np.array([clean.at(clean.trajectory == label).share_held for label in np.unique(clean.trajectory)])
         held = held[np.isfinite(held)]
         if len(held) < 2:
             return
@@ -102,7 +101,7 @@ class Evaluation:
     @property
     def coverage95(self) -> float:
         """Fraction of the errors of clean samples inside their 95 % intervals; NaN where none was."""
-        return _share_held(self.clean.corrected, self.clean.interval95)
+        return self.clean.share_held
 
     def held_out(self) -> HeldOut:
         """Return what the model file remembers of this measurement."""
@@ -121,7 +120,7 @@ class Evaluation:
             "errors_dirty": self.dirty_errors,
             "coverage95": self.coverage95,
             "coverage95_axes": dict(zip(names, fractions.tolist(), strict=False)),
-            "coverage95_dirty": _share_held(self.dirty.corrected, self.dirty.interval95),
+            "coverage95_dirty": self.dirty.share_held,
             "in_domain": float(self.clean.in_domain.mean()),
             "in_domain_dirty": float(self.dirty.in_domain.mean()),
             "cautions": list(self.cautions),
@@ -272,12 +271,6 @@ def evaluate_model(
     clean, dirty = (corrector.measure(log, keep) for keep in (passed, held))
     clean, dirty = (replace(measured, rows=place[measured.rows]) for measured in (clean, dirty))
     return Evaluation(corrector, clean, dirty, cleaning, first)
-
-
-def _share_held(errors: FloatArray, half_widths: FloatArray) -> float:
-    """Return the fraction of errors inside their intervals, over all components; NaN where none was measured."""
-    fractions = coverage(errors, half_widths)
-    return float(np.nanmean(fractions)) if np.isfinite(fractions).any() else math.nan
 
 
 def part_errors(corrector: Corrector, measured: Measured) -> tuple[PartErrors, ...]:

@@ -69,15 +69,9 @@ def reached(corrector: CommandCorrector, commands: ArrayLike, twist: ArrayLike |
         poses = rigid.inverse(apply_residual(rigid.apply(poses), missed))
     unsolved = left >= SOLVED
     std = corrector.law.domain.widen(answer.std[:, : len(corrector.law.zero)], answer.in_domain & ~unsolved)
-    width = corrector.law.intervals.interval95(std)
-    found = Correction(
-        position=poses.position,
-        quaternion=poses.quaternion,
-        joints=None,
-        std=_observed_std(rigid, poses, std),
-        interval95=_observed_std(rigid, poses, width),
-        reasons=answer.reasons,
-    ).because(Reason.OUTSIDE, unsolved)
+    std, width = (_observed_std(rigid, poses, v) for v in (std, corrector.law.intervals.interval95(std)))
+    found = Correction(poses.position, poses.quaternion, None, std, width, answer.reasons)
+    found = found.because(Reason.OUTSIDE, unsolved)
     if corrector.memory is not None or corrector.route is not None:
         found = found.because(Reason.NO_HISTORY)
     return found.because(Reason.AT_REST) if twist is None and corrector.features.uses_velocity else found

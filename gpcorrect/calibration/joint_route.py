@@ -218,14 +218,8 @@ class JointRoute:
         if self.aim is not None:
             found, _ = self.aim.moved(joints.wanted, first, joints.log.time, joints.log.session)
         found[rows[~np.isfinite(left_out.errors).all(axis=1)]] = np.nan
-        in_joints = Correction(
-            position=None,
-            quaternion=None,
-            joints=found[rows],
-            std=view.wide(left_out.std),
-            interval95=np.full((len(rows), len(view.types)), np.nan),
-            reasons=np.zeros(len(rows), dtype=np.int64),
-        )
+        std = view.wide(left_out.std)
+        in_joints = Correction(None, None, found[rows], std, np.full(std.shape, np.nan), np.zeros(len(rows), np.int64))
         answer = self._as_poses(joints.reference[rows], joints.wanted[rows], in_joints)
         assert answer.position is not None
         errors = pose_residual(PoseSignal(answer.position, answer.quaternion), joints.command[rows])

@@ -124,21 +124,14 @@ class JointView(PathView):
         """See :class:`PathView`; joints that were still in training stay as they are."""
         joints = np.array(self.reached(given))
         joints[:, self.moving] += prediction.residual
-        missing = ~np.isfinite(joints).all(axis=1)
+        missing = np.asarray(~np.isfinite(joints).all(axis=1))
         joints[missing] = np.nan
         still = np.setdiff1d(np.arange(len(self.types)), self.moving)
         limit = np.array([STILL[self.types[j]] for j in still])
-        strayed = (np.abs(given[:, still] - self.rest[still]) > limit).any(axis=1)
-        return Correction(
-            position=None,
-            quaternion=None,
-            joints=joints,
-            std=self.wide(prediction.std),
-            interval95=self.wide(prediction.interval95),
-            reasons=prediction.reasons
-            | np.where(strayed, int(Reason.OUTSIDE), 0)
-            | np.where(missing, int(Reason.MISSING), 0),
-        )
+        strayed = np.asarray((np.abs(given[:, still] - self.rest[still]) > limit).any(axis=1))
+        std, interval95 = self.wide(prediction.std), self.wide(prediction.interval95)
+        answer = Correction(None, None, joints, std, interval95, prediction.reasons)
+        return answer.because(Reason.OUTSIDE, strayed).because(Reason.MISSING, missing)
 
     def wide(self, values: FloatArray) -> FloatArray:
         """Return values `(n, k)` of the moving joints among those of all `(n, d)`, NaN for those that were still.
@@ -195,17 +188,10 @@ class ViewCorrector(Corrector):
         if rows.size == 0:
             raise LogError("no sample has both positions and their truth.", path=log.name)
         raw, registered, corrected = self._errors(log, given, samples, prediction)
+        speed, every = np.full(len(log), np.nan), np.arange(len(log))
         return Measured(
-            raw=raw[rows],
-            registered=registered[rows],
-            corrected=corrected[rows],
-            interval95=answer.interval95[rows],
-            in_domain=answer.in_domain[rows],
-            speed=np.full(len(rows), np.nan),
-            rows=rows,
-            time=log.time[rows],
-            trajectory=log.trajectory[rows],
-        )
+            raw, registered, corrected, answer.interval95, answer.in_domain, speed, every, log.time, log.trajectory
+        ).at(rows)
 
     @abstractmethod
     def _errors(

@@ -78,9 +78,7 @@ class JointCorrector(ViewCorrector):
     @property
     def zero(self) -> FloatArray:
         """Zeros `(d,)` that are added to every answer, rad or m."""
-        zero = np.zeros(len(self.view.types))
-        zero[self.view.moving] = self.law.zero
-        return zero
+        return np.asarray(np.nan_to_num(self.view.wide(self.law.zero[None])[0]))
 
     def correct_path(
         self,

@@ -129,14 +129,8 @@ class PoseAnswers(Corrector):
             std, reasons = law.domain.widen(std, in_domain), reasons | int(Reason.OUTSIDE)
         if limited:
             reasons |= int(Reason.LIMITED)
-        return Correction(
-            position=position,
-            quaternion=None if len(query) == POSITION else quaternion,
-            joints=None,
-            std=_six(std),
-            interval95=_six(law.intervals.interval95(std)),
-            reasons=Reason(reasons),
-        )
+        turned, interval95 = None if len(query) == POSITION else quaternion, law.intervals.interval95(std)
+        return Correction(position, turned, None, _six(std), _six(interval95), Reason(reasons))
 
     def stream(self) -> PoseStream:
         """Return a stream, which answers poses one after the other and takes velocity and memory from those before."""
@@ -209,14 +203,8 @@ class PoseAnswers(Corrector):
             X, law = np.hstack([X, states]), self.memory.law
         prediction = law.predict_rows(X)
         answer = apply_residual(reference, np.nan_to_num(_six(prediction.residual)))
-        return Correction(
-            position=answer.position,
-            quaternion=answer.quaternion,
-            joints=None,
-            std=_six(prediction.std),
-            interval95=_six(prediction.interval95),
-            reasons=prediction.reasons,
-        )
+        std, interval95 = _six(prediction.std), _six(prediction.interval95)
+        return Correction(answer.position, answer.quaternion, None, std, interval95, prediction.reasons)
 
     def without_joints(self, alone: Correction) -> Correction:
         """Return answers of pose and velocity to poses that the arm comes not near: nothing is known there.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -101,7 +101,7 @@ class SideBySide:
             {
                 "name": name,
                 "errors": [asdict(row) for row in part_errors(e.corrector, m)],
-                "coverage95": replace(e, clean=m).coverage95,
+                "coverage95": m.share_held,
                 "in_domain": float(m.in_domain.mean()),
                 "rejected": dict(e.cleaning.counts),
                 "cautions": list(e.cautions),
@@ -177,13 +177,8 @@ def measure_both(one: Corrector, other: Corrector, log: CalibrationLog) -> SideB
             hint="Measure each by itself and see what is rejected: gpcorrect evaluate MODEL LOG --report page.html",
             path=log.name,
         )
-    return SideBySide(log, (first, second), (_at(first.clean, rows), _at(second.clean, rows)))
-
-
-def _at(measured: Measured, rows: IntArray) -> Measured:
-    """Return what was measured at these rows of the log."""
-    chosen = np.isin(measured.rows, rows)
-    return Measured(**{f.name: getattr(measured, f.name)[chosen] for f in fields(measured)})
+    one_measured, other_measured = (e.clean.at(np.isin(e.clean.rows, rows)) for e in (first, second))
+    return SideBySide(log, (first, second), (one_measured, other_measured))
 
 
 def compare(one: Any, other: Any) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -117,6 +117,16 @@ class Measured:
         known = np.isfinite(ratio).any(axis=0)
         ratio = np.where(self.in_domain[:, None], ratio, np.nan)[:, known]
         return _scores_by_piece(ratio, pieces(self.time, self.trajectory))
+
+    @property
+    def share_held(self) -> float:
+        """Fraction of errors inside their 95 % intervals, over all components; NaN where none was measured."""
+        fractions = self.coverage95
+        return float(np.nanmean(fractions)) if np.isfinite(fractions).any() else float("nan")
+
+    def at(self, rows: BoolArray | IntArray) -> Self:
+        """Return what was measured on some of these samples."""
+        return type(self)(**{part.name: getattr(self, part.name)[rows] for part in fields(self)})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -54,24 +54,12 @@ class ToolView(PathView):
         frame or of another tool, is outside the training region by itself.
         """
         position = given + prediction.residual
-        missing = ~np.isfinite(position).all(axis=1)
-        return Correction(
-            position=position,
-            quaternion=None,
-            joints=None,
-            std=prediction.std,
-            interval95=prediction.interval95,
-            reasons=prediction.reasons
-            | np.where(missing, int(Reason.MISSING), 0)
-            | np.where(self._elsewhere(given), int(Reason.OUTSIDE), 0),
-        )
-
-    def _elsewhere(self, reported: FloatArray) -> BoolArray:
-        """Which positions `(n, 3)` lie beyond the training's by more than the margin of its size."""
+        answer = Correction(position, None, None, prediction.std, prediction.interval95, prediction.reasons)
+        answer = answer.because(Reason.MISSING, np.asarray(~np.isfinite(position).all(axis=1)))
         if self.reported is None:
-            return np.zeros(len(reported), dtype=bool)
-        beyond = np.maximum(self.reported.low - reported, reported - self.reported.high)
-        return np.asarray((beyond > LIMITS.margin * self.reported.size).any(axis=1))
+            return answer
+        beyond = np.maximum(self.reported.low - given, given - self.reported.high) > LIMITS.margin * self.reported.size
+        return answer.because(Reason.OUTSIDE, np.asarray(beyond.any(axis=1)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -195,7 +195,7 @@ def _overall(both: SideBySide, names: tuple[str, str]) -> Section:
     rows = []
     for name, e, m in zip(names, both.evaluations, both.measured, strict=True):
         last = e.corrector.METHODS[2]
-        certain = (f"{100 * replace(e, clean=m).coverage95:.1f} %", f"{100 * m.in_domain.mean():.1f} %")
+        certain = (f"{100 * m.share_held:.1f} %", f"{100 * m.in_domain.mean():.1f} %")
         for r in part_errors(e.corrector, m):
             more = certain if r.method == last else ("", "")
             rows.append([name, f"{r.part}, {METHOD_WORDS[r.method]}", *leaves(r), r.unit, *more])

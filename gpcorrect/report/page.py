@@ -30,6 +30,8 @@ except ImportError as error:
 
 DIGITS = 6  # of a number on the page: a thousand seconds to the millisecond or so; chosen by hand
 NUMBERS = ("x", "y", "z", "x2", "y2", "value")
+_Columns = dict[int, tuple[int, ArrayLike, list[float | None]]]
+"""By an array's place in memory: its column's number, itself, so that no other gets that place, and the column."""
 
 
 class Mark(StrEnum):
@@ -123,8 +125,11 @@ def charts_data(charts: Sequence[Chart]) -> dict[str, Any]:
     ----------
     charts : sequence of Chart
     """
-    store = _Columns()
-    return {"charts": [_plain(chart, store) for chart in charts], "columns": store.lists}
+    store: _Columns = {}
+    return {
+        "charts": [_plain(chart, store) for chart in charts],
+        "columns": [column for _, _, column in store.values()],
+    }
 
 
 def runs(labels: np.ndarray) -> list[IntArray]:
@@ -149,22 +154,14 @@ def stretches(time: FloatArray, labels: np.ndarray) -> list[tuple[float, float, 
     return [(float(time[a] - half), float(time[b] + half), str(labels[a])) for a, b in found]
 
 
-class _Columns:
-    """Lists of numbers, one for each array that was given."""
-
-    def __init__(self) -> None:
-        self.lists: list[list[float | None]] = []
-        self._known: dict[int, int] = {}
-        self._held: list[ArrayLike] = []  # so that no other array gets its place in memory, and its number
-
-    def number(self, array: ArrayLike) -> int:
-        if id(array) not in self._known:
-            self._known[id(array)] = len(self.lists)
-            self._held.append(array)
-            numbers = np.asarray(array, dtype=np.float64)
-            # with the digits that can be seen; None for what is not finite
-            self.lists.append([float(f"{v:.{DIGITS}g}") if math.isfinite(v) else None for v in numbers])
-        return self._known[id(array)]
+def _column_of(array: ArrayLike, store: _Columns) -> int:
+    """Return the number of an array's column, which is made when the array first comes."""
+    if id(array) not in store:
+        numbers = np.asarray(array, dtype=np.float64).tolist()
+        # with the digits that can be seen; None for what is not finite
+        column = [float(f"{v:.{DIGITS}g}") if math.isfinite(v) else None for v in numbers]
+        store[id(array)] = len(store), array, column
+    return store[id(array)][0]
 
 
 def _plain(part: Any, store: _Columns) -> Any:
@@ -175,7 +172,7 @@ def _plain(part: Any, store: _Columns) -> Any:
         if value is None or (not isinstance(value, np.ndarray) and not value and entry.name not in NUMBERS):
             continue
         if isinstance(part, Series) and entry.name in NUMBERS:
-            found[entry.name] = store.number(value)
+            found[entry.name] = _column_of(value, store)
         elif entry.name == "choices":
             found[entry.name] = {key: [_plain(panel, store) for panel in panels] for key, panels in value.items()}
         elif entry.name in ("panels", "series"):

@@ -138,8 +138,8 @@ def path_charts(shown: Shown, paths: Sequence[Line], errors: Sequence[Line]) -> 
     step = -(-sum(map(len, groups.values())) // MOST_SAMPLES)
     drawn = {}
     for key, rows in groups.items():
-        chosen = _chosen(shown, key, _thinned(shown.measured.rows[rows], rows, step))
-        drawn[key] = _panels(shown, chosen, target, paths, errors)
+        index = _thinned(shown.measured.rows[rows], rows, step)
+        drawn[key] = _panels(shown, key, index, target, paths, errors)
     thin = f" Every {step}th sample is drawn." if step > 1 else ""
     gaps = " Shaded: samples that cleaning rejected; lines have gaps there." if not shown.cleaning.keep.all() else ""
     names = [words_of(shown.corrector).reference, *(path.name for path in paths)]
@@ -160,60 +160,49 @@ def path_charts(shown: Shown, paths: Sequence[Line], errors: Sequence[Line]) -> 
     return charts
 
 
-@dataclass(frozen=True, eq=False)
-class _Chosen:
-    """Samples of one trajectory: indices into the measured ones (-1 leaves a gap), times (s), what was rejected."""
-
-    index: IntArray
-    time: FloatArray
-    spans: list[tuple[float, float, str]]
-
-
-def _chosen(shown: Shown, key: str, index: IntArray) -> _Chosen:
+def _panels(
+    shown: Shown, key: str, index: IntArray, target: FloatArray, paths: Sequence[Line], errors: Sequence[Line]
+) -> tuple[list[Panel], list[Panel], list[Panel]]:
+    """Return panels in space, over time and of errors of one trajectory; -1 in `index` of its samples leaves a gap."""
     log = shown.log
     here = np.arange(len(log)) if key == "" else np.flatnonzero(log.trajectory == int(key))
-    time = log.time[here] - log.time[here[0]]
-    measured = _taken(shown.measured.time - log.time[here[0]], index)
-    reason = np.asarray(shown.cleaning.reason)[here]
-    spans = [(a, b, f"rejected: {Reason(why).sentence}") for a, b, why in stretches(time, reason)]
-    return _Chosen(index, measured, spans)
-
-
-def _panels(
-    shown: Shown, chosen: _Chosen, target: FloatArray, paths: Sequence[Line], errors: Sequence[Line]
-) -> tuple[list[Panel], list[Panel], list[Panel]]:
+    begin, reason = log.time[here[0]], np.asarray(shown.cleaning.reason)[here]
+    time = _taken(shown.measured.time - begin, index)
+    spans = [(a, b, f"rejected: {Reason(why).sentence}") for a, b, why in stretches(log.time[here] - begin, reason)]
     axes = [axis for axis in shown.axes if axis.columns[0] < target.shape[1]]
     mark, along = (Mark.DOTS, "pose") if shown.log.static else (Mark.DASH, "time [s]")
     zero = Line(words_of(shown.corrector).reference, mark, Role.INK, np.zeros(shown.measured.raw.shape))
-    time, drawn = chosen.time, []
+    drawn = []
     for line in (zero, *paths):
         path = target - line.errors[:, : target.shape[1]]
-        drawn.append((line, [_taken(a.scale * path[:, a.columns[0]], chosen.index) for a in axes]))
+        drawn.append((line, [_taken(a.scale * path[:, a.columns[0]], index) for a in axes]))
     over_time = []
     for i, axis in enumerate(axes):
         series = [Series(line.name, line.mark, line.role, time, columns[i]) for line, columns in drawn]
-        over_time.append(Panel(along, axis.label, series, spans=chosen.spans))
+        over_time.append(Panel(along, axis.label, series, spans=spans))
     space = []
     if len(axes) >= 3:  # the coordinates, or the first three joints
         x, y, z = axes[:3]
         series = [Series(n.name, n.mark, n.role, c[0], c[1], z=c[2], value=time) for n, c in drawn]
         space = [Panel(x.label, y.label, series, z_label=z.label, equal=x.name == "x")]
-    return space, over_time, _errors(shown.axes, along, chosen, errors)
+    in_time = [
+        Panel(along, f"{axis.name} error [{axis.unit}]", _errors(axis, time, index, errors), spans=spans, height=160)
+        for axis in shown.axes
+    ]
+    return space, over_time, in_time
 
 
-def _errors(axes: Sequence[Part], along: str, chosen: _Chosen, lines: Sequence[Line]) -> list[Panel]:
-    panels = []
-    for name, unit, (i,), scale in axes:
-        series = []
-        for line in lines:
-            if line.interval95 is not None:
-                half, called = _taken(scale * line.interval95[:, i], chosen.index), f"95 % interval, {line.name}"
-                series.append(Series(called, Mark.BAND, line.role, chosen.time, -half, y2=half, hidden=line.folded))
-        for line in lines:
-            error = _taken(scale * line.errors[:, i], chosen.index)
-            series.append(Series(line.name, line.mark, line.role, chosen.time, error))
-        panels.append(Panel(along, f"{name} error [{unit}]", series, spans=chosen.spans, height=160))
-    return panels
+def _errors(axis: Part, time: FloatArray, index: IntArray, lines: Sequence[Line]) -> list[Series]:
+    """Return errors along one axis, and below all of them their intervals."""
+    (i,), series = axis.columns, []
+    for line in lines:
+        if line.interval95 is not None:
+            half, called = _taken(axis.scale * line.interval95[:, i], index), f"95 % interval, {line.name}"
+            series.append(Series(called, Mark.BAND, line.role, time, -half, y2=half, hidden=line.folded))
+    for line in lines:
+        error = _taken(axis.scale * line.errors[:, i], index)
+        series.append(Series(line.name, line.mark, line.role, time, error))
+    return series
 
 
 def _thinned(rows: IntArray, index: IntArray, step: int) -> IntArray:

@@ -93,7 +93,8 @@ def learn_gp(samples: Samples, layout: Layout, settings: FitSettings, progress: 
         unlevelled = Y - first.mean(X)
         level, zero = _local_level(unlevelled, trajectory)
         linear = PolynomialMap.fit(X, Y - level, 1, layout.penalties)
-        groups = _stretches(trajectory)
+        # trajectories, cut further into at least so many stretches of the recording
+        groups = pieces(np.arange(len(X), dtype=np.float64), trajectory, -(-len(X) // FEWEST_STRETCHES))
         terms = np.column_stack([np.ones(len(X)), linear.scaler.apply(X)])
     left = Y - level - (0.0 if linear is None else linear.mean(X))
     inducing = settings.inducing or layout.inducing
@@ -224,8 +225,3 @@ def _levels(values: FloatArray, gain: float) -> FloatArray:
         level += gain * (value - level)
         levels[k] = level
     return levels
-
-
-def _stretches(trajectory: IntArray) -> IntArray:
-    """Return trajectories `(n,)`, cut further into at least `FEWEST_STRETCHES` stretches of the recording."""
-    return pieces(np.arange(len(trajectory), dtype=np.float64), trajectory, -(-len(trajectory) // FEWEST_STRETCHES))
