@@ -16,11 +16,11 @@ from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import learner_named
 from gpcorrect.calibration.settings import LIMITS, FitSettings
-from gpcorrect.calibration.task import Corrector
+from gpcorrect.calibration.task import Corrector, recording_entry
 from gpcorrect.cleaning import CleaningReport, Pair, Reason, fit_cleaner
 from gpcorrect.errors import LogError
 from gpcorrect.gpr import IntervalCalibration, LeftOut, novelty_limit
-from gpcorrect.logs.copies import marks_of, remembered
+from gpcorrect.logs.copies import marks_of
 from gpcorrect.logs.sync import Clocks, match_clocks
 from gpcorrect.one_thread import on_one_thread
 from gpcorrect.types import CalibrationLog, PoseSignal, Progress
@@ -118,13 +118,7 @@ def fit_model(
         "arm": log.meta.arm,
         "method": settings.method,
         **outcome.report,
-        "data": {
-            "source": log.name,
-            "sha256": log.digest,
-            "recordings": list(log.recordings),
-            "contents": list(log.contents),
-            "marks": remembered(marks),
-        },
+        "data": recording_entry(log, marks),
         "fit": {
             "n_train": n_train,
             "n_trajectories": len(np.unique(outcome.samples.trajectory[outcome.samples.rows])),
@@ -152,9 +146,7 @@ def _refuse_still(log: CalibrationLog, pair: Pair) -> None:
     """Refuse poses that never change, commanded or seen; joints are looked at one by one where they are learned."""
     for name in () if pair.joints else (pair.command, pair.observed):
         signal: PoseSignal = getattr(log, name)
-        known = signal[signal.finite]
-        turns = np.empty((len(known), 0)) if known.quaternion is None else known.quaternion
-        table = np.hstack([known.position, turns])
+        table = signal[signal.finite].table
         if len(table) > 1 and (table == table[0]).all():
             raise LogError(
                 f"{name} never changes, and of a robot that stands still nothing can be learned.",

@@ -12,6 +12,7 @@ from typing import Self
 
 import numpy as np
 
+from gpcorrect.calibration.metrics import joint_units
 from gpcorrect.errors import DataError
 from gpcorrect.robust import robust_scale
 from gpcorrect.types import BoolArray, FloatArray, frozen_array
@@ -75,8 +76,7 @@ class Stops:
         types : str, R or P for each joint
         """
         sentences = []
-        for j, kind in enumerate(types):
-            scale, unit = (1e3, "mm") if kind == "P" else (np.rad2deg(1.0), "deg")
+        for j, (unit, scale) in enumerate(zip(*joint_units(types), strict=True)):
             for stop, rows in ((self.low[j], sent[:, j] < self.low[j]), (self.high[j], sent[:, j] > self.high[j])):
                 if np.isfinite(stop):
                     sentences.append(

@@ -22,7 +22,7 @@ from gpcorrect.calibration.training_motion import UNITS, TrainingMotion
 from gpcorrect.cleaning import CleaningReport, FittedCleaner, Pair, clean_with, fit_cleaner
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import IntervalCalibration, LeftOut
-from gpcorrect.logs.copies import LEAST, marks_of, recalled
+from gpcorrect.logs.copies import LEAST, Marks, marks_of, recalled, remembered
 from gpcorrect.logs.sync import Clocks, match_clocks
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
@@ -356,6 +356,12 @@ class Corrector(ABC):
     def info(self) -> dict[str, Any]:
         """Return the model's description; JSON-able."""
         return dict(self.summary)
+
+
+def recording_entry(log: CalibrationLog, marks: Marks) -> dict[str, Any]:
+    """Return what a model remembers of a recording that it learned from, and by which it is known again; JSON-able."""
+    files = {"recordings": list(log.recordings), "contents": list(log.contents)}
+    return {"source": log.name, "sha256": log.digest, **files, "marks": remembered(marks)}
 
 
 def _ratios(errors: FloatArray, interval95: FloatArray) -> FloatArray:

@@ -22,11 +22,11 @@ from gpcorrect.calibration.joint_route import JointRoute, PoseJoints
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import GPMap
 from gpcorrect.calibration.poses import PosePairs
-from gpcorrect.calibration.task import Corrector
+from gpcorrect.calibration.task import Corrector, recording_entry
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import IntervalCalibration, LeftOut, Statistics
 from gpcorrect.gpr.statistics import Points, collected, resting_on
-from gpcorrect.logs.copies import marks_of, remembered
+from gpcorrect.logs.copies import marks_of
 from gpcorrect.one_thread import on_one_thread
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal, Progress
 
@@ -117,8 +117,7 @@ def update_model(
         route, samples, weight, unseen = _learn_route(corrector.route, train.select(pairs.rows), pair, progress)
         changed = replace(corrector, law=changed.law, route=route)
     n = len(samples.rows)
-    known = {"sha256": log.digest, "recordings": list(log.recordings), "contents": list(log.contents)}
-    entry = {"source": log.name, **known, "marks": remembered(marks_of(train)), "n_added": n, "keep": weight}
+    entry = {**recording_entry(log, marks_of(train)), "n_added": n, "keep": weight}
     summary = {**corrector.summary, "updates": [*corrector.summary.get("updates", []), entry]}
     step = step_now("update", log)
     changed = replace(changed.having_seen(train, keep), summary=summary, history=(*corrector.history, step))

@@ -66,16 +66,10 @@ def write_mcap(evaluation: Evaluation, log: CalibrationLog, folder: Path) -> Non
     with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         for topic, (kind, values) in topics.items():
             connection = writer.add_connection(topic, kind, typestore=store)
-            rows = _poses(values) if isinstance(values, PoseSignal) else values
+            rows = values.table if isinstance(values, PoseSignal) else values
             for stamp, row in zip(stamps, rows.tolist(), strict=True):
                 message = _message(store.types, kind, stamp, frame, row)
                 writer.write(connection, stamp, store.serialize_cdr(message, kind))
-
-
-def _poses(signal: PoseSignal) -> FloatArray:
-    """Rows x y z qw qx qy qz."""
-    quaternion = np.tile(UPRIGHT, (len(signal), 1)) if signal.quaternion is None else signal.quaternion
-    return np.hstack([signal.position, quaternion])
 
 
 def _message(types: Mapping[str, Any], kind: str, stamp: int, frame: str, row: list[float]) -> Any:
@@ -83,6 +77,6 @@ def _message(types: Mapping[str, Any], kind: str, stamp: int, frame: str, row: l
     header = types["std_msgs/msg/Header"](time, frame)
     if kind == VECTOR:
         return types[VECTOR](header, types["geometry_msgs/msg/Vector3"](*row))
-    x, y, z, qw, qx, qy, qz = row
+    x, y, z, qw, qx, qy, qz = (*row, *UPRIGHT)[:7]  # upright where a row is a position alone
     point, turn = types["geometry_msgs/msg/Point"](x, y, z), types["geometry_msgs/msg/Quaternion"](qx, qy, qz, qw)
     return types[POSE](header, types["geometry_msgs/msg/Pose"](point, turn))
