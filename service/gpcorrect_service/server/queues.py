@@ -1,24 +1,16 @@
-"""Queries as jobs, in bounded queues with threads of their own: what keeps zenoh's callbacks from waiting."""
+"""Bounded queues with a thread of their own: what keeps zenoh's callbacks from waiting."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import Generic, TypeVar
 
-import msgspec
-import zenoh
 from threadpoolctl import threadpool_limits
 
 from gpcorrect_service.ops.logger import Logger
-from gpcorrect_service.ops.metrics import Counters
-from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.messages import JSON, Kind
-from gpcorrect_service.protocol.settings import ServerSettings
-from gpcorrect_service.server.requests import Handler, Request, Response, refusal
 
 T = TypeVar("T")
 
@@ -136,84 +128,3 @@ class WorkerQueue(Generic[T]):
             (self._overflow if self._hurry.is_set() else self._work)(item)
         except BaseException as error:  # SystemExit and panics of compiled code too: the worker stays
             self._logger.error("work failed", queue=self._name, exc_info=error)
-
-
-class Job(msgspec.Struct, frozen=True, eq=False):
-    """A query on its way through a queue: what answers or refuses it and on which key; arrived at s, monotonic."""
-
-    query: zenoh.Query
-    kind: Kind
-    key: str
-    handler: Handler
-    arrived: float
-    refuse: Callable[[Request, ServiceError, str], Response] = refusal
-
-
-@dataclass(frozen=True)
-class Dispatcher:
-    """Answers and counts jobs; used by worker threads only, for replying may wait for the network."""
-
-    settings: ServerSettings
-    counters: Counters
-    logger: Logger
-    monotonic: Callable[[], float]
-
-    def answer(self, job: Job) -> None:
-        """Send what the job's handler returns.
-
-        Parameters
-        ----------
-        job : Job
-        """
-        with job.query as query:
-            self._send(query, job, job.handler(_request(query, job.arrived)))
-
-    def refuse(self, job: Job) -> None:
-        """Send BUSY.
-
-        Parameters
-        ----------
-        job : Job
-        """
-        busy = ServiceError(
-            "BUSY",
-            f"{self.settings.queue_capacity} requests are waiting already, more came than --max-rate allows, or the "
-            "server is stopping.",
-            hint="Ask again later, or add a replica.",
-        )
-        with job.query as query:
-            self._send(query, job, job.refuse(_request(query, job.arrived), busy, self.settings.replica))
-
-    def drop(self, job: Job) -> None:
-        """Let the query go without an answer, so that its client does not wait for one.
-
-        Parameters
-        ----------
-        job : Job
-        """
-        self.counters.add(job.kind, "DROPPED", None)
-        with job.query:
-            pass
-
-    def _send(self, query: zenoh.Query, job: Job, response: Response) -> None:
-        seconds = self.monotonic() - job.arrived
-        self.counters.add(job.kind, response.status, seconds, response.rows, response.outside)
-        try:
-            if response.is_error:
-                query.reply_err(response.payload, encoding=response.encoding)
-            else:
-                # A queryable answers on its own concrete key.
-                query.reply(job.key, response.payload, encoding=response.encoding, attachment=response.attachment)
-        except zenoh.ZError as error:
-            self.logger.warning("reply not sent", kind=job.kind, status=response.status, cause=str(error))
-
-
-def _request(query: zenoh.Query, arrived: float) -> Request:
-    """Copy a query's bytes; a query without an encoding asks in JSON, as people do."""
-    payload, attachment = query.payload, query.attachment
-    return Request(
-        payload=payload.to_bytes() if payload is not None else b"",
-        encoding=str(query.encoding) if query.encoding is not None else JSON.media_type,
-        attachment=attachment.to_bytes() if attachment is not None else b"",
-        arrived=arrived,
-    )

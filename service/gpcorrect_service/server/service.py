@@ -16,6 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
+import msgspec
 import zenoh
 from threadpoolctl import threadpool_limits
 
@@ -25,20 +26,32 @@ from gpcorrect_service.ops.logger import Logger, open_logger
 from gpcorrect_service.ops.metrics import Counters, metrics_over_http
 from gpcorrect_service.protocol.bounds import Throttle
 from gpcorrect_service.protocol.errors import ServiceError
-from gpcorrect_service.protocol.messages import Kind
+from gpcorrect_service.protocol.messages import JSON, Kind
 from gpcorrect_service.protocol.sessions import live_key, open_server, wait_for
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server import models
 from gpcorrect_service.server.handlers import Admin, Corrections, Health
-from gpcorrect_service.server.queues import Dispatcher, Job, WorkerQueue
+from gpcorrect_service.server.queues import WorkerQueue
 from gpcorrect_service.server.requests import CORRECTIONS, Clock, Handler, Request, RequestParser, Response, refusal
 from gpcorrect_service.server.ros_service import RosService, open_ros
-from gpcorrect_service.server.stream import Estimator, stream_queue
+from gpcorrect_service.server.stream import Estimator
 
 REFUSALS = 4096  # chosen by hand: BUSY answers that may wait to be sent; beyond it queries end without one
 # s, a tenth of Python's own: a thread that loads a model hands the interpreter over when a query waits for it.
 SWITCH_SECONDS = 5e-4
+SAMPLES_WAITING = 1000  # a second of a fast robot: the slack needs every sample, and a late one says that it is
 LAST_MOMENT = 0.2  # s: handing a full queue to the refusals takes a millisecond
+
+
+class Job(msgspec.Struct, frozen=True, eq=False):
+    """A query on its way through a queue: what answers or refuses it and on which key; arrived at s, monotonic."""
+
+    query: zenoh.Query
+    kind: Kind
+    key: str
+    handler: Handler
+    arrived: float
+    refuse: Callable[[Request, ServiceError, str], Response] = refusal
 
 
 class Server:
@@ -86,9 +99,7 @@ class Server:
         self._logger = logger or open_logger(arm=self.settings.arm, replica=self.settings.replica)
         self._counters = Counters()
         self._queues: dict[str, WorkerQueue[Any]] = {}
-        self._dispatcher = Dispatcher(self.settings, self._counters, self._logger, self._clock.monotonic)
-        refuse, drop = self._dispatcher.refuse, self._dispatcher.drop
-        self._refusals = WorkerQueue("refusals", refuse, drop, capacity=REFUSALS, logger=self._logger)
+        self._refusals = WorkerQueue("refusals", self._refuse, self._drop, capacity=REFUSALS, logger=self._logger)
         self._throttle = Throttle(self.settings.max_rate)
         self._token: Any = None
         self._queryables = ExitStack()
@@ -184,7 +195,7 @@ class Server:
         s = self.settings
         queue: WorkerQueue[Job] = WorkerQueue(
             kind,
-            self._dispatcher.answer,
+            self._answer,
             self._refusals.offer,
             capacity=s.queue_capacity,
             logger=self._logger,
@@ -215,15 +226,73 @@ class Server:
 
         return _receive
 
+    def _answer(self, job: Job) -> None:
+        """Send what the job's handler returns; in a worker's thread, for replying may wait for the network."""
+        with job.query as query:
+            self._send(query, job, job.handler(_request(query, job.arrived)))
+
+    def _refuse(self, job: Job) -> None:
+        """Send BUSY, in the thread of the refusals."""
+        s = self.settings
+        cause = f"{s.queue_capacity} requests are waiting already, more came than --max-rate allows, or the server is"
+        busy = ServiceError("BUSY", f"{cause} stopping.", hint="Ask again later, or add a replica.")
+        with job.query as query:
+            self._send(query, job, job.refuse(_request(query, job.arrived), busy, s.replica))
+
+    def _drop(self, job: Job) -> None:
+        """Let the query go without an answer, so that its client does not wait for one."""
+        self._counters.add(job.kind, "DROPPED", None)
+        with job.query:
+            pass
+
+    def _send(self, query: zenoh.Query, job: Job, response: Response) -> None:
+        seconds = self._clock.monotonic() - job.arrived
+        self._counters.add(job.kind, response.status, seconds, response.rows, response.outside)
+        try:
+            if response.is_error:
+                query.reply_err(response.payload, encoding=response.encoding)
+            else:
+                # A queryable answers on its own concrete key.
+                query.reply(job.key, response.payload, encoding=response.encoding, attachment=response.attachment)
+        except zenoh.ZError as error:
+            self._logger.warning("reply not sent", kind=job.kind, status=response.status, cause=str(error))
+
     def _declare_stream(self, session: zenoh.Session) -> None:
         """Listen to the robot's joints, and publish estimates."""
-        s = self.settings
-        estimator = Estimator(self.active, s, self._counters, self._logger, self._clock.monotonic)
-        queue, receive = stream_queue(session, estimator)
+        s, monotonic = self.settings, self._clock.monotonic
+        estimator = Estimator(self.active, s, self._counters, self._logger, monotonic)
+        # Not express: a packet for every estimate fills the two packets that zenoh holds, and more would be dropped.
+        drop = zenoh.CongestionControl.DROP
+        publisher = session.declare_publisher(f"{s.arm}/estimate", congestion_control=drop)
+
+        def _publish(sample: Request) -> None:
+            answer = estimator.estimate(sample)
+            if answer is not None:
+                publisher.put(answer[0], encoding=answer[1])
+
+        def _dropped(_: Request) -> None:
+            self._counters.add("estimate", "DROPPED", None)
+
+        def _receive(sample: zenoh.Sample) -> None:
+            if self.active.now.joints is not None:
+                queue.offer(Request(sample.payload.to_bytes(), str(sample.encoding), b"", monotonic()))
+
+        queue = WorkerQueue("estimate", _publish, _dropped, capacity=SAMPLES_WAITING, logger=self._logger)
         queue.start()
         self._queues["estimate"] = queue
-        callback = zenoh.handlers.Callback(receive, indirect=False)
+        callback = zenoh.handlers.Callback(_receive, indirect=False)
         self._queryables.enter_context(session.declare_subscriber(f"{s.arm}/{s.stream_key}", callback))
+
+
+def _request(query: zenoh.Query, arrived: float) -> Request:
+    """Copy a query's bytes; a query without an encoding asks in JSON, as people do."""
+    payload, attachment = query.payload, query.attachment
+    return Request(
+        payload=payload.to_bytes() if payload is not None else b"",
+        encoding=str(query.encoding) if query.encoding is not None else JSON.media_type,
+        attachment=attachment.to_bytes() if attachment is not None else b"",
+        arrived=arrived,
+    )
 
 
 def serve(

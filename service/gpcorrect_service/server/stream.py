@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import zenoh
 
 from gpcorrect.calibration import JointStream
 from gpcorrect.correction import Reason
@@ -20,11 +19,9 @@ from gpcorrect_service.protocol.limits import check_inside, checked_joints, chec
 from gpcorrect_service.protocol.messages import JointState, codec_of
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.models import Active, JointModel
-from gpcorrect_service.server.queues import WorkerQueue
 from gpcorrect_service.server.requests import Request
 
 CLOCK_STEP = 1.0  # chosen by hand: s that a stamp may lie behind the one before and be late; more is another clock
-SAMPLES_WAITING = 1000  # a second of a fast robot: the slack needs every sample, and a late one says that it is
 LOG_EVERY = 1000  # refused samples between two lines about them in the log
 
 
@@ -42,8 +39,8 @@ class Estimator:
         logger: Logger,
         monotonic: Callable[[], float],
     ) -> None:
-        self.active, self.settings, self.counters, self.logger = active, settings, counters, logger
-        self.monotonic = monotonic
+        self._active, self._settings, self._counters, self._logger = active, settings, counters, logger
+        self._monotonic = monotonic
         self._refused = 0
         self._model: JointModel | None = None
         self._stream: JointStream | None = None
@@ -65,32 +62,32 @@ class Estimator:
         except (ServiceError, DataError) as error:
             self._refuse(error, sample.arrived)
             return None
-        seconds = self.monotonic() - sample.arrived
-        self.counters.add("estimate", message.status, seconds, rows=1, outside=not message.in_domain)
+        seconds = self._monotonic() - sample.arrived
+        self._counters.add("estimate", message.status, seconds, rows=1, outside=not message.in_domain)
         return codec.encode(message), codec.encoding("estimate")
 
     def _answer(self, state: JointState, arrived: float) -> EstimateAnswer:
-        model = self.active.joint_model()
+        model = self._active.joint_model()
         q = checked_joints((state.position,), model.corrector.types)[0]
         effort = None if state.effort is None else checked_rows((state.effort,), len(q), "efforts")[0]
         stream = self._stream_for(model, state)
         answer = stream.correct(state.stamp, q, effort)
         self._last = state
-        if self.settings.strict:
+        if self._settings.strict:
             check_inside(answer)
         assert answer.joints is not None
         if self._bound is not None:
             correction, cut = self._bound.step(state.stamp, answer.joints - q)
             answer = replace(answer, joints=q + correction).because(Reason.RATE_LIMITED, cut)
         # What waited outside of this process, in a socket while it was stopped, came fresh by its arrival alone.
-        age = self._clock.delay(state.stamp, arrived) + self.monotonic() - arrived
-        answer = answer.because(Reason.STALE, age > self.settings.stream_max_age)
+        age = self._clock.delay(state.stamp, arrived) + self._monotonic() - arrived
+        answer = answer.because(Reason.STALE, age > self._settings.stream_max_age)
         beside = {"stamp": state.stamp, "session": state.session, "model_hash": model.hash}
-        return pack(EstimateAnswer, answer, replica=self.settings.replica, **beside)
+        return pack(EstimateAnswer, answer, replica=self._settings.replica, **beside)
 
     def _stream_for(self, model: JointModel, state: JointState) -> JointStream:
         """Return the path that this sample goes on with; it begins anew with a model, a session or another clock."""
-        last, rate = self._last, self.settings.stream_rate
+        last, rate = self._last, self._settings.stream_rate
         checked_stamp(state.stamp)
         if self._stream is None or model is not self._model:
             _check_estimates(model)
@@ -108,9 +105,9 @@ class Estimator:
 
     def _refuse(self, error: ServiceError | DataError, arrived: float) -> None:
         status = error.status if isinstance(error, ServiceError) else "BAD_INPUT"
-        self.counters.add("estimate", status, self.monotonic() - arrived)
+        self._counters.add("estimate", status, self._monotonic() - arrived)
         if self._refused % LOG_EVERY == 0:
-            self.logger.warning("sample refused", status=status, cause=error.message, refused=self._refused + 1)
+            self._logger.warning("sample refused", status=status, cause=error.message, refused=self._refused + 1)
         self._refused += 1
 
 
@@ -123,36 +120,3 @@ def _check_estimates(model: JointModel) -> None:
         cause = f"joint model {model.id} {what}, and measured_js holds what the robot reports."
         hint = "Estimates need a model of reported joints: gpcorrect joint fit --input measured_jp"
         raise ServiceError("NO_MODEL", cause, hint=hint)
-
-
-def stream_queue(
-    session: zenoh.Session, estimator: Estimator
-) -> tuple[WorkerQueue[Request], Callable[[zenoh.Sample], None]]:
-    """Return the queue that answers samples and publishes estimates, and the callback that fills it.
-
-    Parameters
-    ----------
-    session : zenoh.Session
-    estimator : Estimator
-    """
-    # Not express: a packet for every estimate fills the two packets that zenoh holds, and more would be dropped.
-    drop = zenoh.CongestionControl.DROP
-    publisher = session.declare_publisher(f"{estimator.settings.arm}/estimate", congestion_control=drop)
-
-    def _publish(sample: Request) -> None:
-        answer = estimator.estimate(sample)
-        if answer is not None:
-            publisher.put(answer[0], encoding=answer[1])
-
-    def _receive(sample: zenoh.Sample) -> None:
-        if estimator.active.now.joints is not None:
-            now = estimator.monotonic()
-            queue.offer(Request(sample.payload.to_bytes(), str(sample.encoding), b"", now))
-
-    def _dropped(_: Request) -> None:
-        estimator.counters.add("estimate", "DROPPED", None)
-
-    queue: WorkerQueue[Request] = WorkerQueue(
-        "estimate", _publish, _dropped, capacity=SAMPLES_WAITING, logger=estimator.logger
-    )
-    return queue, _receive
