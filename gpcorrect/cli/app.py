@@ -17,7 +17,8 @@ from typer.core import TyperCommand, TyperGroup
 
 from gpcorrect.errors import GpCorrectError
 
-# Name of a command: where it is, and the line that `gpcorrect --help` shows; a test holds it against the command's own.
+# Name of a command: where it is, and the line that `gpcorrect --help` shows; of a group of commands the only help, else
+# a test holds it against the command's own.
 COMMANDS = {
     "validate": (
         "gpcorrect.cli.validate:validate",
@@ -136,7 +137,7 @@ class _Deferred(TyperCommand):
         if isinstance(found, typer.Typer):
             for part in found.registered_commands:
                 part.callback = part.callback and takes_groups(part.callback)
-            one.add_typer(found, name=self.name)
+            one.add_typer(found, name=self.name, help=self.help)
         else:
             one.command(self.name)(takes_groups(found))
         return typer.main.get_group(one).commands[str(self.name)]

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from gpcorrect.types import CalibrationLog, FloatArray, Progress
     from gpcorrect_service.crtk.robot import Robot
 
-collect_app = typer.Typer(no_args_is_help=True, help="Calibrations from end to end: drive, record, fit, measure.")
+collect_app = typer.Typer(no_args_is_help=True)
 
 Sparsity = Annotated[int, typer.Option(help="n: stripes lie 1/n of the block's side apart.", min=1, max=100)]
 

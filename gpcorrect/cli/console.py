@@ -64,14 +64,15 @@ def bad_input(error: GpCorrectError) -> int:
     return BAD_INPUT
 
 
-def note(text: str) -> None:
-    """Print a remark that is no error.
+def note(*remarks: str) -> None:
+    """Print remarks that are no errors, a line each.
 
     Parameters
     ----------
-    text : str
+    *remarks : str
     """
-    err.print(styled(("note:", "yellow"), " ", text))
+    for remark in remarks:
+        err.print(styled(("note:", "yellow"), " ", remark))
 
 
 def styled(*parts: str | tuple[str, str]) -> Text:

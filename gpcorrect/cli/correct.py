@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from gpcorrect.correction import Correction
     from gpcorrect_service import CorrectionClient, Reply
 
-query_app = typer.Typer(help="Ask a running service.", no_args_is_help=True)
+query_app = typer.Typer(no_args_is_help=True)
 
 Pose = Annotated[
     tuple[float, float, float, float, float, float, float] | None,

@@ -21,11 +21,7 @@ if TYPE_CHECKING:
 
     from gpcorrect.discrepancy.outcome.result import ChannelGap
 
-discrepancy_app = typer.Typer(
-    help="Find where a simulator and recordings disagree, name what is missing, and measure what the name explains.",
-    no_args_is_help=True,
-    rich_markup_mode="markdown",
-)
+discrepancy_app = typer.Typer(no_args_is_help=True)
 
 # Signals that a run rests on: what they cannot be is refused as they are read.
 LEARNED = ("setpoint_cp", "tracker_cp", "setpoint_jp", "measured_jp", "external_jp")

@@ -121,8 +121,7 @@ def evaluate(
     if json:
         console.print_json(result)
         return
-    for sentence in (*clocks.notes, *measured.cautions):
-        console.note(sentence)
+    console.note(*clocks.notes, *measured.cautions)
     console.show_errors(f"{result['n_test']} samples that pass cleaning", result["errors"])
     console.show_errors(f"all {len(measured.dirty.rows)} samples as they came", result["errors_dirty"])
     console.out.print(console.certainty(result))
@@ -147,8 +146,7 @@ def _segments(texts: list[str] | None) -> tuple[Segment, ...]:
 
 
 def _show(experiment: Experiment, result: dict[str, Any], output: Path, page: Path | None) -> None:
-    for sentence in (*experiment.fit.remarks, *(experiment.evaluation.cautions if experiment.evaluation else ())):
-        console.note(sentence)
+    console.note(*experiment.fit.remarks, *(experiment.evaluation.cautions if experiment.evaluation else ()))
     if result["errors"]:
         console.show_errors(f"Held-out error, {result['n_test']} samples that pass cleaning", result["errors"])
         console.show_errors("All held-out samples as they came", result["errors_dirty"])
@@ -182,8 +180,7 @@ def compare(
     log, clocks = first.on_one_clock(log, reading.clock_left)
     both = measure_both(first, second, log)
     figures = both.to_dict(names)
-    for sentence in clocks.notes:
-        console.note(sentence)
+    console.note(*clocks.notes)
     for model in figures["models"]:
         for caution in model["cautions"]:
             console.note(f"{model['name']}: {caution}")

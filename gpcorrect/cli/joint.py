@@ -16,9 +16,7 @@ from gpcorrect.errors import DataError
 if TYPE_CHECKING:
     from gpcorrect.calibration import FitSettings, JointErrors
 
-joint_app = typer.Typer(
-    no_args_is_help=True, help="Joint-space calibration: reported joints to true ones, or commands."
-)
+joint_app = typer.Typer(no_args_is_help=True)
 
 Method = Annotated[str, typer.Option(help="One of offset, linear, quadratic, network, ukf, gp, trees, auto.")]
 Features = Annotated[
@@ -81,13 +79,11 @@ def fit(
     log = reading.joint_log(logs)
     experiment = console.fitted(log, settings, output, page, quiet=json, task=JointCorrector, holdout=holdout, by=by)
     result = experiment.to_dict()
-    for remark in experiment.fit.remarks:
-        console.note(remark)
+    console.note(*experiment.fit.remarks)
     if json:
         console.print_json(result)
         return
-    for caution in result.get("cautions", ()):
-        console.note(caution)
+    console.note(*result.get("cautions", ()))
     show_joint_errors(f"Held-out errors, {experiment.n_test} samples that pass cleaning", result["errors"])
     dropped = console.dropped_words(result["dropped"])
     console.out.print(
@@ -114,8 +110,7 @@ def evaluate(model: Model, logs: opt.Logs, reading: Reading, report: opt.Report 
         "zeros": corrector.zeros(log, evaluation.clean),
     }
     console.write_evaluation_page(evaluation, log, model, clocks.notes, page)
-    for sentence in (*clocks.notes, *evaluation.cautions):
-        console.note(sentence)
+    console.note(*clocks.notes, *evaluation.cautions)
     if json:
         console.print_json(result)
     else:
@@ -185,8 +180,7 @@ def rezero(model: Model, logs: opt.Logs, output: opt.ModelOutput, reading: Readi
     require_model_place(output)
     corrector = load(model, JointCorrector)
     log, clocks = corrector.on_one_clock(reading.joint_log(logs), reading.clock_left)
-    for sentence in clocks.notes:
-        console.note(sentence)
+    console.note(*clocks.notes)
     fresh = corrector.rezeroed(log)
     names, scale = joint_units(corrector.types)
     shift = (fresh.zero - corrector.zero) * scale

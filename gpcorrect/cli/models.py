@@ -105,10 +105,7 @@ def _show_step(step: Step) -> None:
     out.print(f"  95 % intervals cover {covered:.1f} %; {inside:.1f} % in domain")
 
 
-models_app = typer.Typer(
-    help="A folder of models: list, add, compare, activate, go back. With --endpoint the running servers do it.",
-    no_args_is_help=True,
-)
+models_app = typer.Typer(no_args_is_help=True)
 
 Store = Annotated[Path | None, typer.Option(help="Folder of the models.")]
 Endpoint = Annotated[str | None, typer.Option(help="Address of running servers instead.")]

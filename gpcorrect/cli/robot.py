@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from gpcorrect_service.crtk.recorder import Recording
     from gpcorrect_service.crtk.robot import Robot
 
-robot_app = typer.Typer(no_args_is_help=True, help="Drive and record a robot that speaks CRTK over zenoh.")
+robot_app = typer.Typer(no_args_is_help=True)
 
 Mcap = Annotated[Path | None, typer.Option(help="ROS 2 recording to write as well: a folder with an MCAP file.")]
 Sliding = Annotated[str, typer.Option(help="Numbers of the sliding joints.")]
@@ -233,8 +233,7 @@ def _write(recording: Recording, output: Path, mcap: Path | None, *, as_json: bo
         write_mcap(recording, mcap)
     log = recording.log()
     write_log(log, output)
-    for remark in log.remarks:
-        note(remark)
+    note(*log.remarks)
     words = f"{len(log)} samples: {', '.join(log.signals)} -> {output}" + (f" and {mcap}" if mcap else "")
     facts = {"samples": len(log), "signals": list(log.signals), "output": str(output), "mcap": mcap and str(mcap)}
     print_result(facts, words, as_json=as_json)

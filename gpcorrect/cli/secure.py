@@ -13,7 +13,7 @@ from gpcorrect.cli.console import err, out, print_json, print_result, styled
 from gpcorrect.cli.options import SERVICE, ArmName, Config, Json, KeyRoot
 from gpcorrect.cli.processes import stop_signal
 
-secure_app = typer.Typer(help="Certificates, passwords and access rules for a site.", no_args_is_help=True)
+secure_app = typer.Typer(no_args_is_help=True)
 
 
 @secure_app.command()

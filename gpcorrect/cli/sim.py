@@ -20,7 +20,7 @@ from gpcorrect.errors import DataError
 if TYPE_CHECKING:
     from gpcorrect.sim import Effect, Model
 
-sim_app = typer.Typer(no_args_is_help=True, help="Simulated arms that run live.")
+sim_app = typer.Typer(no_args_is_help=True)
 
 
 COUNTS = {"debridement": 303, "reaches": 40, "joints": 24}  # motions of a task; the paper had 303 reaches

@@ -54,8 +54,7 @@ def update(
     require_model_place(target)
     corrector = load(model)
     log, clocks = corrector.on_one_clock(reading.log(logs), reading.clock_left)
-    for sentence in (*clocks.notes, *corrector.cautions(log)):
-        note(sentence)
+    note(*clocks.notes, *corrector.cautions(log))
     with progress_bar(quiet=json) as progress:
         found = update_model(corrector, log, holdout=holdout, progress=progress)
     written = force or not found.worse

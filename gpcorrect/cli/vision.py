@@ -23,10 +23,7 @@ if TYPE_CHECKING:  # OpenCV is an extra, and scikit-learn is slow: they are impo
     from gpcorrect.vision.opencv import Image
 
 STATE = ("measured_cp", "tracker_cp", "measured_jp")  # what an estimator learns from
-vision_app = typer.Typer(
-    no_args_is_help=True,
-    help="Ground truth from ordinary cameras and coloured balls, and a position estimator from it.",
-)
+vision_app = typer.Typer(no_args_is_help=True)
 
 
 BoardColumns = Annotated[int, typer.Option(help="Inner corners along the board's long side.")]
@@ -291,8 +288,7 @@ def fit(
     settings = FitSettings(method=method, extra=console.split_names(extra or ""), seed=seed, **paper)
     log = read_logs(logs, columns, as_is=as_is, learned=STATE)
     experiment = console.fitted(log, settings, output, page, quiet=json, task=PositionEstimator, holdout=holdout)
-    for sentence in (*experiment.fit.remarks, *(experiment.evaluation.cautions if experiment.evaluation else ())):
-        console.note(sentence)
+    console.note(*experiment.fit.remarks, *(experiment.evaluation.cautions if experiment.evaluation else ()))
     figures = {**experiment.to_dict(), "method": method, **position_reductions(experiment.evaluation)}
     if json:
         console.print_json(figures)
@@ -320,8 +316,7 @@ def evaluate(
     log = read_logs(logs, columns, as_is=as_is, learned=STATE)
     evaluation = evaluate_model(load(model, PositionEstimator), log)
     console.write_evaluation_page(evaluation, log, model, (), page)
-    for caution in evaluation.cautions:
-        console.note(caution)
+    console.note(*evaluation.cautions)
     figures = {"n_test": len(evaluation.clean.rows), **evaluation.to_dict(), **position_reductions(evaluation)}
     if json:
         console.print_json(figures)
@@ -394,6 +389,5 @@ def _number(value: float | None) -> str:
 def _show_track(figures: dict[str, Any]) -> None:
     parts = ", ".join(f"{100 * figures[f'{name}_share']:.1f} % {name}" for name in ("measured", "coasting", "lost"))
     console.out.print(f"{figures['frames']} frames: {parts}; reprojection {_number(figures['reprojection_px'])} px")
-    for remark in figures["remarks"]:
-        console.note(remark)
+    console.note(*figures["remarks"])
     console.out.print(f"{figures['seconds']:.1f} s, {figures['frames_a_second']:.1f} frames a second")

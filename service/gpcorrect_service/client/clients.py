@@ -19,7 +19,7 @@ from gpcorrect_service.client.replies import PinnedModels, Reply
 from gpcorrect_service.client.requests import Question, RequestBuilder
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import HealthAnswer, Kind, ModelAnswer
-from gpcorrect_service.protocol.sessions import immortal_in_children, is_forked, open_client, require_own_process
+from gpcorrect_service.protocol.sessions import PROCESS, open_client, require_own_process
 from gpcorrect_service.protocol.settings import DEFAULT_ENDPOINT, ClientSettings, OnFailure
 
 # Replies of one query that may wait to be read: more than there are replicas, so that zenoh's thread never
@@ -228,14 +228,14 @@ class ClientBase(ABC, Generic[ReplyOf, TextOf, ModelOf, HealthOf]):
             self._asked.add(kind)
             if self._session is None:
                 self._session = self._stack.enter_context(open_client(self._settings))
-                immortal_in_children(self)
+                PROCESS.holders.add(self)
             if kind not in self._queriers:
                 key, timeout = f"{self._settings.arm}/{kind}", self._settings.timeout_of(kind)
                 self._queriers[kind] = Querier(self._session, key, self._settings, timeout, fresh=fresh)
             return self._queriers[kind]
 
     def _close(self) -> None:
-        if is_forked():  # closing would wait for threads that are not here
+        if PROCESS.forked:  # closing would wait for threads that are not here
             return
         with self._lock:
             self._closed = True

@@ -22,7 +22,6 @@ from gpcorrect_service.protocol.ros import DEFAULT_QOS, LATCHED_QOS, RmwNode, at
 from gpcorrect_service.protocol.sessions import (
     COMMON,
     check_certificates,
-    first_sentence,
     make_config,
     namespace_of,
     open_zenoh,
@@ -284,14 +283,11 @@ def open_session(settings: BusSettings) -> zenoh.Session:
         check_loopback(settings.endpoint, allow_remote=settings.allow_remote)
     config = _config(settings)
     config.insert_json5("connect/timeout_ms", json.dumps(round(1000 * settings.patience)))
-    try:
-        return open_zenoh(config)
-    except zenoh.ZError as error:
-        what = "cannot listen here" if hub else "nobody answers here"
-        hint = "Another program may hold this address." if hub else "Start the arm first: gpcorrect sim serve"
-        if settings.config_file is not None:
-            hint = f"Why: gpcorrect doctor --config {settings.config_file}"
-        raise EndpointError(settings.where, f"{what} ({first_sentence(error)}).", hint=hint) from error
+    what = "cannot listen here" if hub else "nobody answers here"
+    hint = "Another program may hold this address." if hub else "Start the arm first: gpcorrect sim serve"
+    if settings.config_file is not None:
+        hint = f"Why: gpcorrect doctor --config {settings.config_file}"
+    return open_zenoh(config, lambda said: EndpointError(settings.where, f"{what} ({said}).", hint=hint))
 
 
 def check_place(settings: BusSettings) -> None:

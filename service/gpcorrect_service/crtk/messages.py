@@ -148,13 +148,7 @@ TOPICS: dict[str, Topic] = {
 }
 
 
-def to_ros(message: msgspec.Struct) -> Any:
-    """Return the ROS message of a struct.
-
-    Parameters
-    ----------
-    message : JointState, Pose, OperatingState or Text
-    """
+def _to_ros(message: msgspec.Struct) -> Any:
     kinds = ros.ros_types().types
     match message:
         case JointState():
@@ -176,9 +170,9 @@ def to_cdr(message: msgspec.Struct) -> bytes:
 
     Parameters
     ----------
-    message : Struct, as for :func:`to_ros`
+    message : JointState, Pose, OperatingState or Text
     """
-    found = to_ros(message)
+    found = _to_ros(message)
     return bytes(ros.ros_types().serialize_cdr(found, found.__msgtype__))
 
 

@@ -17,6 +17,7 @@ from typing import Any, Literal
 import zenoh
 
 from gpcorrect.errors import DataError
+from gpcorrect_service.protocol.errors import EndpointError
 from gpcorrect_service.protocol.sessions import (
     LIVE_KEYS,
     ExpiredError,
@@ -162,8 +163,8 @@ def _conversation(config: zenoh.Config, settings: ClientSettings, endpoints: lis
         config.insert_json5(key, json.dumps(value))
     where = f"{settings.namespace}/{settings.arm}"
     try:
-        session = open_zenoh(config)
-    except zenoh.ZError:
+        session = open_zenoh(config, lambda said: EndpointError(where, said))
+    except EndpointError:
         yield Finding("login", where, False, *_login_trouble(config, endpoints))
         return
     with session:

@@ -24,7 +24,7 @@ import zenoh
 from gpcorrect.errors import DataError
 from gpcorrect_service.ops.logger import Logger, open_logger
 from gpcorrect_service.protocol.errors import EndpointError
-from gpcorrect_service.protocol.sessions import first_sentence, open_zenoh, read_config, wait_for
+from gpcorrect_service.protocol.sessions import open_zenoh, read_config, wait_for
 
 # What zenoh 1.10 says, and on which level: denials among what it allows, logins and handshakes that fail.
 DIRECTIVES = (
@@ -190,12 +190,8 @@ def route(
     if config.get_json("mode") != '"router"':
         raise DataError(f"{config_file} is not a router's configuration.", hint='Its mode must be "router".')
     with _denials_logged(logger or open_logger()):
-        try:
-            session = open_zenoh(config)
-        except zenoh.ZError as error:
-            cause = f"the router cannot listen ({first_sentence(error)})."
-            raise EndpointError(str(config_file), cause, hint="Another one may hold this address.") from error
-        with session:
+        where, hint = str(config_file), "Another one may hold this address."
+        with open_zenoh(config, lambda said: EndpointError(where, f"the router cannot listen ({said}).", hint=hint)):
             _leave_silent_connections_to_the_kernel()
             if on_ready is not None:
                 on_ready()

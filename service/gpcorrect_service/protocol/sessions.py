@@ -14,7 +14,7 @@ from weakref import WeakSet
 
 import zenoh
 
-from gpcorrect.errors import DataError
+from gpcorrect.errors import DataError, GpCorrectError
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError
 from gpcorrect_service.protocol.settings import (
     DEFAULT_NAMESPACE,
@@ -50,10 +50,11 @@ PREFILTER = "prefilter"  # of an arm: the tokens of those that correct its comma
 class _Process:
     """What this process, or the one that it was forked from, has done."""
 
-    opened = False
-    forked = False
+    opened = False  # a session
+    forked = False  # from one that had opened a session
 
     def __init__(self) -> None:
+        # Whatever holds a session. A forked child never frees it: that, at the child's end too, waits in vain.
         self.holders: WeakSet[object] = WeakSet()
 
     def after_fork(self) -> None:
@@ -62,46 +63,35 @@ class _Process:
             ctypes.pythonapi.Py_IncRef(ctypes.py_object(holder))
 
 
-_PROCESS = _Process()
-os.register_at_fork(after_in_child=_PROCESS.after_fork)
-
-
-def immortal_in_children(holder: object) -> None:
-    """Let a forked child never free what holds a session: freeing it, at the child's end too, waits in vain.
-
-    Parameters
-    ----------
-    holder : object
-    """
-    _PROCESS.holders.add(holder)
-
-
-def is_forked() -> bool:
-    """Whether this process was forked from one that had opened a session."""
-    return _PROCESS.forked
+PROCESS = _Process()
+os.register_at_fork(after_in_child=PROCESS.after_fork)
 
 
 def require_own_process() -> None:
     """Refuse, as NO_SERVICE, to speak zenoh in a process that was forked from one that had opened a session."""
-    if _PROCESS.forked:
+    if PROCESS.forked:
         cause = "this process was forked from one that had a connection already; zenoh does not work in it."
         hint = 'Start processes with multiprocessing.get_context("spawn"), and open clients in them.'
         raise ServiceError("NO_SERVICE", cause, hint=hint)
 
 
-def open_zenoh(config: zenoh.Config) -> zenoh.Session:
-    """Open a session; the only place that does. Raises as the two checks do, and ZError where it cannot be opened.
+def open_zenoh(config: zenoh.Config, failed: Callable[[str], GpCorrectError]) -> zenoh.Session:
+    """Open a session; the only place that does. Raises as the two checks do.
 
     An expired certificate is looked for first: zenoh would not say why it fails.
 
     Parameters
     ----------
     config : zenoh.Config
+    failed : callable, makes the error to raise of what zenoh says where it cannot be opened
     """
     require_own_process()
     check_certificates(config)
-    _PROCESS.opened = True
-    return zenoh.open(config)
+    PROCESS.opened = True
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise failed(_first_sentence(error)) from error
 
 
 def wait_for(stop: threading.Event, look: Callable[[], None] = lambda: None) -> None:
@@ -176,12 +166,9 @@ def open_server(settings: ServerSettings) -> zenoh.Session:
         The configuration file cannot be read.
     """
     config = server_config(settings)
-    try:
-        return open_zenoh(config)
-    except zenoh.ZError as error:
-        cause = ", ".join(listen_endpoints(config)) or str(settings.config_file or settings.endpoint)
-        hint = "Another server may hold this address: stop it, or choose another endpoint."
-        raise EndpointError(cause, f"cannot listen here ({first_sentence(error)}).", hint=hint) from error
+    where = ", ".join(listen_endpoints(config)) or str(settings.config_file or settings.endpoint)
+    hint = "Another server may hold this address: stop it, or choose another endpoint."
+    return open_zenoh(config, lambda said: EndpointError(where, f"cannot listen here ({said}).", hint=hint))
 
 
 def server_config(settings: ServerSettings) -> zenoh.Config:
@@ -211,12 +198,9 @@ def open_client(settings: ClientSettings) -> zenoh.Session:
     DataError
         The configuration file cannot be read.
     """
+    hint = "Start the router or server that the configuration names."
     config = client_config(settings)
-    try:
-        return open_zenoh(config)
-    except zenoh.ZError as error:
-        hint = "Start the router or server that the configuration names."
-        raise ServiceError("NO_SERVICE", f"zenoh cannot connect ({first_sentence(error)}).", hint=hint) from error
+    return open_zenoh(config, lambda said: ServiceError("NO_SERVICE", f"zenoh cannot connect ({said}).", hint=hint))
 
 
 def client_config(settings: ClientSettings) -> zenoh.Config:
@@ -260,7 +244,7 @@ def read_config(path: Path) -> zenoh.Config:
         return zenoh.Config.from_file(path)
     except zenoh.ZError as error:
         hint = "Start from those in service/deploy."
-        raise DataError(f"zenoh configuration {path} cannot be read ({first_sentence(error)}).", hint=hint) from error
+        raise DataError(f"zenoh configuration {path} cannot be read ({_first_sentence(error)}).", hint=hint) from error
 
 
 def namespace_of(config: zenoh.Config, given: str) -> str:
@@ -299,13 +283,8 @@ def listen_endpoints(config: zenoh.Config) -> list[str]:
     return [str(endpoint) for endpoint in ([endpoints] if isinstance(endpoints, str) else endpoints)]
 
 
-def first_sentence(error: zenoh.ZError) -> str:
-    """Return what zenoh says without the place in its sources.
-
-    Parameters
-    ----------
-    error : zenoh.ZError
-    """
+def _first_sentence(error: zenoh.ZError) -> str:
+    """Return what zenoh says without the place in its sources."""
     return str(error).split(" at /", maxsplit=1)[0].strip()
 
 

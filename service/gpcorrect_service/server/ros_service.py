@@ -12,7 +12,7 @@ from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError
 from gpcorrect_service.protocol.messages import JSON, ErrorAnswer
 from gpcorrect_service.protocol.ros import CALL_ENCODING, CORRECT, RmwNode, reply_attachment, rmw_key, write_refusal
-from gpcorrect_service.protocol.sessions import first_sentence, listen_endpoints, open_zenoh, server_config
+from gpcorrect_service.protocol.sessions import listen_endpoints, open_zenoh, server_config
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.requests import Clock, Handler, Request, Response, refusal
 
@@ -36,11 +36,8 @@ def open_ros(settings: ServerSettings) -> zenoh.Session:
         config.insert_json5("mode", json.dumps("client"))
         config.insert_json5("listen/endpoints", "[]")
         config.insert_json5("connect/endpoints", json.dumps(where))
-    try:
-        return open_zenoh(config)
-    except zenoh.ZError as error:
-        hint = "ROS nodes are answered through the server's own address: is it reachable from here?"
-        raise EndpointError(", ".join(where), f"no way to ROS ({first_sentence(error)}).", hint=hint) from error
+    hint = "ROS nodes are answered through the server's own address: is it reachable from here?"
+    return open_zenoh(config, lambda said: EndpointError(", ".join(where), f"no way to ROS ({said}).", hint=hint))
 
 
 class RosService:
