@@ -26,8 +26,9 @@ from gpcorrect.types import FloatArray
 from gpcorrect_service import ClientSettings, CorrectionClient, ServerSettings
 from gpcorrect_service.protocol.ros import CORRECT, StampedPose, ros_pose, ros_types
 from gpcorrect_service.protocol.sessions import client_config
+from gpcorrect_service.protocol.sessions import wait_for as await_stop
 from gpcorrect_service.server.models import JointModel, Model
-from gpcorrect_service.server.service import run, serve
+from gpcorrect_service.server.service import Server, serve
 
 SHIFT = np.array([0.001, -0.002, 0.003])
 REGISTRATION = np.array([0.4, 0.1, -0.2])
@@ -206,7 +207,11 @@ def serve_in_child(kind: str, gate: Event, entered: Event, ready: Event, setting
     corrector = kinds[kind]()
     model = Model(corrector, id=f"{kind}-model", hash=kind.encode().hex())
     joints = lagging_joints() if kind == "joints" else None
-    run(model, settings, on_ready=lambda _: ready.set(), joints=joints)
+    stop = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: stop.set())
+    with Server(model, settings, joints=joints) as server:
+        ready.set()
+        await_stop(stop, server.follow_store)
 
 
 @dataclass(frozen=True)

@@ -156,11 +156,7 @@ class RequestBuilder:
 
     def metrics(self) -> Question[str]:
         """Ask for the server's numbers."""
-
-        def _read(reply: zenoh.Reply) -> str:
-            return _accepted(reply).payload.to_bytes().decode(errors="replace")
-
-        return self._question("metrics", None, _read)
+        return self._question("metrics", None, lambda r: _accepted(r).payload.to_bytes().decode(errors="replace"))
 
     def registration(self) -> Question[None] | None:
         """Ask for the registration that a fallback needs, where it is not known yet."""

@@ -62,12 +62,7 @@ class DriftWatch:
     @property
     def state(self) -> dict[str, float | bool | int]:
         """What a page shows."""
-        return {
-            "evidence": self.evidence,
-            "threshold": SETTINGS.threshold,
-            "alarm": self.alarm,
-            "votes": self.votes,
-        }
+        return {"evidence": self.evidence, "threshold": SETTINGS.threshold, "alarm": self.alarm, "votes": self.votes}
 
     def see(self, stamp: float, outside: bool) -> None:
         """Take note of one sample.

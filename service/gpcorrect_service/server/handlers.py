@@ -120,8 +120,7 @@ class Corrections:
 
     def _model(self, parsed: Parsed) -> Response:
         """Answer which model is active."""
-        now = self._active.now
-        model = now.pose or now.joints or self._active.pose_model()
+        model = self._active.pose or self._active.joints or self._active.pose_model()
         info, rigid = dict(model.corrector.info()), getattr(model.corrector, "rigid", None)
         registration = None if rigid is None else rigid.to_dict()
         message = messages.ModelAnswer(
@@ -192,8 +191,8 @@ class Admin:
 
     def _models(self, parsed: Parsed) -> Response:
         """Answer which models there are."""
-        now = self._active.now
-        serving = {kind: m.hash for kind, m in (("pose", now.pose), ("joints", now.joints)) if m is not None}
+        held = (("pose", self._active.pose), ("joints", self._active.joints))
+        serving = {kind: model.hash for kind, model in held if model is not None}
         entries, history = [], {}
         if self._store is not None:
             history = {kind: [entry.hash for entry in self._store.history(kind)] for kind in ("pose", "joints")}
@@ -206,11 +205,11 @@ class Admin:
         if self._store is None:
             raise bad_input("this server has no model store.", "Start it with: gpcorrect serve --store FOLDER")
         entry = self._store.find(asked.model)
-        now = self._active.now
-        before = now.pose if entry.kind == "pose" else now.joints
+        held: dict[str, Model | JointModel | None] = {"pose": self._active.pose, "joints": self._active.joints}
+        before = held.pop(entry.kind)
         try:
             model = load_entry(self._store, entry)
-            check_arm(self._parser.settings.arm, model, now.joints if entry.kind == "pose" else now.pose)
+            check_arm(self._parser.settings.arm, model, *held.values())
             if before is not None:
                 refuse_other_use(model.id, model.corrector.info(), before.corrector.info())
             self._store.activate(entry, verified=True, back=asked.back)
@@ -258,17 +257,17 @@ class Health:
     def report(self) -> messages.HealthAnswer:
         """Return the state of this moment; FAULT also when a worker is gone."""
         active = self._parser.active
-        now = active.now
+        pose, joints = active.pose, active.joints
         queues = dict(self._queues)  # as they are now: while a server starts, more are added
         return messages.HealthAnswer(
             state=active.state if all(queue.alive for queue in queues.values()) else "FAULT",
-            model_id=now.pose.id if now.pose else "",
-            model_hash=now.pose.hash if now.pose else "",
+            model_id=pose.id if pose else "",
+            model_hash=pose.hash if pose else "",
             uptime=self._parser.clock.monotonic() - self._started,
             queued={name: queue.waiting for name, queue in queues.items()},
             counts=self._counters.counts(),
-            joint_model_id=now.joints.id if now.joints else "",
-            joint_model_hash=now.joints.hash if now.joints else "",
+            joint_model_id=joints.id if joints else "",
+            joint_model_hash=joints.hash if joints else "",
             arm=self._parser.settings.arm,
             replica=self._parser.settings.replica,
         )

@@ -6,7 +6,7 @@ import re
 import threading
 import timeit
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
@@ -177,33 +177,23 @@ def check_arm(arm: str, *models: Model | JointModel | None) -> None:
             raise ArtifactError(f"model {model} was learned on {name}, and the arm here is {arm}.", hint=hint)
 
 
-@dataclass(frozen=True)
-class Snapshot:
-    """The models of one moment; a query is answered by one snapshot from its first byte to its last."""
-
-    pose: Model | None = None
-    joints: JointModel | None = None
-
-
 class Active:
-    """Holds the snapshot, and swaps it whole; safe to use from several threads."""
+    """Holds the models of poses and of joints, if any; safe to use from several threads.
+
+    A query is answered by the model that was there when its handler asked for it, from its first byte to its last.
+    """
 
     def __init__(self, pose: Model | None = None, joints: JointModel | None = None) -> None:
-        self._now = Snapshot(pose, joints)
+        self.pose, self.joints = pose, joints
         self._paused = False
         self._failures = 0
         self._lock = threading.Lock()
 
     @property
-    def now(self) -> Snapshot:
-        """The models of this moment."""
-        return self._now
-
-    @property
     def hashes(self) -> tuple[str, str]:
         """SHA-256 of the models of poses and of joints; empty where there is none, or it has none."""
-        now = self._now
-        return now.pose.hash if now.pose else "", now.joints.hash if now.joints else ""
+        pose, joints = self.pose, self.joints
+        return pose.hash if pose else "", joints.hash if joints else ""
 
     @property
     def state(self) -> State:
@@ -212,7 +202,7 @@ class Active:
             return "FAULT"
         if self._paused:
             return "PAUSED"
-        return "DISABLED" if self._now == Snapshot() else "ENABLED"
+        return "DISABLED" if self.pose is None and self.joints is None else "ENABLED"
 
     def activate(self, model: Model | JointModel) -> None:
         """Answer with another model from the next query on; those under way end with what they began with.
@@ -222,8 +212,10 @@ class Active:
         model : Model or JointModel
         """
         with self._lock:
-            part = "joints" if isinstance(model, JointModel) else "pose"
-            self._now = replace(self._now, **{part: model})  # type: ignore[arg-type]  # its own part
+            if isinstance(model, JointModel):
+                self.joints = model
+            else:
+                self.pose = model
             self._failures = 0
 
     def pause(self, paused: bool) -> None:
@@ -250,11 +242,11 @@ class Active:
 
     def pose_model(self) -> Model:
         """Return the model that answers poses; NO_MODEL where there is none, BUSY while paused, INTERNAL in FAULT."""
-        return self._answering(self._now.pose, "for poses", "gpcorrect serve MODEL")
+        return self._answering(self.pose, "for poses", "gpcorrect serve MODEL")
 
     def joint_model(self) -> JointModel:
         """Return the model that answers joints; raises as :meth:`pose_model`."""
-        return self._answering(self._now.joints, "for joints", "gpcorrect serve --joints JOINT_MODEL")
+        return self._answering(self.joints, "for joints", "gpcorrect serve --joints JOINT_MODEL")
 
     def _answering(self, model: M | None, what: str, start: str) -> M:
         state = self.state if self._paused or self._failures else "ENABLED"

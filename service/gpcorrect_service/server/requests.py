@@ -141,8 +141,7 @@ class RequestParser:
 
     def _failed(self, kind: Kind) -> None:
         """Count a failure against the model, unless it is well: then it was what this one client asked."""
-        now = self.active.now
-        model = now.joints if kind == "correct_joints" else now.pose
+        model = self.active.joints if kind == "correct_joints" else self.active.pose
         if kind in CORRECTIONS and not (model is not None and model.check.passes()):
             self.active.failed()
 

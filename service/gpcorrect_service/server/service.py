@@ -127,8 +127,7 @@ class Server:
             stack.callback(self._drain)
             self._declare(session, ros_session, parser, health)
             self._stack = stack.pop_all()
-        now = self.active.now
-        named = (("model", now.pose), ("joint_model", now.joints))
+        named = (("model", self.active.pose), ("joint_model", self.active.joints))
         facts = {f"{what}_{part}": getattr(m, part) for what, m in named if m for part in ("id", "hash")}
         self._logger.info("serving", endpoint=str(s.config_file or s.endpoint), **(facts or {"model_id": ""}))
 
@@ -169,7 +168,7 @@ class Server:
     ) -> None:
         """Declare the keys, the operator's and the monitor's last: who sees them finds the rest answering."""
         self._refusals.start()
-        if self._store is not None or self.active.now.joints is not None:
+        if self._store is not None or self.active.joints is not None:
             self._declare_stream(session)
         s = self.settings
         corrections = Corrections(parser).handlers()
@@ -209,7 +208,7 @@ class Server:
         self._queryables.enter_context(session.declare_queryable(key, callback, complete=True))
 
     def _answers_at_once(self) -> bool:
-        model = self.active.now.pose
+        model = self.active.pose
         return model is not None and model.quick
 
     def _receiver(
@@ -274,7 +273,7 @@ class Server:
             self._counters.add("estimate", "DROPPED", None)
 
         def _receive(sample: zenoh.Sample) -> None:
-            if self.active.now.joints is not None:
+            if self.active.joints is not None:
                 queue.offer(Request(sample.payload.to_bytes(), str(sample.encoding), b"", monotonic()))
 
         queue = WorkerQueue("estimate", _publish, _dropped, capacity=SAMPLES_WAITING, logger=self._logger)
@@ -329,40 +328,19 @@ def serve(
         raise DataError("there is nothing to serve.", hint="Name a model, --joints JOINT_MODEL, or --store FOLDER.")
     assert not isinstance(pose, models.JointModel)
     assert not isinstance(joints, models.Model)
-    run(pose, settings, stop_event, on_ready, joints=joints, store=folder)
+    # What the process has loaded by now it keeps: the collector need not walk through it while a planner waits.
+    gc.collect()
+    gc.freeze()
+    sys.setswitchinterval(SWITCH_SECONDS)
+    with _stop_signal(stop_event) as stop, Server(pose, settings, joints=joints, store=folder) as server:
+        if on_ready is not None:
+            on_ready(server)
+        wait_for(stop, server.follow_store)
 
 
 def _stored(store: ModelStore | None, kind: str) -> models.Model | models.JointModel | None:
     entry = None if store is None else store.active(kind)
     return None if store is None or entry is None else models.load_entry(store, entry)
-
-
-def run(
-    corrector: CommandCorrector | models.Model | None,
-    settings: ServerSettings | None = None,
-    stop_event: threading.Event | None = None,
-    on_ready: Callable[[Server], None] | None = None,
-    *,
-    joints: models.JointModel | None = None,
-    store: ModelStore | None = None,
-) -> None:
-    """Serve models that are already loaded.
-
-    Parameters
-    ----------
-    corrector, joints, store
-        As for :class:`Server`.
-    settings, stop_event, on_ready
-        As for :func:`serve`.
-    """
-    # What the process has loaded by now it keeps: the collector need not walk through it while a planner waits.
-    gc.collect()
-    gc.freeze()
-    sys.setswitchinterval(SWITCH_SECONDS)
-    with _stop_signal(stop_event) as stop, Server(corrector, settings, joints=joints, store=store) as server:
-        if on_ready is not None:
-            on_ready(server)
-        wait_for(stop, server.follow_store)
 
 
 @contextmanager
