@@ -17,9 +17,9 @@ from gpcorrect_service.protocol.answer import EstimateAnswer
 from gpcorrect_service.protocol.bounds import StreamClock
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import MSGPACK, JointState
+from gpcorrect_service.server.handlers import Estimator
 from gpcorrect_service.server.models import Active
 from gpcorrect_service.server.requests import Request
-from gpcorrect_service.server.stream import Estimator
 
 STEADY = 0.01 * np.arange(200)  # s
 

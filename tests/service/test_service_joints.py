@@ -28,10 +28,9 @@ from gpcorrect_service.protocol.messages import (
     JointState,
     codec_of,
 )
-from gpcorrect_service.server.handlers import Corrections
+from gpcorrect_service.server.handlers import Corrections, Estimator
 from gpcorrect_service.server.models import Active
 from gpcorrect_service.server.requests import Clock, Request, RequestParser, Response
-from gpcorrect_service.server.stream import Estimator
 
 NOW = 100.0
 Q = ((0.1, 0.2, 0.05), (0.2, 0.2, 0.06), (0.3, 0.2, 0.07))

@@ -14,9 +14,9 @@ from gpcorrect_service import ServerSettings
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.protocol.messages import MSGPACK, JointState
+from gpcorrect_service.server.handlers import Estimator
 from gpcorrect_service.server.models import Active, load_joint_model
 from gpcorrect_service.server.requests import Request
-from gpcorrect_service.server.stream import Estimator
 
 USES = {"estimate": {}, "command": {"direction": "command"}, "planned": {"input_signal": "setpoint_jp"}}
 

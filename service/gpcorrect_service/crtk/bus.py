@@ -190,33 +190,25 @@ class Bus:
         if self._node is None or not what.ros_type:
             return senders
         key, token = self._declare_ros(what, "MP")
-        publisher = self._latched(key) if what.latched else self._publisher(key, what)
-        senders.append(_ros_sender(publisher, gid_of(token), to_cdr))
+        senders.append(_ros_sender(self._publisher(key, what, late=what.latched), token, to_cdr))
         if what.child:
             base, child = f"{self.settings.arm}_base", f"{self.settings.arm}_{what.child}"
             key, token = self._declare_ros(TF, "MP", "tf")
-            senders.append(_ros_sender(self._publisher(key, TF), gid_of(token), lambda m: tf_cdr(m, base, child)))
+            senders.append(_ros_sender(self._publisher(key, TF), token, lambda m: tf_cdr(m, base, child)))
         return senders
 
-    def _publisher(self, key: str, what: Topic) -> zenoh.Publisher:
+    def _publisher(self, key: str, what: Topic, *, late: bool = False) -> zenoh.Publisher | AdvancedPublisher:
+        """Return a publisher; `late`: who comes late gets its last message, as from rmw_zenoh's transient-local ones."""
+        drop = zenoh.CongestionControl.DROP
+        if late:
+            cache = CacheConfig(max_samples=1)
+            advanced = declare_advanced_publisher(
+                self._session, key, congestion_control=drop, cache=cache, publisher_detection=True
+            )
+            return self._stack.enter_context(advanced)
         priority = zenoh.Priority.INTERACTIVE_HIGH if what.urgent else zenoh.Priority.DATA
-        return self._stack.enter_context(
-            self._session.declare_publisher(
-                key, congestion_control=zenoh.CongestionControl.DROP, priority=priority, express=True
-            )
-        )
-
-    def _latched(self, key: str) -> AdvancedPublisher:
-        """Return a publisher that gives its last message to who comes late, as rmw_zenoh's transient-local ones do."""
-        return self._stack.enter_context(
-            declare_advanced_publisher(
-                self._session,
-                key,
-                congestion_control=zenoh.CongestionControl.DROP,
-                cache=CacheConfig(max_samples=1),
-                publisher_detection=True,
-            )
-        )
+        publisher = self._session.declare_publisher(key, congestion_control=drop, priority=priority, express=True)
+        return self._stack.enter_context(publisher)
 
     def _declare_ros(self, what: Topic, kind: str, name: str = "") -> tuple[str, str]:
         """Show a topic in the ROS graph, under the arm's name or its own; return its key and its liveliness token."""
@@ -229,10 +221,10 @@ class Bus:
 
 
 def _ros_sender(
-    publisher: zenoh.Publisher | AdvancedPublisher, gid: bytes, encode: Callable[[Any], bytes]
+    publisher: zenoh.Publisher | AdvancedPublisher, token: str, encode: Callable[[Any], bytes]
 ) -> Callable[[Message], None]:
     """Return what sends messages on a ROS key, numbered, under the name that the publisher has there."""
-    numbers = itertools.count(1)
+    numbers, gid = itertools.count(1), gid_of(token)
 
     def _send(message: Message) -> None:
         beside = attachment(next(numbers), round(message.stamp * 1e9), gid)

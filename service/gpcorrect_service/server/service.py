@@ -30,11 +30,10 @@ from gpcorrect_service.protocol.messages import JSON, Kind
 from gpcorrect_service.protocol.sessions import live_key, open_server, wait_for
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server import models
-from gpcorrect_service.server.handlers import Admin, Corrections, Health
+from gpcorrect_service.server.handlers import Admin, Corrections, Estimator, Health
 from gpcorrect_service.server.queues import WorkerQueue
 from gpcorrect_service.server.requests import CORRECTIONS, Clock, Handler, Request, RequestParser, Response, refusal
 from gpcorrect_service.server.ros_service import RosService, open_ros
-from gpcorrect_service.server.stream import Estimator
 
 REFUSALS = 4096  # chosen by hand: BUSY answers that may wait to be sent; beyond it queries end without one
 # s, a tenth of Python's own: a thread that loads a model hands the interpreter over when a query waits for it.
