@@ -7,7 +7,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Coroutine, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
 from pathlib import Path
 from typing import Any, Generic, Literal, Self, TypeVar
 
@@ -249,14 +249,11 @@ class ClientBase(ABC, Generic[ReplyOf, TextOf, ModelOf, HealthOf]):
                 self._stack.close()
 
 
-class CorrectionClient(ClientBase[Reply, str, ModelAnswer, HealthAnswer]):
+class CorrectionClient(ClientBase[Reply, str, ModelAnswer, HealthAnswer], AbstractContextManager["CorrectionClient"]):
     """Asks a correction server from a planner; a context manager, safe to use from several threads.
 
     Questions and parameters: see :class:`gpcorrect_service.client.clients.ClientBase`.
     """
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from contextlib import suppress
-from typing import Literal, Self, TypeVar
+from contextlib import AbstractContextManager, suppress
+from typing import Literal, TypeVar
 
 import msgspec
 import zenoh
@@ -19,7 +19,7 @@ from gpcorrect_service.protocol.settings import ClientSettings
 S = TypeVar("S", messages.ModelListAnswer, messages.ActivateAnswer, messages.StateAnswer)
 
 
-class Operator:
+class Operator(AbstractContextManager["Operator"]):
     """Lists and activates models, pauses and goes on, at every server of an arm at once; a context manager.
 
     Parameters
@@ -32,9 +32,6 @@ class Operator:
         self._settings, self._patience = settings, patience
         self._build = RequestBuilder(settings, "json")
         self._session = open_client(settings)
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -5,10 +5,10 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import zenoh
 from zenoh.ext import AdvancedPublisher, CacheConfig, declare_advanced_publisher
@@ -76,7 +76,7 @@ class BusSettings:
 Refused = Callable[[ServiceError], None]
 
 
-class Bus:
+class Bus(AbstractContextManager["Bus"]):
     """Publishes and subscribes an arm's topics; a context manager.
 
     Parameters
@@ -103,9 +103,6 @@ class Bus:
             zid = str(self._session.info.zid())
             self._node = RmwNode(settings.ros_domain, zid, node, settings.ros_distro)
             self._stack.enter_context(self._session.liveliness().declare_token(self._node.node_token()))
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -198,7 +195,7 @@ class Bus:
         return senders
 
     def _publisher(self, key: str, what: Topic, *, late: bool = False) -> zenoh.Publisher | AdvancedPublisher:
-        """Return a publisher; `late`: who comes late gets its last message, as from rmw_zenoh's transient-local ones."""
+        """Return a publisher; a `late` one gives its last message to who comes late, as ROS calls "transient local"."""
         drop = zenoh.CongestionControl.DROP
         if late:
             cache = CacheConfig(max_samples=1)

@@ -6,10 +6,11 @@ import struct
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -47,7 +48,7 @@ class _Entry(msgspec.Struct, array_like=True):
     message: msgspec.Raw
 
 
-class Journal:
+class Journal(AbstractContextManager["Journal"]):
     """Writes messages beside a recording to come, until it is removed because the recording is written.
 
     A killed process leaves all but its last few dozen messages, a power cut all but the last half minute.
@@ -75,9 +76,6 @@ class Journal:
         self._lock = threading.Lock()
         self._file = self.path.open("xb")
         self._file.write(BEGINS + arm.encode() + b"\n")
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         with self._lock:

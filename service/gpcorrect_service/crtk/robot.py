@@ -6,9 +6,9 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from functools import partial
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -110,7 +110,7 @@ class RobotError(GpCorrectError):
     """A robot that is not there, does not obey, or says why it cannot."""
 
 
-class Robot:
+class Robot(AbstractContextManager["Robot"]):
     """Commands one arm and knows its latest state, by its topics on `bus`; a context manager.
 
     Parameters
@@ -139,9 +139,6 @@ class Robot:
         except RobotError:
             self.bus.close()
             raise
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.bus.close()

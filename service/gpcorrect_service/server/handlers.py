@@ -1,4 +1,4 @@
-"""What answers the keys (corrections; models and pausing, for operators; health and metrics, for monitors) and the stream.
+"""What answers the keys: corrections; models and pausing, for operators; health and metrics, for monitors; the stream.
 
 On the stream the robot's `measured_js` come in, and true joints and their spread go out on `estimate`.
 """
