@@ -19,7 +19,7 @@ from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.protocol.messages import CODECS, MSGPACK
 from gpcorrect_service.server.handlers import Estimator
 from gpcorrect_service.server.models import Active, JointModel, load_joint_model
-from gpcorrect_service.server.requests import Request
+from gpcorrect_service.server.requests import Clock, Request, RequestParser
 
 STEP = 0.01  # s between samples
 FOREIGN, GOOD = 500, 20  # samples in turn
@@ -47,7 +47,8 @@ class _Arm:
 
     def _fresh(self, counters: Counters) -> Estimator:
         logger = open_logger(sys.stderr)
-        return Estimator(Active(None, self._model), ServerSettings(), counters, logger, lambda: self._now)
+        active, clock = Active(None, self._model), Clock(lambda: self._now)
+        return Estimator(RequestParser(active, ServerSettings(), logger, clock), counters)
 
     def sample(self) -> dict[str, Any]:
         """Return the next good one."""

@@ -19,7 +19,7 @@ from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import MSGPACK, JointState
 from gpcorrect_service.server.handlers import Estimator
 from gpcorrect_service.server.models import Active
-from gpcorrect_service.server.requests import Request
+from gpcorrect_service.server.requests import Clock, Request, RequestParser
 
 STEADY = 0.01 * np.arange(200)  # s
 
@@ -54,9 +54,9 @@ def test_a_clock_that_is_set_back_is_believed_after_a_second() -> None:
 def test_estimates_of_samples_that_waited_in_a_socket_are_stale() -> None:
     """A server that was stopped for five seconds says STALE of all that came in meanwhile, and OK of what is new."""
     now = [10.0]
-    estimator = Estimator(
-        Active(None, lagging_joints()), ServerSettings(), Counters(), open_logger(io.StringIO()), lambda: now[0]
-    )
+    clock = Clock(lambda: now[0])
+    parser = RequestParser(Active(None, lagging_joints()), ServerSettings(), open_logger(io.StringIO()), clock)
+    estimator = Estimator(parser, Counters())
 
     def status(stamp: float) -> str:
         payload = MSGPACK.encode(JointState(float(stamp), (0.0, 0.0, 0.1)))

@@ -135,7 +135,8 @@ def stream() -> MakeStream:
     def make(**options: Any) -> Stream:
         active, counters = Active(joints=lagging_joints()), Counters()
         settings = ServerSettings(replica="r1", **options)
-        return Stream(active, counters, Estimator(active, settings, counters, open_logger(io.StringIO()), lambda: NOW))
+        parser = RequestParser(active, settings, open_logger(io.StringIO()), Clock(lambda: NOW))
+        return Stream(active, counters, Estimator(parser, counters))
 
     return make
 
@@ -236,7 +237,7 @@ def test_no_bytes_bring_the_stream_down(payload: bytes) -> None:
     """Whatever bytes come, the estimator answers, or refuses and counts."""
     active, counters = Active(joints=lagging_joints()), Counters()
     logger = open_logger(io.StringIO())
-    estimator = Estimator(active, ServerSettings(), counters, logger, lambda: NOW)
+    estimator = Estimator(RequestParser(active, ServerSettings(), logger, Clock(lambda: NOW)), counters)
     for encoding in ("application/json", "application/msgpack", "zenoh/bytes", "text/plain"):
         estimator.estimate(Request(payload, encoding, b"", NOW))
     assert sum(counters.counts()["estimate"].values()) == 4

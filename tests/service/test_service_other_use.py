@@ -16,7 +16,7 @@ from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.protocol.messages import MSGPACK, JointState
 from gpcorrect_service.server.handlers import Estimator
 from gpcorrect_service.server.models import Active, load_joint_model
-from gpcorrect_service.server.requests import Request
+from gpcorrect_service.server.requests import Clock, Request, RequestParser
 
 USES = {"estimate": {}, "command": {"direction": "command"}, "planned": {"input_signal": "setpoint_jp"}}
 
@@ -37,7 +37,8 @@ def test_only_a_model_of_reported_joints_estimates_where_they_are(joint_files: d
     """Samples of the stream are refused and counted, for the other way round the error would double."""
     for file, answered in (("estimate", True), (name, False)):
         model, counters = load_joint_model(joint_files[file]), Counters()
-        estimator = Estimator(Active(joints=model), ServerSettings(), counters, open_logger(io.StringIO()), lambda: 1.0)
+        logger, clock = open_logger(io.StringIO()), Clock(lambda: 1.0)
+        estimator = Estimator(RequestParser(Active(joints=model), ServerSettings(), logger, clock), counters)
         middle = (model.corrector.trained.low + model.corrector.trained.high) / 2
         sample = Request(
             MSGPACK.encode(JointState(10.0, tuple(middle.tolist()))), MSGPACK.encoding("joint_state"), b"", 1.0

@@ -18,14 +18,12 @@ from gpcorrect.calibration import Entry, JointStream, ModelStore, last_measured,
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
 from gpcorrect.types import FloatArray
-from gpcorrect_service.ops.logger import Logger
 from gpcorrect_service.ops.metrics import OPENMETRICS, Counters, Metrics
 from gpcorrect_service.protocol import limits, messages, ros
 from gpcorrect_service.protocol.answer import EstimateAnswer, JointsAnswer, PathAnswer, PoseAnswer, pack
 from gpcorrect_service.protocol.bounds import RateBound, StreamClock
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
-from gpcorrect_service.protocol.settings import ServerSettings
-from gpcorrect_service.server.models import Active, JointModel, Model, check_arm, load_entry
+from gpcorrect_service.server.models import JointModel, Model, check_arm, load_entry
 from gpcorrect_service.server.queues import WorkerQueue
 from gpcorrect_service.server.requests import Handler, Parsed, Request, RequestParser, Response, plain_response
 
@@ -295,16 +293,9 @@ class Estimator:
     Of refused samples the first and every thousandth are logged.
     """
 
-    def __init__(
-        self,
-        active: Active,
-        settings: ServerSettings,
-        counters: Counters,
-        logger: Logger,
-        monotonic: Callable[[], float],
-    ) -> None:
-        self._active, self._settings, self._counters, self._logger = active, settings, counters, logger
-        self._monotonic = monotonic
+    def __init__(self, parser: RequestParser, counters: Counters) -> None:
+        self._active, self._settings, self._logger = parser.active, parser.settings, parser.logger
+        self._counters, self._monotonic = counters, parser.clock.monotonic
         self._refused = 0
         self._model: JointModel | None = None
         self._stream: JointStream | None = None

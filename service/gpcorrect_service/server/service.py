@@ -168,7 +168,7 @@ class Server:
         """Declare the keys, the operator's and the monitor's last: who sees them finds the rest answering."""
         self._refusals.start()
         if self._store is not None or self.active.joints is not None:
-            self._declare_stream(session)
+            self._declare_stream(session, parser)
         s = self.settings
         corrections = Corrections(parser).handlers()
         admin = Admin(parser, self._store, lambda: self._announce(session))
@@ -255,10 +255,10 @@ class Server:
         except zenoh.ZError as error:
             self._logger.warning("reply not sent", kind=job.kind, status=response.status, cause=str(error))
 
-    def _declare_stream(self, session: zenoh.Session) -> None:
+    def _declare_stream(self, session: zenoh.Session, parser: RequestParser) -> None:
         """Listen to the robot's joints, and publish estimates."""
         s, monotonic = self.settings, self._clock.monotonic
-        estimator = Estimator(self.active, s, self._counters, self._logger, monotonic)
+        estimator = Estimator(parser, self._counters)
         # Not express: a packet for every estimate fills the two packets that zenoh holds, and more would be dropped.
         drop = zenoh.CongestionControl.DROP
         publisher = session.declare_publisher(f"{s.arm}/estimate", congestion_control=drop)
