@@ -10,7 +10,7 @@ from gpcorrect_service.crtk.bus import read_message
 from gpcorrect_service.crtk.messages import TOPICS, JointState, OperatingState, Pose, Text, from_cdr, to_cdr
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.limits import checked_stamp
-from gpcorrect_service.protocol.ros import RmwNode, attachment, gid_of, rmw_key, ros_types
+from gpcorrect_service.protocol.ros import RmwNode, attachment, rmw_key, ros_types
 
 MESSAGES = [
     ("measured_js", JointState(1.5, (0.1, -0.2), (1.0, 2.0), (3.0, 4.0))),
@@ -91,7 +91,7 @@ def test_keys_are_those_of_rmw_zenoh():
 
 def test_attachments_are_33_bytes_as_rmw_zenoh_writes_them():
     """Number and time little-endian, the length of the sender's id, and the id."""
-    gid = gid_of("somebody")
+    gid = b"sixteen bytes id"
     data = attachment(7, 1_700_000_000_123_456_789, gid)
     assert len(data) == 33
     assert data[16] == 16

@@ -17,7 +17,7 @@ from gpcorrect.errors import LogError
 from gpcorrect.logs import read_log
 from gpcorrect_service.crtk import Bus, BusSettings, JointState, Pose
 from gpcorrect_service.crtk.messages import Event
-from gpcorrect_service.crtk.recorder import Journal, Recorder, read_journal
+from gpcorrect_service.crtk.recorder import Journal, Recorder, recovered
 
 STEP, BEGIN = 0.01, 1000.0
 NUMBER = 40  # of messages in a journal
@@ -127,9 +127,9 @@ def test_a_torn_end_is_left_out(journal: Path) -> None:
     whole = journal.read_bytes()
     for end in range(len(whole) - 100, len(whole)):
         journal.write_bytes(whole[:end])
-        arm, entries = read_journal(journal)
-        assert arm == "left"
-        assert len(list(entries)) in (NUMBER - 2, NUMBER - 1)
+        found = recovered(journal)
+        assert found.arm == "left"
+        assert len(found.messages["measured_cp"]) in (NUMBER - 2, NUMBER - 1)
 
 
 def test_a_message_that_no_arm_sends_does_not_make_the_journal_unreadable(tmp_path: Path) -> None:
@@ -138,7 +138,7 @@ def test_a_message_that_no_arm_sends_does_not_make_the_journal_unreadable(tmp_pa
     with Journal(tmp_path / "run.csv", "left") as file:
         for message in (pose, Pose(2.0, pose.pose, "x" * (1 << 16)), Pose(3.0, pose.pose)):
             file.write("measured_cp", 0, message)
-    assert [message.stamp for _, _, message in read_journal(file.path)[1]] == [1.0, 3.0]
+    assert [came.message.stamp for came in recovered(file.path).messages["measured_cp"]] == [1.0, 3.0]
 
 
 def test_what_was_altered_is_refused_wherever_it_begins(journal: Path) -> None:
@@ -147,4 +147,4 @@ def test_what_was_altered_is_refused_wherever_it_begins(journal: Path) -> None:
     for first in range(400, 500):
         journal.write_bytes(whole[:first] + b"\xff" * 300 + whole[first + 300 :])
         with pytest.raises(LogError, match="altered"):
-            list(read_journal(journal)[1])
+            recovered(journal)

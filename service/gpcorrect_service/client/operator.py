@@ -34,10 +34,6 @@ class Operator(AbstractContextManager["Operator"]):
         self._session = open_client(settings)
 
     def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close the connection."""
         with suppress(zenoh.ZError):  # a server that hangs does not say goodbye
             self._session.close()  # type: ignore[no-untyped-call]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import json
 from collections.abc import Callable
@@ -18,7 +19,7 @@ from gpcorrect_service.crtk.messages import TF, TOPICS, Message, Topic, from_cdr
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError, bad_input
 from gpcorrect_service.protocol.limits import checked_stamp
 from gpcorrect_service.protocol.messages import JSON, MSGPACK
-from gpcorrect_service.protocol.ros import DEFAULT_QOS, LATCHED_QOS, RmwNode, attachment, gid_of, rmw_key
+from gpcorrect_service.protocol.ros import DEFAULT_QOS, GID_BYTES, LATCHED_QOS, RmwNode, attachment, rmw_key
 from gpcorrect_service.protocol.sessions import (
     COMMON,
     check_certificates,
@@ -221,7 +222,8 @@ def _ros_sender(
     publisher: zenoh.Publisher | AdvancedPublisher, token: str, encode: Callable[[Any], bytes]
 ) -> Callable[[Message], None]:
     """Return what sends messages on a ROS key, numbered, under the name that the publisher has there."""
-    numbers, gid = itertools.count(1), gid_of(token)
+    # Of a sender's name only that it differs from others' matters.
+    numbers, gid = itertools.count(1), hashlib.blake2b(token.encode(), digest_size=GID_BYTES).digest()
 
     def _send(message: Message) -> None:
         beside = attachment(next(numbers), round(message.stamp * 1e9), gid)

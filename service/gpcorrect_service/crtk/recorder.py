@@ -128,24 +128,8 @@ def require_no_journal(recording: Path) -> None:
     require_folder(path)
 
 
-def read_journal(path: Path) -> tuple[str, Iterator[tuple[str, int, Any]]]:
-    """Return the arm of a journal, and its messages in the order in which they came; a torn end is left out.
-
-    Parameters
-    ----------
-    path : path, LogError where there is no such file, or no journal, or, while it is read, where it was altered
-    """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise LogError(f"it cannot be read ({error.strerror}).", path=str(path)) from error
-    head, _, rest = content.removeprefix(BEGINS).partition(b"\n")
-    if not content.startswith(BEGINS):
-        raise LogError("it is not what a recorder leaves.", path=str(path), hint=f"Its name ends in {SUFFIX}.")
-    return head.decode(errors="replace"), _entries(path, memoryview(rest))
-
-
 def _entries(path: Path, rest: memoryview) -> Iterator[tuple[str, int, Any]]:
+    """Give topic, epoch and message in the order in which they came; a torn end is left out."""
     read = msgspec.msgpack.Decoder(_Entry)
     while len(rest) >= LENGTH.size:
         (length,) = LENGTH.unpack(rest[: LENGTH.size])
@@ -291,13 +275,19 @@ def recovered(path: Path) -> Recording:
 
     Parameters
     ----------
-    path : path, its journal; LogError where it is none, or was altered
+    path : path, its journal; LogError where there is no such file, or it is none, or was altered
     """
-    arm, entries = read_journal(path)
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise LogError(f"it cannot be read ({error.strerror}).", path=str(path)) from error
+    arm, _, rest = content.removeprefix(BEGINS).partition(b"\n")
+    if not content.startswith(BEGINS):
+        raise LogError("it is not what a recorder leaves.", path=str(path), hint=f"Its name ends in {SUFFIX}.")
     came: dict[str, list[Came]] = {"event": []}
-    for name, epoch, message in entries:
+    for name, epoch, message in _entries(path, memoryview(rest)):
         came.setdefault(name, []).append(Came(epoch, message))
-    return _recording(arm, came)
+    return _recording(arm.decode(errors="replace"), came)
 
 
 def _recording(arm: str, came: Mapping[str, Sequence[Came]]) -> Recording:

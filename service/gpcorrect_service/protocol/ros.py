@@ -6,7 +6,6 @@ document and the released sources of rmw_zenoh_cpp (0.2.4 in Jazzy and newer; Hu
 
 from __future__ import annotations
 
-import hashlib
 import struct
 from dataclasses import dataclass
 from functools import lru_cache
@@ -276,16 +275,6 @@ class RmwNode:
         mangled = "%" + topic.strip("/").replace("/", "%")
         described = f"{mangled}/{_type_and_hash(ros_type, self.distro)}/{qos}"
         return f"@ros2_lv/{self.domain}/{self.zid}/0/{number}/{kind}/%/%/{self.name}/{described}"
-
-
-def gid_of(token: str) -> bytes:
-    """Return a sender's 16 bytes: only that they differ from others' matters.
-
-    Parameters
-    ----------
-    token : str
-    """
-    return hashlib.blake2b(token.encode(), digest_size=GID_BYTES).digest()
 
 
 def _type_and_hash(ros_type: str, distro: RosDistro) -> str:
