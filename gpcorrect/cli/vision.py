@@ -188,8 +188,7 @@ def track(
         bool, typer.Option("--measured-only", help="Leave out poses that were predicted through an occlusion.")
     ] = False,
     first_look: Annotated[
-        bool,
-        typer.Option("--first-look/--no-first-look", help="Check what was given, and learn delays, first."),
+        bool, typer.Option("--first-look/--no-first-look", help="Check what was given, and learn delays, first.")
     ] = True,
     workers: Annotated[int, typer.Option(help="Whole pictures searched at the same time.", min=1)] = 2,
     *,
@@ -272,24 +271,20 @@ def fit(
 
     Example: gpcorrect vision fit monday.parquet --method gp --output estimator.gpc
     """
-    from gpcorrect.calibration import (
-        FitSettings,
-        PositionEstimator,
-        learner_named,
-        position_reductions,
-        require_model_place,
-    )
+    from gpcorrect import calibration
 
-    require_model_place(output)
+    calibration.require_model_place(output)
     page = opt.report_page(report)
-    learner_named(method)
+    calibration.learner_named(method)
     # Peng et al. 2020; its batch normalisation is left out
     paper: dict[str, Any] = {"layers": (600, 500, 400), "epochs": 60}
-    settings = FitSettings(method=method, extra=console.split_names(extra or ""), seed=seed, **paper)
+    settings = calibration.FitSettings(method=method, extra=console.split_names(extra or ""), seed=seed, **paper)
     log = read_logs(logs, columns, as_is=as_is, learned=STATE)
-    experiment = console.fitted(log, settings, output, page, quiet=json, task=PositionEstimator, holdout=holdout)
+    experiment = console.fitted(
+        log, settings, output, page, quiet=json, task=calibration.PositionEstimator, holdout=holdout
+    )
     console.note(*experiment.fit.remarks, *(experiment.evaluation.cautions if experiment.evaluation else ()))
-    figures = {**experiment.to_dict(), "method": method, **position_reductions(experiment.evaluation)}
+    figures = {**experiment.to_dict(), "method": method, **calibration.position_reductions(experiment.evaluation)}
     if json:
         console.print_json(figures)
         return

@@ -131,12 +131,7 @@ class PinnedModels:
         self.change(model_hash)
 
     def change(self, model_hash: str = "") -> None:
-        """Take another model from the next answer on.
-
-        Parameters
-        ----------
-        model_hash : str, as for the class
-        """
+        """Take another model from the next answer on; its hash as for the class."""
         self._required = model_hash
         self._hashes: dict[str, str] = {}
         self._bounds: dict[str, str] = {}

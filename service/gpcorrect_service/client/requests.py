@@ -108,26 +108,14 @@ class RequestBuilder:
         self._numbers = itertools.count(1)
 
     def correct(self, pose: ArrayLike, twist: ArrayLike | None) -> Question[Reply]:
-        """Ask what to command instead of one pose.
-
-        Parameters
-        ----------
-        pose : (7,) or (3,) array
-        twist : (6,) array or None
-        """
+        """Ask what to command instead of one pose; arguments of this and the next two are those of the client's."""
         asked = _array(pose, "pose", 1)
         given = None if twist is None else tuple(_array(twist, "twist", 1).tolist())
         body = messages.CorrectRequest(tuple(asked.tolist()), given)
         return self._correction("correct", body, PoseAnswer, lambda error: self._registered(asked, error))
 
     def correct_path(self, poses: ArrayLike, times: ArrayLike) -> Question[Reply]:
-        """Ask what to command instead of a path.
-
-        Parameters
-        ----------
-        poses : (n, 7) or (n, 3) array
-        times : (n,) array, s
-        """
+        """Ask what to command instead of a path."""
         asked = _array(poses, "poses", 2)
         body = messages.CorrectPathRequest(tuple(asked.tolist()), tuple(_array(times, "times", 1).tolist()))
         return self._correction("correct_path", body, PathAnswer, lambda error: self._registered(asked, error))
@@ -135,14 +123,7 @@ class RequestBuilder:
     def correct_joints(
         self, q: ArrayLike, times: ArrayLike, efforts: ArrayLike | None, sessions: Sequence[int] | None
     ) -> Question[Reply]:
-        """Ask what true joints belong to a path of reported ones.
-
-        Parameters
-        ----------
-        q, efforts : (n, d) arrays, NaN where missing; efforts may be None
-        times : (n,) array, s
-        sessions : n int or None
-        """
+        """Ask what true joints belong to a path of reported ones."""
         joints = _array(q, "joints", 2)
         body = messages.CorrectJointsRequest(
             nullable(joints),

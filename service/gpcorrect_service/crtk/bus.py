@@ -16,18 +16,11 @@ from zenoh.ext import AdvancedPublisher, CacheConfig, declare_advanced_publisher
 
 from gpcorrect.errors import DataError
 from gpcorrect_service.crtk.messages import TF, TOPICS, Message, Topic, from_cdr, tf_cdr, to_cdr
+from gpcorrect_service.protocol import sessions
 from gpcorrect_service.protocol.errors import EndpointError, ServiceError, bad_input
 from gpcorrect_service.protocol.limits import checked_stamp
 from gpcorrect_service.protocol.messages import JSON, MSGPACK
 from gpcorrect_service.protocol.ros import DEFAULT_QOS, GID_BYTES, LATCHED_QOS, RmwNode, attachment, rmw_key
-from gpcorrect_service.protocol.sessions import (
-    COMMON,
-    check_certificates,
-    make_config,
-    namespace_of,
-    open_zenoh,
-    read_config,
-)
 from gpcorrect_service.protocol.settings import DEFAULT_NAMESPACE, RosDistro, check_loopback, refuse_two_places
 
 CLAIM_SECONDS = 2.0  # chosen by hand: in which a router says who else there is; it answers at once
@@ -278,7 +271,7 @@ def open_session(settings: BusSettings) -> zenoh.Session:
     hint = "Another program may hold this address." if hub else "Start the arm first: gpcorrect sim serve"
     if settings.config_file is not None:
         hint = f"Why: gpcorrect doctor --config {settings.config_file}"
-    return open_zenoh(config, lambda said: EndpointError(settings.where, f"{what} ({said}).", hint=hint))
+    return sessions.open_zenoh(config, lambda said: EndpointError(settings.where, f"{what} ({said}).", hint=hint))
 
 
 def check_place(settings: BusSettings) -> None:
@@ -288,23 +281,23 @@ def check_place(settings: BusSettings) -> None:
     ----------
     settings : BusSettings
     """
-    check_certificates(_config(settings))
+    sessions.check_certificates(_config(settings))
 
 
 def _config(settings: BusSettings) -> zenoh.Config:
     """Return a hub's or a client's configuration; keys are written with the namespace here, so zenoh adds none."""
     hub = settings.role == "hub"
     if settings.config_file is None:
-        return make_config(
+        return sessions.make_config(
             {
-                **COMMON,
+                **sessions.COMMON,
                 "mode": "router" if hub else "client",
                 "listen/endpoints": [settings.endpoint] if hub else [],
                 "connect/endpoints": [] if hub else [settings.endpoint],
                 "connect/retry": {"period_init_ms": 50, "period_max_ms": 500, "period_increase_factor": 2},
             }
         )
-    config = read_config(settings.config_file)
+    config = sessions.read_config(settings.config_file)
     if config.get_json("mode") != '"client"':
         raise DataError(f"{settings.config_file} is not a client's configuration.", hint='Its mode must be "client".')
     config.insert_json5("namespace", "null")
@@ -321,4 +314,5 @@ def in_namespace(settings: BusSettings) -> BusSettings:
     """
     if settings.config_file is None:
         return settings
-    return replace(settings, namespace=namespace_of(read_config(settings.config_file), settings.namespace))
+    config = sessions.read_config(settings.config_file)
+    return replace(settings, namespace=sessions.namespace_of(config, settings.namespace))

@@ -17,15 +17,8 @@ from typing import Any, Literal
 import zenoh
 
 from gpcorrect.errors import DataError
+from gpcorrect_service.protocol import sessions
 from gpcorrect_service.protocol.errors import EndpointError
-from gpcorrect_service.protocol.sessions import (
-    LIVE_KEYS,
-    ExpiredError,
-    check_certificates,
-    client_config,
-    differing,
-    open_zenoh,
-)
 from gpcorrect_service.protocol.settings import ENDPOINT, ClientSettings
 
 PATIENCE = 3.0  # chosen by hand: s for each step
@@ -86,10 +79,10 @@ def examine(settings: ClientSettings) -> Iterator[Finding]:
     ----------
     settings : ClientSettings
     """
-    config = client_config(settings)
+    config = sessions.client_config(settings)
     try:
-        end = check_certificates(config)
-    except ExpiredError as error:
+        end = sessions.check_certificates(config)
+    except sessions.ExpiredError as error:
         yield Finding("tls", str(settings.config_file), False, EXPIRED, f"{error.message} {error.hint}")
         return
     if end is not None:
@@ -163,7 +156,7 @@ def _conversation(config: zenoh.Config, settings: ClientSettings, endpoints: lis
         config.insert_json5(key, json.dumps(value))
     where = f"{settings.namespace}/{settings.arm}"
     try:
-        session = open_zenoh(config, lambda said: EndpointError(where, said))
+        session = sessions.open_zenoh(config, lambda said: EndpointError(where, said))
     except EndpointError:
         yield Finding("login", where, False, *_login_trouble(config, endpoints))
         return
@@ -171,8 +164,8 @@ def _conversation(config: zenoh.Config, settings: ClientSettings, endpoints: lis
         yield Finding("login", where, True)
         seen = _visible_keys(session, settings.arm)
         # Tokens of the servers; none where the access rules hide them.
-        tokens = session.liveliness().get(f"{settings.arm}/{LIVE_KEYS}", timeout=PATIENCE)
-        differ = differing(str(token.ok.key_expr) for token in tokens if token.ok is not None)
+        tokens = session.liveliness().get(f"{settings.arm}/{sessions.LIVE_KEYS}", timeout=PATIENCE)
+        differ = sessions.differing(str(token.ok.key_expr) for token in tokens if token.ok is not None)
     if not any(seen.values()):
         step = "No key of this arm is to be seen: does a server run under these names, and may this user ask it?"
         yield Finding("server", where, False, "no server, or every key denied", step)

@@ -11,18 +11,9 @@ import msgspec
 
 from gpcorrect.errors import DataError
 from gpcorrect_service.ops.logger import Logger
+from gpcorrect_service.protocol import messages
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
-from gpcorrect_service.protocol.messages import (
-    JSON,
-    MSGPACK,
-    SCHEMA_VERSION,
-    Codec,
-    ErrorAnswer,
-    Kind,
-    ReplyMeta,
-    RequestMeta,
-    codec_of,
-)
+from gpcorrect_service.protocol.messages import Codec, Kind
 from gpcorrect_service.protocol.ros import CALL_ENCODING, CDR_ENCODING
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server.models import Active, JointModel, Model
@@ -68,7 +59,7 @@ class Parsed(msgspec.Struct, frozen=True):
     kind: Kind
     request: Request
     codec: Codec
-    meta: RequestMeta
+    meta: messages.RequestMeta
     started: float
 
 
@@ -95,7 +86,7 @@ class RequestParser:
         """
         return {kind: partial(self._answer, kind, work) for kind, work in works.items()}
 
-    def meta(self, parsed: Parsed, model: Model | JointModel) -> ReplyMeta:
+    def meta(self, parsed: Parsed, model: Model | JointModel) -> messages.ReplyMeta:
         """Return what travels beside an answer.
 
         Parameters
@@ -104,17 +95,17 @@ class RequestParser:
         model : Model or JointModel
         """
         now, serving = self.clock.wall(), self.clock.monotonic() - parsed.started
-        return ReplyMeta(
+        return messages.ReplyMeta(
             parsed.meta.request_id, model.id, model.hash, self.settings.replica, now, serving, bounds=self._bounds
         )
 
     def _answer(self, kind: Kind, work: Work, request: Request) -> Response:
         started = self.clock.monotonic()
-        codec, meta = JSON, RequestMeta()
+        codec, meta = messages.JSON, messages.RequestMeta()
         try:
             # What travels beside CDR is JSON.
             cdr = kind == "correct" and request.encoding.startswith((CDR_ENCODING, CALL_ENCODING))
-            codec = JSON if cdr else codec_of(request.encoding, kind)
+            codec = messages.JSON if cdr else messages.codec_of(request.encoding, kind)
             meta = _read_meta(codec, request.attachment)
             age = started - request.arrived
             if meta.deadline is not None and age > meta.deadline:
@@ -166,7 +157,7 @@ def refusal(request: Request, error: ServiceError, replica: str) -> Response:
     error : ServiceError
     replica : str
     """
-    codec = MSGPACK if request.encoding.startswith(MSGPACK.media_type) else JSON
+    codec = messages.MSGPACK if request.encoding.startswith(messages.MSGPACK.media_type) else messages.JSON
     try:
         request_id = _read_meta(codec, request.attachment).request_id
     except ServiceError as unread:
@@ -174,13 +165,13 @@ def refusal(request: Request, error: ServiceError, replica: str) -> Response:
     return _error_response(codec, error, replica, request_id)
 
 
-def _read_meta(codec: Codec, attachment: bytes) -> RequestMeta:
+def _read_meta(codec: Codec, attachment: bytes) -> messages.RequestMeta:
     """Read what travels beside a request; nothing there means no deadline and no name."""
     if not attachment:
-        return RequestMeta()
-    meta = codec.decode(RequestMeta, attachment)
-    if not 1 <= meta.schema_version <= SCHEMA_VERSION:
-        cause = f"the request has schema {meta.schema_version}; this server speaks up to {SCHEMA_VERSION}."
+        return messages.RequestMeta()
+    meta = codec.decode(messages.RequestMeta, attachment)
+    if not 1 <= meta.schema_version <= messages.SCHEMA_VERSION:
+        cause = f"the request has schema {meta.schema_version}; this server speaks up to {messages.SCHEMA_VERSION}."
         hint = "Upgrade the server, or use the client of its version."
         raise ServiceError("BAD_INPUT", cause, hint=hint, request_id=meta.request_id)
     if meta.deadline is not None and not meta.deadline > 0:
@@ -190,5 +181,5 @@ def _read_meta(codec: Codec, attachment: bytes) -> RequestMeta:
 
 
 def _error_response(codec: Codec, error: ServiceError, replica: str, request_id: str) -> Response:
-    message = ErrorAnswer(error.status, error.message, error.hint, error.request_id or request_id, replica)
+    message = messages.ErrorAnswer(error.status, error.message, error.hint, error.request_id or request_id, replica)
     return Response(codec.encode(message), codec.encoding("error"), b"", error.status, is_error=True)

@@ -82,13 +82,7 @@ class RosService:
         return self._in_ros(request, self._correct(asked))
 
     def refuse(self, request: Request, error: ServiceError, replica: str) -> Response:
-        """Refuse a question that nobody read.
-
-        Parameters
-        ----------
-        request, error, replica
-            As for :func:`refusal`.
-        """
+        """Refuse a question that nobody read, as :func:`refusal` does."""
         return self._in_ros(request, refusal(Request(b"", "", b"", request.arrived), error, replica))
 
     def _in_ros(self, request: Request, response: Response) -> Response:
