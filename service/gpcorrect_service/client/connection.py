@@ -28,15 +28,6 @@ def matched(querier: zenoh.Querier) -> bool:
     return bool(status.matching)
 
 
-def _undeclared(querier: zenoh.Querier) -> bool:
-    """Undeclare a querier, unless another thread sends a question with it just now: then zenoh has it "borrowed"."""
-    try:
-        querier.undeclare()  # type: ignore[no-untyped-call]
-    except RuntimeError:
-        return False
-    return True
-
-
 class Querier:
     """Two ways to ask one key: the nearest server, then every server.
 
@@ -113,8 +104,12 @@ class Querier:
         """
         for one in (self._nearest, self.everyone):
             with suppress(zenoh.ZError):
-                while not _undeclared(one):
-                    time.sleep(POLL_SECONDS)
+                while True:
+                    try:
+                        one.undeclare()  # type: ignore[no-untyped-call]
+                        break
+                    except RuntimeError:  # "borrowed": another thread sends a question with it just now
+                        time.sleep(POLL_SECONDS)
 
     def silence(self) -> ServiceError:
         """Return the error of a query that nobody answered."""

@@ -55,7 +55,8 @@ class Journal(AbstractContextManager["Journal"]):
 
     Parameters
     ----------
-    recording : Path, the file to come; the journal has its name and `.unfinished` behind it
+    recording : Path
+        The file to come; the journal has its name and `.unfinished` behind it, and is never written over another.
     arm : str
 
     Attributes
@@ -63,11 +64,6 @@ class Journal(AbstractContextManager["Journal"]):
     path : Path
     failed : OSError or None
         Why messages are not written any more: the disk is full. The recorder goes on without.
-
-    Raises
-    ------
-    GpCorrectError
-        The journal of an earlier recording is there: it is not overwritten.
     """
 
     def __init__(self, recording: Path, arm: str) -> None:

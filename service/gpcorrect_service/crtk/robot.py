@@ -183,16 +183,11 @@ class Robot(AbstractContextManager["Robot"]):
             self.operate("home")
 
     def operate(self, command: str) -> None:
-        """Send a state command, and wait until the robot's state obeys it.
+        """Send a state command, and wait until the robot's state obeys it; RobotError where it does not.
 
         Parameters
         ----------
-        command : str, one of `OPERATIONS`
-
-        Raises
-        ------
-        DataError, RobotError
-            There is no such command; it does not obey.
+        command : str, one of `OPERATIONS`; DataError for another
         """
         obeyed = OPERATIONS.get(command)
         if obeyed is None:

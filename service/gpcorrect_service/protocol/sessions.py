@@ -114,8 +114,9 @@ class ExpiredError(DataError):
 
 
 def check_certificates(config: zenoh.Config) -> datetime.datetime | None:
-    """Return when the first certificate expires, None where there is none; what is no certificate is left to zenoh.
+    """Return when the first certificate expires, None without one; ExpiredError where one has, or is not valid yet.
 
+<<<<<<< HEAD
     Parameters
     ----------
     config : zenoh.Config
@@ -124,6 +125,9 @@ def check_certificates(config: zenoh.Config) -> datetime.datetime | None:
     ------
     ExpiredError
         One has expired, or is not valid yet.
+=======
+    What is no certificate is left to zenoh.
+>>>>>>> 1fcb48f7 (Errors of one kind are said in the sentence that says what they are of; a borrowed querier is waited for where it is taken back)
     """
     tls, ends = json.loads(config.get_json("transport/link/tls")) or {}, []
     now = datetime.datetime.now(datetime.UTC)

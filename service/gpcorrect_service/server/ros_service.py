@@ -22,12 +22,8 @@ def open_ros(settings: ServerSettings) -> zenoh.Session:
 
     Parameters
     ----------
-    settings : ServerSettings, of a server that listens by now; or that is a client itself, of a router
-
-    Raises
-    ------
-    EndpointError
-        The server cannot be reached.
+    settings : ServerSettings
+        Of a server that listens by now, or is a client of a router itself; EndpointError where it cannot be reached.
     """
     config = server_config(settings)
     config.insert_json5("namespace", "null")
