@@ -85,7 +85,11 @@ class Operator(AbstractContextManager["Operator"]):
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=self._patience,
         ) as querier:
-            self._await_server(querier)
+            until = time.monotonic() + self._settings.connect_timeout
+            while not matched(querier):
+                if time.monotonic() > until:
+                    raise unheard
+                time.sleep(POLL_SECONDS)
             # The names of the servers that show that they live.
             tokens = self._session.liveliness().get(f"{self._settings.arm}/{LIVE_KEYS}", timeout=self._settings.timeout)
             living = {str(token.ok.key_expr).split("/")[-3] for token in tokens if token.ok is not None}
@@ -115,10 +119,3 @@ class Operator(AbstractContextManager["Operator"]):
                 hint="Is that process stopped, or very busy? End it, or ask again.",
             )
         return answers
-
-    def _await_server(self, querier: zenoh.Querier) -> None:
-        until = time.monotonic() + self._settings.connect_timeout
-        while not matched(querier):
-            if time.monotonic() > until:
-                raise no_service(settings=self._settings)
-            time.sleep(POLL_SECONDS)
