@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -13,9 +13,6 @@ from gpcorrect.cli import options as opt
 from gpcorrect.cli.console import err
 from gpcorrect.cli.processes import stop_signal
 from gpcorrect.errors import DataError, MissingExtraError
-
-if TYPE_CHECKING:
-    from gpcorrect_service.server.service import Server
 
 FrameName = Annotated[
     str, typer.Option(help="Frame that poses come in, as they name it; the model's own name without it.")
@@ -75,12 +72,9 @@ def serve(
         ros_domain=ros_domain,
         ros_distro=distro,
     )
-
-    def ready(_: Server) -> None:
-        served = ", ".join(str(path) for path in (model, joints, store) if path is not None)
-        err.print(f"serving {served} as {namespace}/{arm}/correct on {config or endpoint}; stop with Ctrl-C")
-
-    serve_model(model, settings, stop, ready, joint_path=joints, store=store)
+    served = ", ".join(str(path) for path in (model, joints, store) if path is not None)
+    words = f"serving {served} as {namespace}/{arm}/correct on {config or endpoint}; stop with Ctrl-C"
+    serve_model(model, settings, stop, lambda _: err.print(words), joint_path=joints, store=store)
 
 
 def prefilter(

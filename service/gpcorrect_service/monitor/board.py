@@ -237,6 +237,9 @@ class _ArmView:
         self.replicas = {k: r for k, r in self.replicas.items() if now - r.now < SETTINGS.forgotten}
         report, state = self.latest.get("report"), self.latest.get("operating_state")
         tracked = self.latest.get("tracker_cp")
+        error = None  # of the tracked tool against the desired pose, where both are of one moment
+        if report is not None and tracked is not None and abs(tracked.stamp - report.stamp) <= SETTINGS.together:
+            error = _sizes(tracked.pose, report.desired)
         there = [r.answer for r in self.replicas.values() if now - r.now < SETTINGS.gone]
         # Planners that change between servers of different models make the arm step.
         models = {(answer.model_hash, answer.joint_model_hash) for answer in there}
@@ -251,7 +254,7 @@ class _ArmView:
             "rate_hz": getattr(self.latest.get("heartbeat"), "rate", None),
             "poses": self._poses(report, now),
             "correction": report and {**_correction(report), "age": self._age("corrected/report", now)},
-            "error": None if report is None or tracked is None else _error(report, tracked),
+            "error": error,
             "outside_share": np.mean([not inside for _, inside in self._reports]).item() if self._reports else None,
             "latency_ms": self._latency_ms(),
             "drift": self._drift.state,
@@ -341,10 +344,3 @@ def _correction(report: messages.Report) -> dict[str, Any]:
         "model_hash": report.model_hash[:12],
         **{name: getattr(report, name) for name in ("in_domain", "status", "reason", "model_id", "stamp")},
     }
-
-
-def _error(report: messages.Report, tracked: messages.Pose) -> dict[str, float] | None:
-    """Return how far the tracked tool is from the desired pose, where both are of one moment."""
-    if abs(tracked.stamp - report.stamp) > SETTINGS.together:
-        return None
-    return _sizes(tracked.pose, report.desired)

@@ -51,3 +51,4 @@ class EndpointError(GpCorrectError):
 
     def __init__(self, endpoint: str, message: str, *, hint: str = "") -> None:
         super().__init__(f"{endpoint}: {message}", hint=hint)
+        self.endpoint = endpoint

@@ -116,18 +116,11 @@ class ExpiredError(DataError):
 def check_certificates(config: zenoh.Config) -> datetime.datetime | None:
     """Return when the first certificate expires, None without one; ExpiredError where one has, or is not valid yet.
 
-<<<<<<< HEAD
+    What is no certificate is left to zenoh.
+
     Parameters
     ----------
     config : zenoh.Config
-
-    Raises
-    ------
-    ExpiredError
-        One has expired, or is not valid yet.
-=======
-    What is no certificate is left to zenoh.
->>>>>>> 1fcb48f7 (Errors of one kind are said in the sentence that says what they are of; a borrowed querier is waited for where it is taken back)
     """
     tls, ends = json.loads(config.get_json("transport/link/tls")) or {}, []
     now = datetime.datetime.now(datetime.UTC)
