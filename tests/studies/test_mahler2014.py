@@ -15,7 +15,7 @@ from command_line import CommandLine, assert_refused, exit_status
 from gpcorrect.errors import DataError
 from gpcorrect_studies.claims import number_at
 from gpcorrect_studies.mahler2014 import Scope, study
-from gpcorrect_studies.mahler2014.closed_loop import Reached
+from gpcorrect_studies.mahler2014.closed_loop import summary_of
 from gpcorrect_studies.mahler2014.regressions import limits
 from gpcorrect_studies.mahler2014.table1 import COMPONENTS, FULL, MEMORY, METHODS, NORMS, PRINTED
 
@@ -168,7 +168,7 @@ def test_repeatability_does_not_see_what_all_visits_share() -> None:
     """An error common to all visits of a place adds to the mean and not to the spread."""
     rng = np.random.default_rng(SEED)
     scatter, common = rng.normal(size=(7, 3, 6)), rng.normal(size=(1, 3, 6))
-    alone, shifted = (Reached(e).to_dict() for e in (scatter, scatter + 10 * common))
+    alone, shifted = (summary_of(e) for e in (scatter, scatter + 10 * common))
     for norm in NORMS:
         assert shifted[norm]["repeatability"] == pytest.approx(alone[norm]["repeatability"])
         assert shifted[norm]["mean"] > 2 * alone[norm]["mean"]

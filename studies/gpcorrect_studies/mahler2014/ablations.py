@@ -21,7 +21,7 @@ from gpcorrect.sim import Model, debridement_log, machine_of, preset
 from gpcorrect.sim.reaches import DEBRIDEMENT_PRESET
 from gpcorrect.sim.record import Fault
 from gpcorrect.types import CalibrationLog, FloatArray, Progress
-from gpcorrect_studies.mahler2014.closed_loop import closed_loop, places_to_visit
+from gpcorrect_studies.mahler2014.closed_loop import closed_loop, places_to_visit, summary_of
 from gpcorrect_studies.mahler2014.table1 import (
     FITS,
     FULL,
@@ -32,6 +32,7 @@ from gpcorrect_studies.mahler2014.table1 import (
     columns_of,
     component_errors,
     fitted_columns,
+    held_out_of,
 )
 from gpcorrect_studies.parts import Parts
 
@@ -89,11 +90,10 @@ def _true_poses(base: Base) -> dict[str, Any]:
     }
     columns = {}
     for name, experiment in experiments.items():
-        assert experiment.test is not None
-        assert experiment.evaluation is not None
-        dirty = experiment.evaluation.dirty
-        good = experiment.test.extra["fault"][dirty.rows] == Fault.GOOD
-        columns[name] = component_errors(dirty.corrected[good], experiment.test, dirty.rows[good])
+        test, evaluation = held_out_of(experiment)
+        dirty = evaluation.dirty
+        good = test.extra["fault"][dirty.rows] == Fault.GOOD
+        columns[name] = component_errors(dirty.corrected[good], test, dirty.rows[good])
     return {"table1": {"dirty": columns}}
 
 
@@ -111,9 +111,7 @@ def _least_squares(base: Base, *, lost: float | None = None) -> dict[str, Any]:
 
     `lost` is the fraction of the training in which a fiducial is lost; the recording's own when None.
     """
-    test, evaluation = base.full.test, base.full.evaluation
-    assert test is not None
-    assert evaluation is not None
+    test, evaluation = held_out_of(base.full)
     train, keep = base.full.fit.log, base.full.fit.cleaning.keep
     if lost is not None:
         model = preset(DEBRIDEMENT_PRESET)
@@ -143,7 +141,7 @@ def _ends_early(base: Base) -> dict[str, Any]:
     corrector = base.full.corrector
     places = places_to_visit(base.full, len(base.places) - 1, rng)  # drawn again, so that they are visited as before
     landings = closed_loop(corrector, machine, places, base.repetitions, end, rng, early=EARLY)
-    return {"table2": {name: {"at_rest": landing.at_rest.to_dict()} for name, landing in landings.items()}}
+    return {"table2": {name: {"at_rest": summary_of(landing["at_rest"])} for name, landing in landings.items()}}
 
 
 ABLATIONS: Mapping[str, Callable[[Base], dict[str, Any]]] = {

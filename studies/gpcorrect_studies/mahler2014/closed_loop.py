@@ -10,7 +10,7 @@ session.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,43 +23,39 @@ from gpcorrect.sim import Machine, Segment, plan_of, run
 from gpcorrect.sim.reaches import DEBRIDEMENT_PACE
 from gpcorrect.sim.reaching import Tour, joint_tour, tour
 from gpcorrect.types import FloatArray, IntArray, PoseSignal
+from gpcorrect_studies.mahler2014.table1 import held_out_of
 
 SETTLING = 0.5  # s of rest after each reach; chosen by hand: the simulated arm has come to rest by then
 AFTER_TRAINING = 60.0  # s between the recording's end and the first repetition, and between repetitions; chosen by hand
 
 
-@dataclass(frozen=True, eq=False)
-class Reached:
-    """How far from a desired pose the tool came to rest."""
+Landing = Mapping[str, FloatArray]
+"""Desired minus true tool pose with one kind of command, `on_arrival` and `at_rest` half a second later: arrays
+(repetitions, places, 6), m and rad, tracker frame."""
 
-    error: FloatArray  # (repetitions, places, 6) desired minus reached pose, m and rad, tracker frame
 
-    def to_dict(self) -> dict[str, dict[str, float]]:
-        """Mean and SD of the components of position and of both errors' lengths, mm and degrees.
+def summary_of(error: FloatArray) -> dict[str, dict[str, float]]:
+    """Return mean and SD of the components of position and of both errors' lengths, mm and degrees.
 
-        Of the lengths, repeatability too: RMS spread of a place's visits about their mean.
-        """
-        parts = self.error.reshape(*self.error.shape[:2], 2, 3)
-        spread = np.sqrt(((parts - parts.mean(axis=0)) ** 2).sum(axis=-1).mean(axis=(0, 1)))
-        figures = {
-            name: _mean_and_sd(1e3 * np.abs(parts[..., 0, axis])) for axis, name in enumerate(("x_mm", "y_mm", "z_mm"))
-        }
-        for i, (name, scale) in enumerate((("position_mm", 1e3), ("rotation_deg", 180 / np.pi))):
-            lengths = scale * np.linalg.norm(parts[..., i, :], axis=-1)
-            figures[name] = {**_mean_and_sd(lengths), "repeatability": scale * float(spread[i])}
-        return figures
+    Of the lengths, repeatability too: RMS spread of a place's visits about their mean.
+
+    Parameters
+    ----------
+    error : (repetitions, places, 6) array, m and rad
+    """
+    parts = error.reshape(*error.shape[:2], 2, 3)
+    spread = np.sqrt(((parts - parts.mean(axis=0)) ** 2).sum(axis=-1).mean(axis=(0, 1)))
+    figures = {
+        name: _mean_and_sd(1e3 * np.abs(parts[..., 0, axis])) for axis, name in enumerate(("x_mm", "y_mm", "z_mm"))
+    }
+    for i, (name, scale) in enumerate((("position_mm", 1e3), ("rotation_deg", 180 / np.pi))):
+        lengths = scale * np.linalg.norm(parts[..., i, :], axis=-1)
+        figures[name] = {**_mean_and_sd(lengths), "repeatability": scale * float(spread[i])}
+    return figures
 
 
 def _mean_and_sd(values: FloatArray) -> dict[str, float]:
     return {"mean": float(values.mean()), "sd": float(values.std())}
-
-
-@dataclass(frozen=True, eq=False)
-class Landing:
-    """Where the tool was with one kind of command: on arrival, and at rest half a second later."""
-
-    on_arrival: Reached
-    at_rest: Reached
 
 
 def places_to_visit(experiment: Experiment, count: int, rng: np.random.Generator) -> FloatArray:
@@ -76,9 +72,8 @@ def places_to_visit(experiment: Experiment, count: int, rng: np.random.Generator
     (count + 1, 4, 4) array
         Tracker frame; the first is where each run starts.
     """
-    assert experiment.test is not None
-    assert experiment.evaluation is not None
-    log, passed = experiment.test, np.flatnonzero(experiment.evaluation.cleaning.keep)
+    log, evaluation = held_out_of(experiment)
+    passed = np.flatnonzero(evaluation.cleaning.keep)
     assert log.tracker_cp is not None
     assert log.tracker_cp.quaternion is not None
     ends = passed[np.flatnonzero(np.diff(log.trajectory[passed], append=-1) != 0)]
@@ -145,7 +140,7 @@ def _landing(machine: Machine, tours: list[Tour], orders: list[IntArray], places
         for errors, back in ((rest, 0), (arrival, round(SETTLING * machine.log_rate_hz))):  # a visit ends with its rest
             T = se3.compose(machine.T_tracker_base, outcome.T_base_tip[ends - back, i], machine.T_tip_marker)
             errors[i, order] = pose_residual(PoseSignal(*se3.to_parts(T)), PoseSignal(*se3.to_parts(places[order])))
-    return Landing(Reached(arrival), Reached(rest))
+    return {"on_arrival": arrival, "at_rest": rest}
 
 
 def _tour(stops: FloatArray, machine: Machine) -> Tour:

@@ -14,9 +14,9 @@ from gpcorrect.report.page import Chart, Mark, Panel, Role, Section, Series, Tab
 from gpcorrect.report.paths import Shown, trajectories_section
 from gpcorrect.types import FloatArray
 from gpcorrect_studies.claims_page import paired, write_study_page
-from gpcorrect_studies.mahler2014.regressions import TrainingSize
+from gpcorrect_studies.mahler2014.closed_loop import summary_of
 from gpcorrect_studies.mahler2014.study import CLAIMS, COMPARABLE, NOT_COMPARABLE, Mahler2014
-from gpcorrect_studies.mahler2014.table1 import COMPONENTS, METHODS, NORMS, PRINTED
+from gpcorrect_studies.mahler2014.table1 import COMPONENTS, METHODS, NORMS, PRINTED, held_out_of
 
 TITLES = {
     "position_percent_of_raw_dirty": "position error after full correction, of the uncorrected one",
@@ -61,18 +61,13 @@ def write_mahler_report(result: Mahler2014, path: Path) -> None:
 
 
 def _targets(result: Mahler2014) -> Section:
-    rows = [
-        [TITLES[name], f"{t['measured']:.1f} %", _bound(name, t["target"]), "yes" if t["met"] else "no"]
-        for name, t in result.targets().items()
-    ]
+    rows = []
+    for name, t in result.targets().items():
+        least = f"at least {t['target']:g} %" if t["target"] else "less spread"
+        bound = f"at most {t['target']:g} %" if "percent_of_raw" in name else least
+        rows.append([TITLES[name], f"{t['measured']:.1f} %", bound, "yes" if t["met"] else "no"])
     note = "Means of the error's length. The targets were ours, set before the first full run."
     return Section("Targets", (), (TableData(["dirty set", "here", "target", "met"], rows, note),))
-
-
-def _bound(name: str, target: float) -> str:
-    if "percent_of_raw" in name:
-        return f"at most {target:g} %"
-    return f"at least {target:g} %" if target else "less spread"
 
 
 def _table1(result: Mahler2014) -> Section:
@@ -98,13 +93,7 @@ def _errors_table(result: Mahler2014, which: str, whole: str) -> TableData:
     def _cells(
         errors: Mapping[str, Any], methods: Sequence[str], names: Sequence[str], digits: int
     ) -> dict[str, list[str]]:
-        return {
-            _with_unit(name): [
-                f"{errors[method][name]['mean']:.{digits}f} ({errors[method][name]['sd']:.{digits}f})"
-                for method in methods
-            ]
-            for name in names
-        }
+        return {_with_unit(name): [_mean_sd(errors[m][name], digits) for m in methods] for name in names}
 
     ours = _cells(measured, METHODS, COMPONENTS, 2) | _norms(measured, METHODS)
     papers = _cells(printed, PRINTED, COMPONENTS, 1) | _norms(printed, PRINTED)
@@ -117,25 +106,24 @@ def _norm(errors: Mapping[str, Mapping[str, float]], names: Sequence[str]) -> fl
     return math.hypot(*(errors[name]["mean"] for name in names))
 
 
+def _mean_sd(found: Mapping[str, float], digits: int = 2) -> str:
+    return f"{found['mean']:.{digits}f} ({found['sd']:.{digits}f})"
+
+
 def _with_unit(name: str) -> str:
     return name.replace("_", " [") + "]"
 
 
 def _fig4(result: Mahler2014) -> Section:
-    full = result.table1.full
-    assert full.evaluation is not None
-    assert full.test is not None
-    shown = Shown(full.corrector, full.evaluation.clean, full.evaluation.cleaning, full.test)
+    test, evaluation = held_out_of(result.table1.full)
+    shown = Shown(result.table1.full.corrector, evaluation.clean, evaluation.cleaning, test)
     return replace(trajectories_section(shown), title="Fig. 4: held-out reaches")
 
 
 def _fig5(result: Mahler2014) -> Section:
-    rows = [
-        [str(p.states), p.method, f"{p.position_mm:.2f}", f"{p.rotation_deg:.2f}", f"{p.seconds:.2f}"]
-        for p in result.fig5
-    ]
+    rows = [[str(p["states"]), p["method"], *(f"{p[name]:.2f}" for name in (*NORMS, "seconds"))] for p in result.fig5]
     few, everything = (CLAIMS.printed["fig5_seconds"][name] for name in ("few", "all"))
-    most = max(point.states for point in result.fig5)
+    most = max(point["states"] for point in result.fig5)
     rows += [["460", "the paper's", "-", "-", f"{few:g}"]]
     rows += [["all", "the paper's", "-", "-", f"{everything:g}"]]
     table = TableData(
@@ -148,13 +136,18 @@ def _fig5(result: Mahler2014) -> Section:
 
 
 def _table2(result: Mahler2014) -> Section:
-    components = {name: {c: landing.at_rest.to_dict()[c] for c in POSITION} for name, landing in result.table2.items()}
+    reached = {
+        (name, when): summary_of(landing[when])
+        for name, landing in result.table2.items()
+        for when in ("at_rest", "on_arrival")
+    }
+    at_rest = {name: reached[name, "at_rest"] for name in result.table2}
     printed = {name: landing["at_rest"] for name, landing in CLAIMS.printed["table2"].items()}
 
     def _rows(landings: Mapping[str, Any], digits: int) -> dict[str, list[str]]:
         return {
             name: [
-                *(f"{found[c]['mean']:.{digits}f} ({found[c]['sd']:.{digits}f})" for c in POSITION),
+                *(_mean_sd(found[c], digits) for c in POSITION),
                 f"{_norm(found, POSITION):.2f}",
             ]
             for name, found in landings.items()
@@ -162,19 +155,13 @@ def _table2(result: Mahler2014) -> Section:
 
     as_printed = TableData(
         ["correction", *map(_with_unit, POSITION), "norm [mm]"],
-        paired(_rows(components, 2), _rows(printed, 1)),
+        paired(_rows(at_rest, 2), _rows(printed, 1)),
         "Absolute errors at rest, half a second after arrival, mean (SD).",
     )
     rows = []
-    for name, landing in result.table2.items():
-        for when, reached in (("at rest", landing.at_rest), ("on arrival", landing.on_arrival)):
-            f = reached.to_dict()
-            cells = [
-                cell
-                for part in NORMS
-                for cell in (f"{f[part]['mean']:.2f} ({f[part]['sd']:.2f})", f"{f[part]['repeatability']:.2f}")
-            ]
-            rows.append([f"{name}, {when}", *cells])
+    for (name, when), found in reached.items():
+        cells = [cell for p in NORMS for cell in (_mean_sd(found[p]), f"{found[p]['repeatability']:.2f}")]
+        rows.append([f"{name}, {when.replace('_', ' ')}", *cells])
     ours = TableData(
         ["correction, ours", "position [mm]", "repeatability", "rotation [deg]", "repeatability"],
         rows,
@@ -186,7 +173,7 @@ def _table2(result: Mahler2014) -> Section:
         "The command is sent through the inverse kinematics, the servo loop and the transmission of the simulated arm, "
         "and the tool's true pose is compared with the desired one: no tracker noise is in these figures."
     ]
-    chart = _visits({name: landing.at_rest.error for name, landing in result.table2.items()})
+    chart = _visits({name: landing["at_rest"] for name, landing in result.table2.items()})
     return Section("Table II: the corrected command really sent", words, (as_printed, ours), (chart,))
 
 
@@ -194,10 +181,9 @@ def _limits(result: Mahler2014) -> Section:
     raw = result.limits[0]
     rows = [
         [
-            limit.assumption,
-            *(f"{v:.2f}" for v in (limit.position_mm, limit.rotation_deg)),
-            f"{100 * limit.position_mm / raw.position_mm:.1f} %",
-            f"{100 * limit.rotation_deg / raw.rotation_deg:.1f} %",
+            limit["assumption"],
+            *(f"{limit[norm]:.2f}" for norm in NORMS),
+            *(f"{100 * limit[norm] / raw[norm]:.1f} %" for norm in NORMS),
         ]
         for limit in result.limits
     ]
@@ -213,7 +199,7 @@ def _limits(result: Mahler2014) -> Section:
     return Section("What limits it", words, (table,))
 
 
-def _training_curves(points: Sequence[TrainingSize], published_seconds: Mapping[int, float]) -> Chart:
+def _training_curves(points: Sequence[Mapping[str, Any]], published_seconds: Mapping[int, float]) -> Chart:
     """Position error, rotation error and fitting time; the paper's times (by number of states, s) as crosses."""
     methods = {"exact": (Role.RAW, "exact posterior"), "sparse": (Role.CORRECTED, "inducing points (default)")}
     labels = {
@@ -225,8 +211,8 @@ def _training_curves(points: Sequence[TrainingSize], published_seconds: Mapping[
     for name, label in labels.items():
         series = []
         for method, (role, title) in methods.items():
-            chosen = [point for point in points if point.method == method]
-            states, values = [point.states for point in chosen], [getattr(point, name) for point in chosen]
+            chosen = [point for point in points if point["method"] == method]
+            states, values = ([point[key] for point in chosen] for key in ("states", name))
             series += [Series(title, mark, role, states, values, size=8.0) for mark in (Mark.LINE, Mark.DOTS)]
         if name == "seconds":
             papers = list(published_seconds), list(published_seconds.values())

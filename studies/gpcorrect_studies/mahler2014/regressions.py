@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Self
 
@@ -24,31 +24,12 @@ from gpcorrect.rigid import apply_residual, pose_residual
 from gpcorrect.sim import debridement_log, preset
 from gpcorrect.sim.reaches import DEBRIDEMENT_PRESET
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, Progress
+from gpcorrect_studies.mahler2014.table1 import held_out_of
 from gpcorrect_studies.parts import Parts
 
 # States; above, an exact fit takes over three times as long for the same error (docs/reproduce.md, Fig. 5).
 MOST_EXACT = 1000
 OUTPUT_GROUPS = (3, 3)  # components of position and of rotation, which share hyperparameters
-
-
-@dataclass(frozen=True)
-class TrainingSize:
-    """One fit of Fig. 5: number of states, method, time (s, hyperparameters included), mean held-out errors."""
-
-    states: int
-    method: str
-    seconds: float
-    position_mm: float
-    rotation_deg: float
-
-
-@dataclass(frozen=True)
-class Limit:
-    """Mean lengths of the error on held-out reaches under one assumption, mm and degrees."""
-
-    assumption: str
-    position_mm: float
-    rotation_deg: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +72,7 @@ class _Samples:
 
 def training_sizes(
     experiment: Experiment, fractions: tuple[float, ...], settings: FitSettings, progress: Progress, parts: Parts
-) -> tuple[TrainingSize, ...]:
+) -> list[dict[str, Any]]:
     """Fit to random states of the clean training set: exactly where they are few, and sparsely from few to all.
 
     Parameters
@@ -104,26 +85,24 @@ def training_sizes(
 
     Returns
     -------
-    tuple of TrainingSize
-        The exact fits, then the sparse ones, each by rising number of states.
+    list of dict
+        The exact fits, then the sparse ones, each by rising number of states: `states`, `method`, `seconds` (with
+        hyperparameters), and the mean lengths of held-out errors, `position_mm` and `rotation_deg`.
     """
-    assert experiment.test is not None
-    assert experiment.evaluation is not None
+    held_out, evaluation = held_out_of(experiment)
     train = _Samples.of(experiment.corrector, experiment.fit.log, experiment.fit.cleaning.keep)
-    test = _Samples.of(experiment.corrector, experiment.test, experiment.evaluation.cleaning.keep)
+    test = _Samples.of(experiment.corrector, held_out, evaluation.cleaning.keep)
     order = np.random.default_rng([settings.seed, 5]).permutation(len(train.X))
     counts = [max(2, round(fraction * len(order))) for fraction in fractions]
     plan = [("exact", n) for n in counts if n <= MOST_EXACT] + [("sparse", n) for n in counts]
     tasks = {f"{method}, {count}": (method, order[:count]) for method, count in plan}
     groups = experiment.corrector.features.groups
-    sizes = parts.each("Fig. 5", partial(_training_size, groups, train, test, settings), tasks, progress)
-    return tuple(TrainingSize(**size) for size in sizes.values())
+    return list(parts.each("Fig. 5", partial(_training_size, groups, train, test, settings), tasks, progress).values())
 
 
 def _training_size(
     groups: Sequence[Sequence[int]], train: _Samples, test: _Samples, settings: FitSettings, task: tuple[str, IntArray]
 ) -> dict[str, Any]:
-    """Return the fields of a :class:`TrainingSize`."""
     method, rows = task
     regressor = ExactGPR() if method == "exact" else SparseGPR(n_inducing=min(settings.inducing or INDUCING, len(rows)))
     regressor.set_params(feature_groups=groups, output_groups=OUTPUT_GROUPS, random_state=settings.seed)
@@ -132,7 +111,8 @@ def _training_size(
     start = time.perf_counter()
     regressor = _fitted(regressor, train.X[rows], train.residual[rows], train.trajectory[rows], train.time[rows])
     seconds = time.perf_counter() - start
-    return asdict(TrainingSize(len(rows), method, seconds, **test.mean_errors(regressor.predict(test.X))))
+    errors = test.mean_errors(regressor.predict(test.X))
+    return {"states": len(rows), "method": method, "seconds": seconds, **errors}
 
 
 def _fitted(
@@ -146,7 +126,7 @@ def _fitted(
     return regressor
 
 
-def limits(reaches: int, settings: FitSettings, progress: Progress) -> tuple[Limit, ...]:
+def limits(reaches: int, settings: FitSettings, progress: Progress) -> list[dict[str, Any]]:
     """Return the errors before correction, after it as more is known, and of the tracker alone.
 
     Parameters
@@ -157,8 +137,9 @@ def limits(reaches: int, settings: FitSettings, progress: Progress) -> tuple[Lim
 
     Returns
     -------
-    tuple of Limit
-        Five rows, in the order of `docs/reproduce.md`.
+    list of dict
+        Five rows, in the order of `docs/reproduce.md`: the `assumption`, and under it the mean lengths of the error on
+        held-out reaches, `position_mm` and `rotation_deg`.
     """
     progress.step("limits", 0.0)
     noiseless = preset(DEBRIDEMENT_PRESET).model_copy(update={"noise": None})
@@ -171,34 +152,30 @@ def limits(reaches: int, settings: FitSettings, progress: Progress) -> tuple[Lim
     progress.step("limits", 0.6)
     with_state = _with_transmission_state(as_seen, exact, settings)
     progress.step("limits", 1.0)
-    assert as_seen.evaluation is not None
-    assert as_is.evaluation is not None
-    assert as_seen.test is not None
-    true = exact.select(np.isin(exact.trajectory, as_seen.test.trajectory_ids)).tracker_cp
-    observed = as_seen.test.tracker_cp
+    (test, seen_errors), (_, exact_errors) = held_out_of(as_seen), held_out_of(as_is)
+    true, observed = exact.select(np.isin(exact.trajectory, test.trajectory_ids)).tracker_cp, test.tracker_cp
     assert true is not None
     assert observed is not None
     errors = {
-        "no correction": _mean_lengths(as_seen.evaluation.dirty.raw),
-        "pose and velocity as the tracker sees them": _mean_lengths(as_seen.evaluation.dirty.corrected),
+        "no correction": _mean_lengths(seen_errors.dirty.raw),
+        "pose and velocity as the tracker sees them": _mean_lengths(seen_errors.dirty.corrected),
         "pose and velocity exactly (a tracker without noise): what is left is mostly memory": _mean_lengths(
-            as_is.evaluation.dirty.corrected
+            exact_errors.dirty.corrected
         ),
         "as seen, and the true state of the transmission: what is left is mostly the tracker's noise": with_state,
         "the tracker's noise alone: observed against true pose": _mean_lengths(pose_residual(true, observed)),
     }
-    return tuple(Limit(assumption, **lengths) for assumption, lengths in errors.items())
+    return [{"assumption": assumption, **lengths} for assumption, lengths in errors.items()]
 
 
 def _with_transmission_state(experiment: Experiment, exact: CalibrationLog, settings: FitSettings) -> dict[str, float]:
     """Mean errors when motor minus joint of every axis, which play and stretch make, are features as well."""
-    assert experiment.test is not None
     assert exact.measured_jp is not None
     assert exact.external_jp is not None
     state = exact.measured_jp - exact.external_jp
     state = state / state.std(axis=0)
     parts = []
-    for log in (experiment.fit.log, experiment.test):
+    for log in (experiment.fit.log, held_out_of(experiment)[0]):
         samples = _Samples.of(experiment.corrector, log, np.ones(len(log), dtype=bool))
         hidden = state[np.isin(exact.trajectory, log.trajectory_ids)][samples.rows]
         parts.append((np.hstack([samples.X, hidden]), samples))

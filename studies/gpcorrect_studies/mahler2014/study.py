@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, ClassVar
@@ -21,9 +21,9 @@ from gpcorrect_studies.debridement.mission import Condition, Mission, compare
 from gpcorrect_studies.debridement.rehearsal import AFTER_REHEARSAL, learn
 from gpcorrect_studies.debridement.scene import stations
 from gpcorrect_studies.mahler2014.ablations import ABLATIONS, Base, ablations
-from gpcorrect_studies.mahler2014.closed_loop import Landing, closed_loop, places_to_visit
-from gpcorrect_studies.mahler2014.regressions import Limit, TrainingSize, limits, training_sizes
-from gpcorrect_studies.mahler2014.table1 import FULL, MEMORY, TableOne, table_one
+from gpcorrect_studies.mahler2014.closed_loop import Landing, closed_loop, places_to_visit, summary_of
+from gpcorrect_studies.mahler2014.regressions import limits, training_sizes
+from gpcorrect_studies.mahler2014.table1 import FULL, MEMORY, NORMS, TableOne, table_one
 from gpcorrect_studies.parts import Parts
 
 FEWEST_REACHES = 30  # a fifth is held out, and the places to visit are taken from it
@@ -108,16 +108,16 @@ class Mahler2014(StudyResult):
     scope: Scope
     samples: int
     table1: TableOne
-    fig5: tuple[TrainingSize, ...]  # error and fitting time by number of training states
+    fig5: list[dict[str, Any]]  # error and fitting time by number of training states
     table2: Mapping[str, Landing]  # by command, where the robot really came to rest
     task: Mapping[str, float]  # figures of the debridement task
-    limits: tuple[Limit, ...]  # what is left under each assumption
+    limits: list[dict[str, Any]]  # what is left under each assumption
     ablations: Mapping[str, Any]  # figures of the ablations, by name
 
     def targets(self) -> dict[str, dict[str, Any]]:
         """Return each target with what was measured on the dirty set, and whether it is met."""
         percent, memory = (self.table1.percent_of_raw("dirty", method) for method in (FULL, MEMORY))
-        velocity, cleaning = self.table1.gain_of_velocity("dirty"), self.table1.gain_of_cleaning("dirty")
+        velocity, cleaning = (self.table1.gain("dirty", step) for step in ("velocity", "cleaning"))
         measured = {
             "position_percent_of_raw_dirty": percent["position_mm"],
             "rotation_percent_of_raw_dirty": percent["rotation_deg"],
@@ -141,17 +141,14 @@ class Mahler2014(StudyResult):
 
         Through inducing points, the only fit here that takes all; empty where 2.5 % were not tried.
         """
-        sparse = [point for point in self.fig5 if point.method == "sparse"]
+        sparse = [point for point in self.fig5 if point["method"] == "sparse"]
         tried = dict(zip(self.scope.fractions, sparse, strict=True))
         if not {PAPERS_FRACTION, 1.0} <= set(tried):
             return {}
         few, most = tried[PAPERS_FRACTION], tried[1.0]
         return {
-            "fig5_gain_beyond_few": {
-                "position_mm": few.position_mm - most.position_mm,
-                "rotation_deg": few.rotation_deg - most.rotation_deg,
-            },
-            "fig5_seconds": {"few": few.seconds, "all": most.seconds},
+            "fig5_gain_beyond_few": {norm: few[norm] - most[norm] for norm in NORMS},
+            "fig5_seconds": {"few": few["seconds"], "all": most["seconds"]},
         }
 
     def figures(self) -> dict[str, Any]:
@@ -172,16 +169,16 @@ class Mahler2014(StudyResult):
             "table1": {which: dict(table.errors[which]) for which in sets},
             "table1_seconds": dict(table.seconds),
             "percent_of_raw": {which: table.percent_of_raw(which) for which in sets},
-            "gain_of_velocity": {which: table.gain_of_velocity(which) for which in sets},
-            "gain_of_cleaning_on_sd": {which: table.gain_of_cleaning(which) for which in sets},
-            "fig5": [asdict(point) for point in self.fig5],
+            "gain_of_velocity": {which: table.gain(which, "velocity") for which in sets},
+            "gain_of_cleaning_on_sd": {which: table.gain(which, "cleaning") for which in sets},
+            "fig5": self.fig5,
             **self.training_sizes(),
             "table2": {
-                name: {"at_rest": landing.at_rest.to_dict(), "on_arrival": landing.on_arrival.to_dict()}
+                name: {when: summary_of(landing[when]) for when in ("at_rest", "on_arrival")}
                 for name, landing in self.table2.items()
             },
             "debridement": dict(self.task),
-            "limits": [asdict(limit) for limit in self.limits],
+            "limits": self.limits,
             "targets": self.targets(),
             "ablations": dict(self.ablations),
         }
@@ -213,7 +210,7 @@ def reproduce_mahler2014(
     task = parts.done("debridement", lambda: debridement_task(scope.sets, seed, progress))
     known = Base(log, settings, table1.full, places, scope.repetitions)
     ablated = ablations(known, scope.ablations, progress, parts)
-    left = parts.done("limits", lambda: [asdict(limit) for limit in limits(scope.reaches, settings, progress)])
+    left = parts.done("limits", lambda: limits(scope.reaches, settings, progress))
     return Mahler2014(
         scope,
         seed,
@@ -222,7 +219,7 @@ def reproduce_mahler2014(
         fig5,
         table2,
         task,
-        tuple(Limit(**limit) for limit in left),
+        left,
         ablated,
         seconds=parts.seconds_before + time.perf_counter() - start,
     )

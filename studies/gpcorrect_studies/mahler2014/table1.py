@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gpcorrect import se3
-from gpcorrect.calibration import Experiment, FitSettings, run_experiment, spread
+from gpcorrect.calibration import Evaluation, Experiment, FitSettings, run_experiment, spread
 from gpcorrect.errors import LogError
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, Progress
 from gpcorrect_studies.parts import Parts
@@ -39,6 +39,8 @@ PRINTED = METHODS[:-2]  # the columns of the paper's table, in its order
 COMPONENTS = ("x_mm", "y_mm", "z_mm", "yaw_deg", "pitch_deg", "roll_deg")  # as printed
 NORMS = ("position_mm", "rotation_deg")
 SETS, KINDS = ("clean", "dirty"), ("raw", "rigid", "corrected")
+# Steps of the recipe: the columns without and with it, and what of the error's length it reduces.
+STEPS = {"velocity": (WITH_GPR, WITH_VELOCITY, "mean"), "cleaning": (WITH_VELOCITY, FULL, "sd")}
 
 Errors = dict[str, dict[str, float]]
 
@@ -65,25 +67,15 @@ class TableOne:
         errors = self.errors[which]
         return {norm: 100 * errors[method][norm]["mean"] / errors["no correction"][norm]["mean"] for norm in NORMS}
 
-    def gain_of_velocity(self, which: str) -> dict[str, float]:
-        """Percentage by which velocity features reduce the mean length of the error.
+    def gain(self, which: str, of: str) -> dict[str, float]:
+        """Percentage by which a step of the recipe reduces the error's length, or its spread.
 
         Parameters
         ----------
         which : "clean" or "dirty"
+        of : str, one of :data:`STEPS`
         """
-        return self._gain(which, WITH_GPR, WITH_VELOCITY, "mean")
-
-    def gain_of_cleaning(self, which: str) -> dict[str, float]:
-        """Percentage by which cleaning the training data reduces the SD of the error's length.
-
-        Parameters
-        ----------
-        which : "clean" or "dirty"
-        """
-        return self._gain(which, WITH_VELOCITY, FULL, "sd")
-
-    def _gain(self, which: str, without: str, with_it: str, leaf: str) -> dict[str, float]:
+        without, with_it, leaf = STEPS[of]
         before, after = self.errors[which][without], self.errors[which][with_it]
         return {norm: 100 * (1 - after[norm][leaf] / before[norm][leaf]) for norm in NORMS}
 
@@ -135,10 +127,20 @@ def fitted_columns(log: CalibrationLog, settings: FitSettings) -> dict[str, Any]
     return _columns(run_experiment(log, settings))
 
 
-def _columns(experiment: Experiment) -> dict[str, Any]:
-    evaluation, test = experiment.evaluation, experiment.test
-    if evaluation is None or test is None:
+def held_out_of(experiment: Experiment) -> tuple[CalibrationLog, Evaluation]:
+    """Return the held-out reaches and what was measured on them; LogError where nothing was held out.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    """
+    if experiment.evaluation is None or experiment.test is None:
         raise LogError("nothing was held out to measure on.")
+    return experiment.test, experiment.evaluation
+
+
+def _columns(experiment: Experiment) -> dict[str, Any]:
+    test, evaluation = held_out_of(experiment)
     columns: dict[str, Any] = {"seconds": experiment.seconds}
     for which, measured in zip(SETS, (evaluation.clean, evaluation.dirty), strict=True):
         columns[which] = {kind: component_errors(measured.of(kind), test, measured.rows) for kind in KINDS}
