@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Self
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from gpcorrect.cleaning.least_median import least_median_pose
 from gpcorrect.cleaning.report import CleaningReport, Labels, Reason
 from gpcorrect.cleaning.settings import CleaningSettings, segment_mask
-from gpcorrect.cleaning.signals import POSES, Pair, Samples, pose_pair, recorded_order, samples_of, unusable
+from gpcorrect.cleaning.signals import POSES, Pair, Samples, pose_pair, samples_of, unusable
 from gpcorrect.cleaning.smooth import Residual, SmoothModel, learn_smooth_model
 from gpcorrect.cleaning.steps import Path, Pieces, StepThresholds, excursions, largest_chain, split_pieces
 from gpcorrect.errors import DataError, LogError
@@ -40,7 +39,7 @@ class Thresholds:
     """What is learned from training data to label samples by themselves and by their neighbours in time."""
 
     # (g,) robust standard deviation of an error component about the registration, m and rad; of joints more where
-    # `allowing` says so
+    # trusted samples err more
     scales: FloatArray
     # (g, w) each: corners of the box of commands; infinite for rotations
     low: FloatArray
@@ -68,20 +67,6 @@ class Thresholds:
             frozen_array(high),
             StepThresholds.learn(samples, Residual.without_model(samples.error), settings),
         )
-
-    def allowing(self, lengths: FloatArray, settings: CleaningSettings) -> Self:
-        """Return thresholds under which errors as large as these are no outliers.
-
-        A joint's error about its median is near zero for most samples where slack holds it at one of two ends, and
-        the median of another recording may be at the other end.
-
-        Parameters
-        ----------
-        lengths : (n, g) array, of errors that are trusted
-        settings : CleaningSettings
-        """
-        usual = np.quantile(lengths, USUAL, axis=0) if len(lengths) else np.zeros(len(self.scales))
-        return replace(self, scales=frozen_array(np.maximum(self.scales, usual / settings.outlier_factor)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,8 +147,11 @@ def fit_cleaner(
     physical = _label_samples(samples, thresholds, settings)
     residual, smooth = Residual.without_model(samples.error), None
     trusted = _label_motion(samples, physical, residual, thresholds, settings).keep
-    if pair.joints:
-        thresholds = thresholds.allowing(samples.error_lengths[trusted], settings)
+    if pair.joints and trusted.any():
+        # A joint's error about its median is near zero for most samples where slack holds it at one of two ends, and
+        # the median of another recording may be at the other end.
+        usual = np.quantile(samples.error_lengths[trusted], USUAL, axis=0) / settings.outlier_factor
+        thresholds = replace(thresholds, scales=frozen_array(np.maximum(thresholds.scales, usual)))
     if samples[trusted].fresh >= FEWEST_FOR_FIELD:
         smooth, residual = learn_smooth_model(samples, trusted, settings, rng)
         thresholds = replace(thresholds, steps=StepThresholds.learn(samples, residual, settings))
@@ -234,7 +222,10 @@ def _registered(
 
 def _usable(log: CalibrationLog, pair: Pair, settings: CleaningSettings) -> tuple[IntArray, Labels]:
     """Rows that the rules label, in recorded order, and the labels of all others: unusable, or dropped by hand."""
-    order = recorded_order(log)
+    rank = np.empty(len(log), dtype=np.int64)  # of its trajectory, by when it was recorded
+    for k, (_, rows) in enumerate(log.trajectories()):
+        rank[rows] = k
+    order = np.lexsort((log.time, rank))
     labels = Labels.passing(len(log)).rejecting_above(unusable(log, pair, order), Reason.INVALID, 0.0)
     by_hand = segment_mask(log, settings.drop) & ~segment_mask(log, settings.keep)
     labels = labels.rejecting(by_hand, Reason.MANUAL, np.nan, np.nan)
@@ -297,12 +288,21 @@ def _label_motion(
     from_rigid = medians_of((path.samples.error_lengths / thresholds.scales).max(axis=1), pieces.label)
     from_smooth = medians_of(residual.distance[left], pieces.label)
     badness = np.maximum(from_rigid / settings.outlier_factor, from_smooth / settings.offset_factor)
-    occlusion = _occlusion_samples(path, settings)
+    dt = np.diff(path.samples.time)
+    typical = np.median(dt[dt > 0]) if (dt > 0).any() else settings.occlusion_time
+    # Samples of the longest occlusion: what an impossible step inside a chain must be worth.
+    occlusion = float(max(FEW, settings.occlusion_time / typical))
     scores = pieces.counts * (1 - badness**2)
     long_enough = (scores > 0) & (pieces.counts >= FEW)
     away = excursions(pieces, long_enough, path, residual.left[left], occlusion)
     chained = largest_chain(pieces, np.where(away, 0.0, scores), path, occlusion)
-    spread = partial(_spread, len(samples), left, pieces)
+
+    def spread(values: FloatArray) -> FloatArray:
+        """Values (m,) of pieces as values (n,) of all samples, NaN for those in no piece."""
+        spread = np.full(len(samples), np.nan)
+        spread[left] = values[pieces.label]
+        return spread
+
     labels = labels.rejecting_above(spread(from_rigid), Reason.OUTLIER, settings.outlier_factor)
     labels = labels.rejecting_above(spread(from_smooth), Reason.OFFSET, settings.offset_factor)
     labels = _reject_unconnected(labels, spread, pieces, ~chained, steps)
@@ -340,20 +340,6 @@ def _sensor_travel(samples: Samples, observed: FloatArray, commanded: FloatArray
     moves = np.concatenate([[False], (np.diff(commanded, axis=0) != 0).any(axis=1)])
     moving_runs = np.unique(run[repeats & moves])
     return np.zeros(len(samples)) if len(moving_runs) > HABIT * len(samples) else travel
-
-
-def _occlusion_samples(path: Path, settings: CleaningSettings) -> float:
-    """Count the samples of the longest occlusion: what an impossible step inside a chain must be worth."""
-    steps = np.diff(path.samples.time)
-    typical = np.median(steps[steps > 0]) if (steps > 0).any() else settings.occlusion_time
-    return float(max(FEW, settings.occlusion_time / typical))
-
-
-def _spread(n: int, rows: IntArray, pieces: Pieces, values: FloatArray) -> FloatArray:
-    """Values (m,) of pieces as values (n,) of all samples, NaN for those in no piece."""
-    spread = np.full(n, np.nan)
-    spread[rows] = values[pieces.label]
-    return spread
 
 
 def _reject_unconnected(

@@ -161,18 +161,16 @@ class CleaningSettings:
                     raise DataError(f"cleaning setting {field.name} holds segments, got {value!r}.")
                 object.__setattr__(self, field.name, by_hand)
             elif not (value is None and field.default is None):
-                self._require_positive(field.name, value)
+                number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+                if not (number and 0 < float(value) < np.inf):
+                    name = field.name
+                    raise DataError(f"cleaning setting {name} must be a number, positive and finite, got {value!r}.")
         if not isinstance(self.field_samples, int | np.integer):
             raise DataError(f"field_samples is a whole number, got {self.field_samples!r}.")
         if self.trajectory_share > 1:
             raise DataError(f"trajectory_share is at most 1, got {self.trajectory_share}.", hint="For 90 % give 0.9.")
         if self.field_samples < MIN_FIELD_SAMPLES:
             raise DataError(f"field_samples must be at least {MIN_FIELD_SAMPLES}, got {self.field_samples}.")
-
-    def _require_positive(self, name: str, value: Any) -> None:
-        number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-        if not (number and 0 < float(value) < np.inf):
-            raise DataError(f"cleaning setting {name} must be a number, positive and finite, got {value!r}.")
 
     def resolution(self, units: str) -> FloatArray:
         """Return the smallest deviation (g,) that can be a fault.

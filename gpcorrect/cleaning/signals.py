@@ -168,19 +168,6 @@ def pose_pair(log: CalibrationLog, pair: Pair) -> tuple[PoseSignal, PoseSignal]:
     return observed, command
 
 
-def recorded_order(log: CalibrationLog) -> IntArray:
-    """Return the rows (n,) of a log by trajectory, in the order in which they were recorded, and inside each by time.
-
-    Parameters
-    ----------
-    log : CalibrationLog, n samples
-    """
-    rank = np.empty(len(log), dtype=np.int64)
-    for k, (_, rows) in enumerate(log.trajectories()):
-        rank[rows] = k
-    return np.lexsort((log.time, rank))
-
-
 def unusable(log: CalibrationLog, pair: Pair, order: IntArray) -> FloatArray:
     """Count (n,) the numbers of a sample that cannot be used: missing, no rotation, or a time that does not advance.
 
@@ -188,7 +175,7 @@ def unusable(log: CalibrationLog, pair: Pair, order: IntArray) -> FloatArray:
     ----------
     log : CalibrationLog, n samples
     pair : Pair, signals that are compared
-    order : (n,) array, from :func:`recorded_order`
+    order : (n,) array, rows by trajectory, in the order in which they were recorded, and inside each by time
     """
     count: FloatArray
     if pair.joints:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from gpcorrect.logs.sync.clocks import Clocks, align, match_clocks, seconds_of
-from gpcorrect.logs.sync.estimate import estimate_offset, log_offset, stream_offset
+from gpcorrect.logs.sync.estimate import TimeOffset, estimate_offset, log_offset, stream_offset
 from gpcorrect.logs.sync.motion import REFERENCES, Motion, MotionPair
-from gpcorrect.logs.sync.offset import TimeOffset
 
 __all__ = [
     "REFERENCES",

@@ -11,9 +11,8 @@ import numpy as np
 
 from gpcorrect.errors import DataError, DegenerateError, LogError
 from gpcorrect.logs.streams import Stream, interpolate
-from gpcorrect.logs.sync.estimate import log_offset, regression
+from gpcorrect.logs.sync.estimate import TimeOffset, log_offset, regression
 from gpcorrect.logs.sync.motion import clock_runs, pairs_of
-from gpcorrect.logs.sync.offset import TimeOffset
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
 PLAUSIBLE_LAG = (0.0, 0.15)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any, Literal
 
 import numpy as np
 from scipy.special import stdtrit  # scipy.stats has it too, and takes half a second to import
@@ -12,10 +13,10 @@ from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs.streams import Stream, default_max_gap
 from gpcorrect.logs.sync.correlation import LagCurve, lag_curve, peaks, slower_step
 from gpcorrect.logs.sync.motion import REFERENCES, MotionPair, pairs_of, stream_pair, stretches
-from gpcorrect.logs.sync.offset import ClockDrift, TimeOffset, Verdict
 from gpcorrect.logs.sync.refine import MIN_INFORMATION, Refinement, Timing, block_sums
-from gpcorrect.types import CalibrationLog, FloatArray, IntArray, frozen_array
+from gpcorrect.types import CalibrationLog, FloatArray, frozen_array
 
+Verdict = Literal["found", "too_few", "still", "steady", "unrelated", "edge", "ambiguous", "imprecise"]
 Finding = tuple[Verdict, str]
 FOUND: Finding = ("found", "")
 
@@ -30,7 +31,6 @@ MIN_CORRELATION = 0.3  # two unrelated speeds of some tens of strokes stay below
 MIN_EXPLAINED = 0.5  # a reference that explains less than half of the spread is not the same motion
 PEAK_SHARE = 0.5  # lesser peaks than this fraction of the highest are no rivals
 MAX_RIVALS = 8  # a reason names no more
-MIN_SHARE = 1e-3  # of the usual information: a trajectory with less says nothing by itself
 PEAK_WIDTH = 0.2  # s; a peak, blurred by noise and by strokes of a second, lies this close to the offset
 PEAK_STEPS = 3.0  # or this many samples of the slower signal, if that is more
 DISTINCT_STEPS = 1.0  # optima within a slow sample step of each other are the same
@@ -46,8 +46,92 @@ DRIFT_LEVEL = 0.999  # confidence at which a drift is reported: asked of every l
 MIN_DRIFT_SHIFT = 1e-3  # s over the recording; less does not matter at any sample rate here
 
 
+@dataclass(frozen=True)
+class ClockDrift:
+    """How the offset changes: one clock runs fast.
+
+    Parameters
+    ----------
+    ppm : float, parts in a million that the observer's clock runs fast against the reference's
+    ci95 : (float, float), 95 % confidence interval, ppm
+    epoch : float, observer's time at which the offset is quoted, s
+    """
+
+    ppm: float
+    ci95: tuple[float, float]
+    epoch: float
+
+
+@dataclass(frozen=True, eq=False)
+class TimeOffset:
+    """Seconds d by which the observer's stamps run ahead: observed(t + d) shows what reference(t) shows.
+
+    Parameters
+    ----------
+    offset : float, s; the best guess when ambiguous, NaN when there is none
+    ci95 : (float, float), 95 % confidence interval, s; NaN when there is none
+    verdict : str
+        "found", or what stands in the way: "too_few" samples in common, a "still" or "steady" reference,
+        "unrelated" motions, an offset at the "edge" of the search or beyond it, an "ambiguous" (repeating)
+        motion, an "imprecise" answer.
+    reason : str, the same in words; empty when found
+    lags, correlation : (m,) arrays, pooled correlation of the speeds, for a plot; empty when nothing could be compared
+    rivals : tuple of float, other offsets that explain the recording as well, s
+    drift : ClockDrift or None, only where it is significant
+    explained : float, share of the observed spread that the shifted reference explains; NaN when there is no offset
+    samples : int, observed samples compared
+    observed, reference : str, names of the signals
+    """
+
+    offset: float
+    ci95: tuple[float, float]
+    verdict: Verdict
+    reason: str
+    lags: FloatArray
+    correlation: FloatArray
+    rivals: tuple[float, ...] = ()
+    drift: ClockDrift | None = None
+    explained: float = float("nan")
+    samples: int = 0
+    observed: str = ""
+    reference: str = ""
+
+    @property
+    def observable(self) -> bool:
+        """Whether the motion determines the offset."""
+        return self.verdict == "found"
+
+    def at(self, time: FloatArray) -> FloatArray:
+        """Offset `(n,)`, s: constant unless there is a drift.
+
+        Parameters
+        ----------
+        time : (n,) array, by the observer's clock, s
+        """
+        rate, epoch = (0.0, 0.0) if self.drift is None else (1e-6 * self.drift.ppm, self.drift.epoch)
+        return self.offset + rate * (np.asarray(time, dtype=np.float64) - epoch)
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-able summary without the curve; what is not known is None."""
+        known = bool(np.isfinite(self.offset))
+        drift = self.drift and {"ppm": self.drift.ppm, "ci95": list(self.drift.ci95), "epoch": self.drift.epoch}
+        return {
+            "observed": self.observed,
+            "reference": self.reference,
+            "offset_s": self.offset if known else None,
+            "ci95_s": list(self.ci95) if np.isfinite(self.ci95).all() else None,
+            "observable": self.observable,
+            "verdict": self.verdict,
+            "reason": self.reason,
+            "rivals_s": list(self.rivals),
+            "drift": drift,
+            "explained": self.explained if np.isfinite(self.explained) else None,
+            "samples": self.samples,
+        }
+
+
 def log_offset(log: CalibrationLog, observed: str | None = None, reference: str | None = None) -> TimeOffset:
-    """Time offset between two signals of a log, trajectory by trajectory and pooled.
+    """Time offset between two signals of a log, over all its trajectories together.
 
     Parameters
     ----------
@@ -143,7 +227,6 @@ def estimate_offset(
         correlation=frozen_array(found.correlation),
         rivals=tuple(r + centre for r in found.rivals),
         drift=found.drift and replace(found.drift, epoch=found.drift.epoch + centre),
-        per_trajectory=frozen_array(found.per_trajectory + centre),
         observed=names[0],
         reference=names[1],
     )
@@ -223,7 +306,6 @@ def _refined(
         curve.correlation,
         rivals,
         drift,
-        *_per_trajectory(timing, best),
         best.explained,
         int(best.valid.sum()),
     )
@@ -264,17 +346,6 @@ def _fine_finding(
     if width > MAX_HALF_WIDTH * reach:
         return "imprecise", f"the motion determines the offset to +-{width:.2g} s only."
     return FOUND
-
-
-def _per_trajectory(timing: Timing, fit: Refinement) -> tuple[IntArray, FloatArray]:
-    """One Gauss-Newton step of each trajectory by itself from the common offset."""
-    numbers, place = np.unique(timing.label, return_inverse=True)
-    score = np.bincount(place, weights=fit.score[:, 0])
-    hessian = np.bincount(place, weights=fit.hessian[:, 0, 0])
-    enough = hessian > MIN_SHARE * hessian.mean()
-    offsets = np.full(len(numbers), np.nan)
-    offsets[enough] = fit.timing[0] + score[enough] / hessian[enough]
-    return numbers, offsets
 
 
 def _distinct(fits: Sequence[Refinement], apart: float) -> list[Refinement]:

@@ -101,11 +101,6 @@ class Mission:
     fragments: FloatArray  # (n, 3) tracker frame
     start: float = 0.0  # session time at which it begins, s
 
-    def _fragments_of(self, station: Station) -> list[int]:
-        """Return the numbers of the fragments on this arm's side."""
-        x = self.scene.along(self.fragments)[:, 0]
-        return [i for i in range(len(x)) if station.side == 0.0 or (x[i] >= 0) == (station.side > 0)]
-
     def _in_the_middle(self, number: int) -> bool:
         """Return whether a fragment lies where both arms could meet."""
         return len(self.stations) > 1 and abs(float(self.scene.along(self.fragments[number])[0])) < MIDDLE
@@ -158,7 +153,9 @@ class _Worker:
     def __init__(self, mission: Mission, station: Station, strategy: Strategy, rng: np.random.Generator) -> None:
         self._mission, self._strategy, self._rng = mission, strategy, rng
         self.robot = SimulatedRobot(station, rng, mission.start)
-        self.left = mission._fragments_of(station)
+        x = mission.scene.along(mission.fragments)[:, 0]
+        # Numbers of the fragments on this arm's side.
+        self.left = [i for i in range(len(x)) if station.side == 0.0 or (x[i] >= 0) == (station.side > 0)]
         self.waited = 0.0
         strategy.begin(self.robot)
 

@@ -1,13 +1,14 @@
 """Two ways to bring a tool to a fragment: slowly with many pictures, or at once with a correction.
 
 `LookAndMove` is static look-and-move visual servoing; `OpenLoop` takes no picture where the correction is sure enough.
+Both `begin` with a robot at home, `approach` a fragment by one of several grasps, the best first, and `carry` it to the
+bowl, or stay over its place after a failed grasp; each ends at rest.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
@@ -33,37 +34,6 @@ class Approach:
     looks: int = 0  # pictures of the tool that were taken
     doubts: tuple[Doubt, ...] = ()  # why others were not chosen
     careful: bool = False  # whether no correction was sure enough, so that the arm went by pictures
-
-
-class Strategy(Protocol):
-    """Moves one robot to a fragment and to the bowl."""
-
-    def begin(self, robot: SimulatedRobot) -> None:
-        """Take over a robot at home.
-
-        Parameters
-        ----------
-        robot : SimulatedRobot
-        """
-
-    def approach(self, robot: SimulatedRobot, ways: Sequence[Grasp]) -> Approach:
-        """Bring the tool to the fragment, at rest.
-
-        Parameters
-        ----------
-        robot : SimulatedRobot
-        ways : sequence of Grasp, best first
-        """
-
-    def carry(self, robot: SimulatedRobot, approach: Approach, *, to_bowl: bool) -> None:
-        """Lift, and go to the bowl with a fragment, or stay over its place after a failed grasp; at rest.
-
-        Parameters
-        ----------
-        robot : SimulatedRobot
-        approach : Approach
-        to_bowl : bool
-        """
 
 
 @dataclass
@@ -166,3 +136,6 @@ class OpenLoop:
         robot.follow(path.times, command)
         robot.wait(SETTLING)
         self._at = path.goal
+
+
+Strategy = LookAndMove | OpenLoop

@@ -78,10 +78,6 @@ def _no_memory(base: Base, *, noise: bool = True, faults: bool = True) -> dict[s
     return _columns(base, (WITH_GPR,), _recording(base, model=model, faults=faults))
 
 
-def _no_faults(base: Base) -> dict[str, Any]:
-    return _columns(base, (WITH_VELOCITY, FULL), _recording(base, faults=False))
-
-
 def _true_poses(base: Base) -> dict[str, Any]:
     """Columns of the dirty set, of held-out samples whose desired pose is true."""
     experiments = {
@@ -148,7 +144,7 @@ ABLATIONS: Mapping[str, Callable[[Base], dict[str, Any]]] = {
     "no play or friction": _no_memory,
     "no play, friction or faults": partial(_no_memory, faults=False),
     "no play, friction, faults or noise": partial(_no_memory, faults=False, noise=False),
-    "no faults": _no_faults,
+    "no faults": lambda base: _columns(base, (WITH_VELOCITY, FULL), _recording(base, faults=False)),
     "true poses": _true_poses,
     "least squares": _least_squares,
     "least squares, more lost": partial(_least_squares, lost=MUCH_LOST),

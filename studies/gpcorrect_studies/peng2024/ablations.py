@@ -73,14 +73,6 @@ def _without_memory() -> Model:
     return model.with_effects(*(e for e in model.effects if e.to_dict()["name"] not in MEMORY_EFFECTS))
 
 
-def _no_memory(fits: StudyFits, _: CalibrationLog) -> dict[str, Any]:
-    return _directions(fits, replace(fits.study, machine=_without_memory()))
-
-
-def _as_published(fits: StudyFits, _: CalibrationLog) -> dict[str, Any]:
-    return _directions(fits, replace(fits.study, as_published=True), DIRECTIONS_COMPARED[1:], ("network",))
-
-
 @dataclass(frozen=True)
 class _Bent(RavenStudy):
     """The arm, with an error of every joint that is a wave over joints 2 and 3: no line of positions and efforts."""
@@ -94,12 +86,8 @@ class _Bent(RavenStudy):
         return replace(log, external_jp=log.external_jp + (BENT / UNITS) * wave[:, None])
 
 
-def _bent(fits: StudyFits, _: CalibrationLog, machine: Model | None = None) -> dict[str, Any]:
+def _bent(fits: StudyFits, machine: Model | None) -> dict[str, Any]:
     return _directions(fits, _Bent(fits.study.seed, fits.study.homings, fits.study.as_published, machine))
-
-
-def _bent_without_memory(fits: StudyFits, test: CalibrationLog) -> dict[str, Any]:
-    return _bent(fits, test, _without_memory())
 
 
 def _drifting_joint_2(fits: StudyFits, _: CalibrationLog) -> dict[str, Any]:
@@ -197,10 +185,12 @@ def _milliseconds(call: Callable[[], Any]) -> float:
 
 
 ABLATIONS: Mapping[str, Callable[[StudyFits, CalibrationLog], dict[str, Any]]] = {
-    "no play or friction": _no_memory,
-    "errors that bend": _bent,
-    "errors that bend alone": _bent_without_memory,
-    "as published": _as_published,
+    "no play or friction": lambda fits, _: _directions(fits, replace(fits.study, machine=_without_memory())),
+    "errors that bend": lambda fits, _: _bent(fits, None),
+    "errors that bend alone": lambda fits, _: _bent(fits, _without_memory()),
+    "as published": lambda fits, _: _directions(
+        fits, replace(fits.study, as_published=True), DIRECTIONS_COMPARED[1:], ("network",)
+    ),
     "drift of joint 2": _drifting_joint_2,
     "slow": _slow,
     "unscaled": _unscaled,

@@ -63,7 +63,7 @@ class Peng2024(StudyResult):
     NOTES: ClassVar = {"comparable": PENG_COMPARABLE, "not_comparable": PENG_NOT_COMPARABLE}
 
     scope: PengScope
-    # by direction, by method, by test run, by method
+    # RMSE by training direction and method; by method; by test run; by method
     table1: Mapping[str, Any]
     table2: Mapping[str, Any]
     table4: Mapping[str, Any]
@@ -160,14 +160,14 @@ def reproduce_peng2024(
     begun, parts = time.perf_counter(), parts or Parts()
     study = RavenStudy(seed, scope.homings, as_published)
     fits = StudyFits(study, scope, progress or Progress(), parts)
-    test = study.random_run(scope.minutes)
+    test, sparsity = study.random_run(scope.minutes), scope.middle.sparsity
     tests = {"unloaded": test, "loaded 500 g": study.after_hours((0.0,), scope.minutes, LOAD, idle=False)}
     if HOURS in scope.hours:
         tests["unloaded 5 h"] = study.after_hours((HOURS,), scope.minutes, None, idle=False)
     return Peng2024(
         scope=scope,
         seed=seed,
-        table1=_table_1(fits, test),
+        table1=fits.over("Table I", scope.directions, lambda d: fits.all_rmse(Run(d, sparsity), test)),
         fig5=_figure_5(fits, test),
         fig6=_figure_6(fits),
         fig8=_figure_8(fits, test),
@@ -179,12 +179,6 @@ def reproduce_peng2024(
         as_published=as_published,
         seconds=parts.seconds_before + time.perf_counter() - begun,
     )
-
-
-def _table_1(fits: StudyFits, test: CalibrationLog) -> dict[str, dict[str, Cell]]:
-    """Return the RMSE by training direction and method."""
-    sparsity = fits.scope.middle.sparsity
-    return fits.over("Table I", fits.scope.directions, lambda d: fits.all_rmse(Run(d, sparsity), test))
 
 
 def _figure_5(fits: StudyFits, test: CalibrationLog) -> list[dict[str, Any]]:

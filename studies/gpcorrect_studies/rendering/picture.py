@@ -152,12 +152,9 @@ class Studio:
             boxes.append((left, top, right, bottom))
         for box in boxes:
             _refresh(blurred, sharp, box, self.blur)
-        return self._developed(blurred)
-
-    def _developed(self, image: Raster) -> Picture:
         down, right = self.rng.integers(NOISE_MARGIN, size=2)
-        height, width = image.shape[:2]
-        noisy = image + self._field[down : down + height, right : right + width]
+        height, width = blurred.shape[:2]
+        noisy = blurred + self._field[down : down + height, right : right + width]
         noisy += np.float32(0.5)
         np.clip(noisy, 0, 255, out=noisy)
         return np.ascontiguousarray(noisy.astype(np.uint8)[..., ::-1])
