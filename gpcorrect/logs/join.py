@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from itertools import combinations
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 
@@ -26,15 +26,16 @@ IN_COMMON = 0.5  # of the shorter recording: both are of one session
 _HINT = "Give the seconds by which the tracker's clock runs ahead: --time-offset SECONDS."
 
 
-def join_logs(logs: Sequence[CalibrationLog]) -> CalibrationLog:
+def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "keep"] = "renumber") -> CalibrationLog:
     """One log of all rows, in the order given, in which no trajectory runs from one log into the next.
 
-    Trajectories and sessions are numbered anew from zero, each log's its own. A signal that some log lacks is dropped;
-    the remarks say so.
+    Trajectories are numbered anew from zero. A signal that some log lacks is dropped; the remarks say so.
 
     Parameters
     ----------
     logs : sequence of CalibrationLog, at least one
+    sessions : {"renumber", "keep"}
+        Number sessions anew, each log its own; or keep the numbers, when they mean the same in every log.
 
     Raises
     ------
@@ -53,10 +54,11 @@ def join_logs(logs: Sequence[CalibrationLog]) -> CalibrationLog:
     common = tuple(s for s in logs[0].signals if all(s in log.signals for log in logs))
     signals: dict[str, Any] = {name: _joined(logs, name) for name in common}
     extra = [name for name in logs[0].extra if all(name in log.extra for log in logs)]
+    numbers = _renumbered([log.session for log in logs])
     return CalibrationLog(
         np.concatenate([log.time for log in logs]),
         _renumbered([log.trajectory for log in logs]),
-        _renumbered([log.session for log in logs]),
+        numbers if sessions == "renumber" else np.concatenate([log.session for log in logs]),
         **signals,
         extra={name: np.concatenate([log.extra[name] for log in logs]) for name in extra},
         meta=_joined_meta(logs),

@@ -36,8 +36,10 @@ def test_trajectories_never_merge_and_keep_their_rows():
     assert [len(rows) for _, rows in joined.trajectories()] == [len(rows) for rows in parts]
 
 
-def test_sessions_are_each_logs_own():
-    assert np.unique(join_logs([random_log(0), random_log(1)]).session).tolist() == [0, 1]
+def test_sessions_are_each_logs_own_unless_they_mean_the_same():
+    logs = [random_log(0), random_log(1)]
+    assert np.unique(join_logs(logs).session).tolist() == [0, 1]
+    assert np.unique(join_logs(logs, sessions="keep").session).tolist() == [3]
 
 
 def test_a_signal_that_not_every_log_has_is_dropped_and_reported():

@@ -85,7 +85,7 @@ def test_clocks_with_other_origins_need_a_rough_offset():
 
 
 def test_trajectories_are_pooled():
-    """Ten short trajectories give a narrower interval than one of them."""
+    """Ten short trajectories give a narrower interval than one of them, and each its own estimate."""
     rng = np.random.default_rng(4)
     whole = Recording(seconds=60.0).pair(wandering(rng), 0.15, rng)
 
@@ -95,6 +95,8 @@ def test_trajectories_are_pooled():
     pairs = [MotionPair(cut(whole.reference, a), cut(whole.observed, a)) for a in range(0, 60, 6)]
     many = estimate_offset(pairs)
     assert np.ptp(many.ci95) < np.ptp(estimate_offset(pairs[:1]).ci95)
+    assert many.per_trajectory.shape == (10,)
+    np.testing.assert_allclose(many.per_trajectory, 0.15, atol=2e-3)
 
 
 def reaching_log(offset, restart):
@@ -120,8 +122,11 @@ def reaching_log(offset, restart):
 
 @pytest.mark.parametrize("offset", [-0.7, 0.047, 1.2])
 def test_offsets_longer_than_a_trajectory_are_found_where_the_clock_runs_on(offset):
-    """A recording cut into short reaches is searched as one."""
-    assert log_offset(reaching_log(offset, restart=0)).offset == pytest.approx(offset, abs=5e-4)
+    """A recording cut into short reaches is searched as one, and each reach has its own estimate."""
+    found = log_offset(reaching_log(offset, restart=0))
+    assert found.offset == pytest.approx(offset, abs=5e-4)
+    assert found.trajectories.tolist() == list(range(40))
+    np.testing.assert_allclose(found.per_trajectory[2:-2], offset, atol=5e-3)
 
 
 def test_a_clock_that_starts_anew_limits_the_search():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -14,7 +14,7 @@ from gpcorrect.logs.streams import Stream, default_max_gap
 from gpcorrect.logs.sync.correlation import LagCurve, lag_curve, peaks, slower_step
 from gpcorrect.logs.sync.motion import REFERENCES, MotionPair, pairs_of, stream_pair, stretches
 from gpcorrect.logs.sync.refine import MIN_INFORMATION, Refinement, Timing, block_sums
-from gpcorrect.types import CalibrationLog, FloatArray, frozen_array
+from gpcorrect.types import CalibrationLog, FloatArray, IntArray, frozen_array
 
 Verdict = Literal["found", "too_few", "still", "steady", "unrelated", "edge", "ambiguous", "imprecise"]
 Finding = tuple[Verdict, str]
@@ -31,6 +31,7 @@ MIN_CORRELATION = 0.3  # two unrelated speeds of some tens of strokes stay below
 MIN_EXPLAINED = 0.5  # a reference that explains less than half of the spread is not the same motion
 PEAK_SHARE = 0.5  # lesser peaks than this fraction of the highest are no rivals
 MAX_RIVALS = 8  # a reason names no more
+MIN_SHARE = 1e-3  # of the usual information: a trajectory with less says nothing by itself
 PEAK_WIDTH = 0.2  # s; a peak, blurred by noise and by strokes of a second, lies this close to the offset
 PEAK_STEPS = 3.0  # or this many samples of the slower signal, if that is more
 DISTINCT_STEPS = 1.0  # optima within a slow sample step of each other are the same
@@ -78,6 +79,8 @@ class TimeOffset:
     lags, correlation : (m,) arrays, pooled correlation of the speeds, for a plot; empty when nothing could be compared
     rivals : tuple of float, other offsets that explain the recording as well, s
     drift : ClockDrift or None, only where it is significant
+    trajectories : (k,) int array, numbers of the trajectories compared
+    per_trajectory : (k,) array, offset of each of them by itself, s; NaN where it says nothing
     explained : float, share of the observed spread that the shifted reference explains; NaN when there is no offset
     samples : int, observed samples compared
     observed, reference : str, names of the signals
@@ -91,6 +94,8 @@ class TimeOffset:
     correlation: FloatArray
     rivals: tuple[float, ...] = ()
     drift: ClockDrift | None = None
+    trajectories: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    per_trajectory: FloatArray = field(default_factory=lambda: np.empty(0))
     explained: float = float("nan")
     samples: int = 0
     observed: str = ""
@@ -131,7 +136,7 @@ class TimeOffset:
 
 
 def log_offset(log: CalibrationLog, observed: str | None = None, reference: str | None = None) -> TimeOffset:
-    """Time offset between two signals of a log, over all its trajectories together.
+    """Time offset between two signals of a log, trajectory by trajectory and pooled.
 
     Parameters
     ----------
@@ -227,6 +232,7 @@ def estimate_offset(
         correlation=frozen_array(found.correlation),
         rivals=tuple(r + centre for r in found.rivals),
         drift=found.drift and replace(found.drift, epoch=found.drift.epoch + centre),
+        per_trajectory=frozen_array(found.per_trajectory + centre),
         observed=names[0],
         reference=names[1],
     )
@@ -306,6 +312,7 @@ def _refined(
         curve.correlation,
         rivals,
         drift,
+        *_per_trajectory(timing, best),
         best.explained,
         int(best.valid.sum()),
     )
@@ -346,6 +353,17 @@ def _fine_finding(
     if width > MAX_HALF_WIDTH * reach:
         return "imprecise", f"the motion determines the offset to +-{width:.2g} s only."
     return FOUND
+
+
+def _per_trajectory(timing: Timing, fit: Refinement) -> tuple[IntArray, FloatArray]:
+    """One Gauss-Newton step of each trajectory by itself from the common offset."""
+    numbers, place = np.unique(timing.label, return_inverse=True)
+    score = np.bincount(place, weights=fit.score[:, 0])
+    hessian = np.bincount(place, weights=fit.hessian[:, 0, 0])
+    enough = hessian > MIN_SHARE * hessian.mean()
+    offsets = np.full(len(numbers), np.nan)
+    offsets[enough] = fit.timing[0] + score[enough] / hessian[enough]
+    return numbers, offsets
 
 
 def _distinct(fits: Sequence[Refinement], apart: float) -> list[Refinement]:

@@ -33,6 +33,7 @@ class Motion:
     # (n, m) further columns that a constant matrix may mix into what the other clock saw: the nine entries of the
     # rotation matrix stand for an unknown lever arm between the two points
     lever: FloatArray | None = None
+    label: IntArray | None = None  # (n,) trajectory of each sample, for offsets trajectory by trajectory
 
     def __post_init__(self) -> None:
         time, values = np.asarray(self.time, dtype=np.float64), np.asarray(self.values, dtype=np.float64)
@@ -44,6 +45,8 @@ class Motion:
         for name, array in (("time", time), ("values", values)):
             object.__setattr__(self, name, frozen_array(array[rows]))
         object.__setattr__(self, "lever", frozen_array(lever[rows]) if lever.shape[1] else None)
+        if self.label is not None:
+            object.__setattr__(self, "label", frozen_array(np.asarray(self.label)[rows], np.int64))
 
     def __len__(self) -> int:
         return len(self.time)
@@ -60,7 +63,9 @@ class Motion:
         ----------
         keep : (n,) bool array of those to take, or their numbers
         """
-        return Motion(self.time[keep], self.values[keep], None if self.lever is None else self.lever[keep])
+        lever = None if self.lever is None else self.lever[keep]
+        label = None if self.label is None else self.label[keep]
+        return Motion(self.time[keep], self.values[keep], lever, label)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +119,7 @@ def pairs_of(log: CalibrationLog, observed: str, reference: str) -> list[MotionP
     return [
         MotionPair(
             Motion(log.time[rows], values[rows], None if lever is None else lever[rows]),
-            Motion(log.time[rows], seen[rows]),
+            Motion(log.time[rows], seen[rows], label=log.trajectory[rows]),
         )
         for rows in clock_runs(log)
     ]

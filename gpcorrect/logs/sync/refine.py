@@ -19,7 +19,7 @@ from scipy.special import stdtrit  # scipy.stats has it too, and takes half a se
 from gpcorrect.logs.streams import default_max_gap
 from gpcorrect.logs.sync.motion import Motion, MotionPair
 from gpcorrect.robust import robust_scale
-from gpcorrect.types import BoolArray, FloatArray
+from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 HUBER = 2.0  # robust standard deviations up to which a residual counts in full
 MAX_STEPS = 40  # of Gauss and Newton; converging takes about ten
@@ -59,6 +59,9 @@ class Refinement:
     valid: BoolArray  # (n,) observed samples that were compared
     residual: FloatArray  # (n, k) observed less modelled, 0 where not valid
     scale: FloatArray  # (k,) robust standard deviation of the residual
+    # (n, p) and (n, p, p), what each sample adds to the normal equations of the timing
+    score: FloatArray
+    hessian: FloatArray
 
     def loss(self, scale: FloatArray) -> FloatArray:
         """Huber loss of each sample `(n,)` for noise of these standard deviations `(k,)`.
@@ -78,13 +81,13 @@ class Refinement:
 
 @dataclass(frozen=True, eq=False)
 class _Linear:
-    """The model about a timing."""
+    """The model about a timing: residual `(n, k)` and weight `(n,)`; score and Hessian as in :class:`Refinement`."""
 
-    residual: FloatArray  # (n, k)
-    weight: FloatArray  # (n,)
-    scale: FloatArray  # (k,)
-    score: FloatArray  # (n, p) what each sample adds to the gradient
-    hessian: FloatArray  # (p, p) of the whole loss
+    residual: FloatArray
+    weight: FloatArray
+    scale: FloatArray
+    score: FloatArray
+    hessian: FloatArray
     information: float
 
 
@@ -98,6 +101,10 @@ class Timing:
         self._fit_splines([p.reference for p in pairs])
         self.stamps = [np.asarray(p.observed.time) for p in pairs]
         self.elapsed = np.concatenate(self.stamps) - epoch
+        labels = [
+            np.full(len(p.observed), i) if p.observed.label is None else p.observed.label for i, p in enumerate(pairs)
+        ]
+        self.label: IntArray = np.concatenate(labels)
         target = np.concatenate([p.observed.values for p in pairs])
         spread = target.std(axis=0) if len(target) else np.zeros(target.shape[1])
         moving = spread > 0
@@ -179,14 +186,15 @@ class Timing:
             weight[sampled.valid] = linear.weight
             if linear.information < MIN_INFORMATION:
                 return self._result(timing, weight)
-            step = np.linalg.pinv(linear.hessian, rcond=1e-15, hermitian=True) @ linear.score.sum(axis=0)
+            score, hessian = linear.score.sum(axis=0), linear.hessian.sum(axis=0)
+            step = np.linalg.pinv(hessian, rcond=1e-15, hermitian=True) @ score
             timing = timing + step
             sampled, held = self.sample(timing), sampled.valid
             if count >= FREE_STEPS:
                 scale, sampled = linear.scale, replace(sampled, valid=held)
             if abs(timing[0] - start[0]) > bracket:
                 return None
-            if abs(step[0]) < max(TOLERANCE / np.sqrt(max(linear.hessian[0, 0], 1e-300)), FLOOR):
+            if abs(step[0]) < max(TOLERANCE / np.sqrt(max(hessian[0, 0], 1e-300)), FLOOR):
                 return self._result(timing, weight)
         return None
 
@@ -229,7 +237,7 @@ class Timing:
         information = float(moved[0] / moved[1]) if moved[1] > 0 else 0.0
         weight, slope = np.minimum(1.0, HUBER / np.maximum(size, HUBER)), np.stack(own, axis=2) / scale[:, None]
         score = -np.einsum("n,nk,nkp->np", weight, residual / scale, slope)
-        hessian = np.einsum("n,nkp,nkq->npq", weight, slope, slope).sum(axis=0)
+        hessian = np.einsum("n,nkp,nkq->npq", weight, slope, slope)
         return _Linear(residual, weight, scale, score, hessian, information)
 
     def _result(self, timing: FloatArray, weight: FloatArray) -> Refinement | None:
@@ -238,14 +246,18 @@ class Timing:
         if not self.enough(valid):
             return None
         linear = self._linearise(sampled, weight[valid], p, None)
+        score, hessian = np.zeros((len(valid), p)), np.zeros((len(valid), p, p))
+        score[valid], hessian[valid] = linear.score, linear.hessian
         residual = np.zeros(self.target.shape)
         residual[valid] = linear.residual
-        covariance, dof = sandwich(linear.score, linear.hessian)
+        covariance, dof = sandwich(linear.score, linear.hessian.sum(axis=0))
         covariance *= lost_freedom(np.clip(linear.residual / linear.scale, -HUBER, HUBER), self.columns + 1)
         target, weight = self.target[valid], linear.weight[:, None]
         spread = float(np.sum(weight * (target - np.average(target, axis=0, weights=linear.weight)) ** 2))
         explained = 1.0 - float(np.sum(weight * linear.residual**2)) / spread if spread > 0 else 0.0
-        return Refinement(timing, covariance, dof, explained, linear.information, valid, residual, linear.scale)
+        return Refinement(
+            timing, covariance, dof, explained, linear.information, valid, residual, linear.scale, score, hessian
+        )
 
 
 def _size(residual: FloatArray, scale: FloatArray) -> FloatArray:
