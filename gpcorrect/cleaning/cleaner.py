@@ -299,9 +299,9 @@ def _label_motion(
 
     def spread(values: FloatArray) -> FloatArray:
         """Values (m,) of pieces as values (n,) of all samples, NaN for those in no piece."""
-        spread = np.full(len(samples), np.nan)
-        spread[left] = values[pieces.label]
-        return spread
+        whole = np.full(len(samples), np.nan)
+        whole[left] = values[pieces.label]
+        return whole
 
     labels = labels.rejecting_above(spread(from_rigid), Reason.OUTLIER, settings.outlier_factor)
     labels = labels.rejecting_above(spread(from_smooth), Reason.OFFSET, settings.offset_factor)
