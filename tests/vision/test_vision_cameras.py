@@ -24,9 +24,7 @@ from gpcorrect.vision import (
     refine_pose,
     write_cameras,
 )
-from gpcorrect.vision.calibrate import _found_from
-from gpcorrect.vision.files import Rig
-from gpcorrect.vision.markers import find_blobs
+from gpcorrect.vision.markers import find_blobs, found_from
 from gpcorrect.vision.opencv import cv2
 from gpcorrect.vision.place import poses_from_points
 from gpcorrect_studies.rendering import Ball, Stage, Studio, backdrop, four_cameras, marker_points
@@ -103,7 +101,7 @@ def test_dots_on_posts_are_found() -> None:
     T = se3.compose(se3.exp(np.array([0.006, -0.005, 0.01, 0.01, -0.015, 0.02])), place_of(lens))
     rough = Camera("c", intrinsics_of(lens), T)
     named = {f"m{k}": place for k, place in enumerate(points)}
-    found = _found_from(image, find_blobs(image), Rig(BOARD, (), named), rough)
+    found = found_from(image, find_blobs(image), named, rough)
     assert found is not None
     off = [np.linalg.norm(found[1][name] - lens.pixels(place)) for name, place in named.items() if name in found[1]]
     assert np.count_nonzero(np.array(off) < 0.3) >= 14
