@@ -21,12 +21,7 @@ class Segment:
     Parameters
     ----------
     trajectory : int, number of the trajectory
-    start, stop : float, first and last time, s; infinite for an open end
-
-    Raises
-    ------
-    DataError
-        `stop` comes before `start`.
+    start, stop : float, first and last time, s; infinite for an open end; DataError where `stop` is first
     """
 
     trajectory: int

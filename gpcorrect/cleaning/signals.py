@@ -155,12 +155,7 @@ def pose_pair(log: CalibrationLog, pair: Pair) -> tuple[PoseSignal, PoseSignal]:
     Parameters
     ----------
     log : CalibrationLog, recording
-    pair : Pair, signals to take
-
-    Raises
-    ------
-    LogError
-        The log lacks one of the signals.
+    pair : Pair, signals to take; LogError where the log lacks one
     """
     observed, command = (_signal(log, name, pair) for name in (pair.observed, pair.command))
     if command.quaternion is None or not pair.orientation:

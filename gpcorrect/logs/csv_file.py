@@ -44,7 +44,7 @@ EUROC = ("p_RS_R_x", "p_RS_R_y", "p_RS_R_z", "q_RS_w", "q_RS_x", "q_RS_y", "q_RS
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     """Read a text table."""
     dialect, mapping = _sniff(path, settings.columns.csv), settings.columns
-    known = None if mapping.used else _recognised(dialect.names, _first_rows(dialect), mapping)
+    known = None if mapping.used else _recognised(dialect, mapping)
     if known is not None:
         mapping = known[0]
     elif not settings.mapped and _numbered(dialect.names):
@@ -52,14 +52,6 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
         raise LogError(f"the first line holds {len(dialect.names)} numbers and no column names.", hint=hint)
     log = log_from_table(_table(dialect, mapping), mapping, settings.disorder)
     return log if known is None else replace(log, remarks=(known[1], *log.remarks))
-
-
-def _first_rows(dialect: Dialect) -> FloatArray:
-    """Numbers `(n, columns)` of the first samples that are complete; NaN for text."""
-    with dialect.records() as records:
-        rows = [cells for _, cells in islice(records, LOOK_AHEAD) if len(cells) == len(dialect.names)]
-    numbers = [[float(c) if _is_number(c, ".") else np.nan for c in (c.replace(",", ".") for c in row)] for row in rows]
-    return np.array(numbers, dtype=np.float64).reshape(len(rows), len(dialect.names))
 
 
 def _table(dialect: Dialect, mapping: ColumnMap) -> Table:
@@ -241,10 +233,14 @@ def encoding_of(path: Path) -> str:
     return "utf-8"
 
 
-def _recognised(names: Sequence[str], rows: FloatArray, stated: ColumnMap) -> tuple[ColumnMap, str] | None:
+def _recognised(dialect: Dialect, stated: ColumnMap) -> tuple[ColumnMap, str] | None:
     """Tell by its first samples what the columns of a known kind of table are, with a remark; None for other tables."""
-    for title, columns in KINDS.items() if len(rows) else ():
-        found = columns(names, rows, stated)
+    with dialect.records() as records:
+        rows = [cells for _, cells in islice(records, LOOK_AHEAD) if len(cells) == len(dialect.names)]
+    numbers = [[float(c) if _is_number(c, ".") else np.nan for c in (c.replace(",", ".") for c in row)] for row in rows]
+    table = np.array(numbers, dtype=np.float64)
+    for title, columns in KINDS.items() if rows else ():
+        found = columns(dialect.names, table, stated)
         if found is not None:
             given = {name: value for name in stated.model_fields_set if (value := getattr(stated, name)) is not None}
             return found.model_copy(update=given), f"read as {title}."

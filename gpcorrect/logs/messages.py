@@ -126,19 +126,15 @@ def extractor(kind: str, msgtype: str, place: int | None) -> Callable[[Any], Any
         return _raven_row
     if kind.endswith("_js"):
         return lambda message: (tuple(message.name), message.position, message.velocity, message.effort)
-    return _array_row(place) if msgtype.endswith("/PoseArray") else pose_row
 
-
-def _array_row(place: int | None) -> Callable[[Any], tuple[float, ...]]:
-    """Make a function that takes one pose out of a PoseArray; NaN where the array is too short."""
-
-    def _row(message: Any) -> tuple[float, ...]:
+    def _of_array(message: Any) -> tuple[float, ...]:
+        """Take one pose out of a PoseArray; NaN where the array is too short."""
         count, k = len(message.poses), place or 0
         if place is None and count > 1:
             raise LogError(f"an array holds {count} poses.", hint="Choose one by its place, counted from 0: /poses[1].")
         return pose_row(message.poses[k]) if k < count else (math.nan,) * 3 + NO_ROTATION
 
-    return _row
+    return _of_array if msgtype.endswith("/PoseArray") else pose_row
 
 
 def streams_of(

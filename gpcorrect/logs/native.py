@@ -53,6 +53,8 @@ def require_writable(path: str | Path) -> None:
 def write_log(log: CalibrationLog, path: str | Path) -> None:
     """Write a log that reads back as the same numbers, bit for bit; a missing number is an empty cell.
 
+    Raises as :func:`require_writable`.
+
     The file appears whole or not at all. A sidecar NAME.toml beside it holds the meta data; it is written
     when there are any, or when an old one would otherwise speak for the new log.
 
@@ -60,13 +62,6 @@ def write_log(log: CalibrationLog, path: str | Path) -> None:
     ----------
     log : CalibrationLog, the log; its extra columns are written too
     path : str or Path, ends in .csv or .parquet
-
-    Raises
-    ------
-    LogError
-        The name has another ending.
-    GpCorrectError
-        The folder does not exist or cannot be written.
     """
     target = Path(path)
     require_writable(target)

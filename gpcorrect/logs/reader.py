@@ -21,7 +21,7 @@ from gpcorrect.logs.mocap import motive, ndi, qualisys, trc, vicon
 from gpcorrect.logs.mocap.take import Take, log_of
 from gpcorrect.logs.native import read_sidecar, sidecar_path
 from gpcorrect.logs.order import Disorder, check_order
-from gpcorrect.types import BoolArray, CalibrationLog, LogMeta, PoseSignal
+from gpcorrect.types import CalibrationLog, LogMeta, PoseSignal
 
 T = TypeVar("T")
 Reader = Callable[[Path, ReadSettings], CalibrationLog | Take]
@@ -180,17 +180,16 @@ def _possible(log: CalibrationLog) -> CalibrationLog:
             rest = np.where(wrong, np.nan, table)
             changed[name] = PoseSignal(rest, value.quaternion) if pose else rest
     seen: PoseSignal | None = changed.get("tracker_cp", log.tracker_cp)
-    # A tracker that counts from its first pose is at the origin once.
-    if seen is not None and (hidden := _unseen(seen)).sum() > 1:
-        changed["tracker_cp"] = PoseSignal.of(np.where(hidden[:, None], np.nan, seen.table))
-        remarks.append(f"{hidden.sum()} samples of tracker_cp are at exactly 0, 0, 0, unturned; they count as missing.")
+    if seen is not None:
+        # Exactly 0, 0, 0 and unturned is how trackers write what they do not see; one that counts from its first pose
+        # is there once.
+        unturned = True if seen.quaternion is None else ~(np.abs(seen.quaternion[:, 0]) < 1.0)
+        hidden = (seen.position == 0.0).all(axis=1) & unturned
+        if hidden.sum() > 1:
+            changed["tracker_cp"] = PoseSignal.of(np.where(hidden[:, None], np.nan, seen.table))
+            what = f"{hidden.sum()} samples of tracker_cp are at exactly 0, 0, 0, unturned"
+            remarks.append(f"{what}; they count as missing.")
     return replace(log, **changed, remarks=(*log.remarks, *remarks)) if changed else log
-
-
-def _unseen(pose: PoseSignal) -> BoolArray:
-    """(n,) mask of positions at exactly 0, 0, 0 without a turn: how trackers write what they do not see."""
-    unturned = True if pose.quaternion is None else ~(np.abs(pose.quaternion[:, 0]) < 1.0)
-    return np.asarray((pose.position == 0.0).all(axis=1) & unturned)
 
 
 def format_of(path: Path) -> Format:

@@ -141,7 +141,11 @@ def _tracker(types: Mapping[str, str], options: BagOptions) -> tuple[str, list[s
     if stated is not None:
         return (_stated(types, "tracker_cp", stated) if stated else ""), []
     taken = {_slashed(element_of(topic)[0]) for topic in options.topics.values()}
-    others = _other_robots(types, options.namespace)
+    # What is seen in the namespace of a robot that is not wanted is not seen of the one that is.
+    others, wanted = set[str](), options.namespace
+    if wanted is not None:
+        robots = {space for space, topics in _robots(types, "").items() if topics.keys() & COMMANDED}
+        others = {space for space in robots if not (_within(space, {_slashed(wanted)}) or _within(wanted, {space}))}
     free = [
         topic
         for topic, kind in types.items()
@@ -157,14 +161,6 @@ def _tracker(types: Mapping[str, str], options: BagOptions) -> tuple[str, list[s
                 topic = _only(found, "topic that may be the tracker")
                 return topic, [f"{topic} was taken for the tracker."]
     return "", []
-
-
-def _other_robots(types: Mapping[str, str], wanted: str | None) -> set[str]:
-    """Namespaces of robots that are not the one that is wanted: what is seen there is not seen of that one."""
-    if wanted is None:
-        return set()
-    robots = {space for space, topics in _robots(types, "").items() if topics.keys() & COMMANDED}
-    return {space for space in robots if not (_within(space, {_slashed(wanted)}) or _within(wanted, {space}))}
 
 
 def _within(name: str, spaces: set[str]) -> bool:

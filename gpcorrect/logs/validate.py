@@ -96,7 +96,7 @@ def validate_log(
 def refuse_misread(
     log: CalibrationLog, learned: Collection[str] = POSES, *, as_is: bool = False
 ) -> tuple[Finding, ...]:
-    """Refuse a log that cannot be what it is taken for; return the other errors of :func:`validate_log`, to be said.
+    """Refuse a log that cannot be what it is taken for (LogError); return what else is wrong, to be said.
 
     Refused are errors after which a fit would still run, and report figures that mean nothing: milliseconds,
     millimetres, a left-handed tracker frame, quaternions in another order, the tracker of another motion, copies.
@@ -106,11 +106,6 @@ def refuse_misread(
     log : CalibrationLog, to learn from or measure on
     learned : collection of str, signals that matter, beside time
     as_is : bool, refuse nothing; return all errors
-
-    Raises
-    ------
-    LogError
-        With the first such error.
     """
     checks = [name for name in CHECKS if name != "clock_offset"]  # which finds no errors, and takes long
     errors = validate_log(log, checks, compared=learned).errors

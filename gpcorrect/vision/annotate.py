@@ -133,15 +133,10 @@ class AnnotatedVideo:
 
     Parameters
     ----------
-    path : str or Path, .mp4 or .avi
+    path : str or Path, .mp4 or .avi, in a folder that is there; GpCorrectError otherwise
     cameras : sequence of Camera, for the drawing
     target : Target, for the drawing
     fps : float, frames a second
-
-    Raises
-    ------
-    GpCorrectError
-        The name has another ending, or its folder is not there.
     """
 
     def __init__(self, path: str | Path, cameras: Sequence[Camera], target: Target, fps: float) -> None:

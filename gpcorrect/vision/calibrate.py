@@ -14,14 +14,12 @@ from gpcorrect.types import FloatArray, Progress
 from gpcorrect.vision.boards import Chessboard, LensCalibration, calibrate_lens, find_corners
 from gpcorrect.vision.camera import Camera, Intrinsics
 from gpcorrect.vision.files import Rig, RigCamera
-from gpcorrect.vision.markers import Blobs, find_blobs, match_blobs, refine_markers
-from gpcorrect.vision.opencv import Image
+from gpcorrect.vision.markers import find_blobs, found_from
 from gpcorrect.vision.place import Placement, adjust, poses_from_board, poses_from_points, refine_pose
 from gpcorrect.vision.settings import DEFAULT
 from gpcorrect.vision.sources import read_image
 
 SETTINGS = DEFAULT.calibration
-MARKER_NOISE_PX = 0.2  # what rims of dots leave: nothing is to be gained below
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,7 +204,7 @@ def _markers(row: RigCamera, rig: Rig, lens: Intrinsics, rough: Sequence[FloatAr
     image = read_image(row.markers_in)
     lens.require_size(image, row.name)
     blobs = find_blobs(image)
-    tried = [_found_from(image, blobs, rig, Camera(row.name, lens, T)) for T in rough]
+    tried = [found_from(image, blobs, rig.markers, Camera(row.name, lens, T)) for T in rough]
     found = sorted((one for one in tried if one), key=lambda one: (-int(one[0].used.sum()), one[0].rms_px))
     if not found:
         raise LogError(
@@ -225,45 +223,6 @@ def _markers(row: RigCamera, rig: Rig, lens: Intrinsics, rough: Sequence[FloatAr
                 )
             break
     return seen
-
-
-def _found_from(image: Image, blobs: Blobs, rig: Rig, camera: Camera) -> tuple[Placement, dict[str, FloatArray]] | None:
-    """Find the markers and refine the pose in turns, from every likely beginning; None when too few agree."""
-
-    def _matches(seen_by: Camera, reach: float, near: float) -> list[dict[str, int]]:
-        pixels = seen_by.project(np.array(list(rig.markers.values())))
-        return match_blobs(blobs, dict(zip(rig.markers, pixels, strict=True)), reach, near)
-
-    first, *rounds = SETTINGS.marker_near_px
-    best: tuple[Placement, dict[str, FloatArray]] | None = None
-    for matched in _matches(camera, SETTINGS.marker_reach_px, first):
-        found = _refined_from(image, blobs, matched, rig, camera)
-        for near in rounds:
-            if found is not None:
-                placed = replace(camera, T_camera_tracker=found[0].T_camera_tracker)
-                again = _matches(placed, near, near)
-                found = _refined_from(image, blobs, again[0], rig, placed) if again else None
-        if found is not None and (best is None or _markers_agree(found[0]) > _markers_agree(best[0])):
-            best = found
-    return best if best is not None and best[0].rms_px < SETTINGS.marker_rms_px else None
-
-
-def _markers_agree(placed: Placement) -> float:
-    """How well markers agree on a place: how many do, over what they are off by; tops of posts agree too, but less."""
-    return float(placed.used.sum()) / (MARKER_NOISE_PX + placed.rms_px)
-
-
-def _refined_from(
-    image: Image, blobs: Blobs, matched: Mapping[str, int], rig: Rig, camera: Camera
-) -> tuple[Placement, dict[str, FloatArray]] | None:
-    found = refine_markers(image, blobs, matched, camera.intrinsics)
-    if len(found) < SETTINGS.fewest_points:
-        return None
-    known, pixels = np.array([rig.markers[name] for name in found]), np.array(list(found.values()))
-    try:
-        return refine_pose(known, pixels, camera.intrinsics, [camera.T_camera_tracker]), found
-    except DegenerateError:
-        return None
 
 
 def _placed(points: FloatArray, pixels: FloatArray, lens: Intrinsics, rough: Sequence[FloatArray]) -> Placement:

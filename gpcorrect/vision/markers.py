@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gpcorrect.errors import DegenerateError
 from gpcorrect.types import FloatArray, IntArray
-from gpcorrect.vision.camera import Intrinsics
+from gpcorrect.vision.camera import Camera
 from gpcorrect.vision.opencv import Image, cv2
+from gpcorrect.vision.place import Placement, refine_pose
 from gpcorrect.vision.rim import outline
 from gpcorrect.vision.settings import DEFAULT
 
 SETTINGS = DEFAULT.calibration
 # Width of the wider Gaussian over the narrower one: their difference is nearly the Laplacian (Marr, Hildreth 1980).
 WIDER = 1.6
+MARKER_NOISE_PX = 0.2  # what rims of dots leave: nothing is to be gained below
 DISC = 1.75  # radius of a disc over the narrower Gaussian at which it answers most: sqrt(2) x sqrt(1.6)
 
 
@@ -79,17 +82,13 @@ def _round(answer: Image, u: IntArray, v: IntArray) -> FloatArray:
     return np.asarray(np.stack([x, y, at], axis=1)[good], dtype=np.float64)
 
 
-def match_blobs(
+def _match_blobs(
     blobs: Blobs, expected: Mapping[str, FloatArray], reach_px: float, near_px: float
 ) -> list[dict[str, int]]:
-    """Return what may be the blobs of the markers, the likeliest first: of one kind, at one offset from their places.
+    """Say what may be the blobs of the markers, the likeliest first: of one kind, at one offset from their places.
 
-    Parameters
-    ----------
-    blobs : Blobs
-    expected : mapping of marker to (2,) array, px; NaN when it is out of sight
-    reach_px : float, greatest common offset
-    near_px : float, how far from the common offset a marker may be
+    A marker is expected at a pixel `(2,)`, NaN when it is out of sight; no offset is greater than `reach_px`, and no
+    marker farther than `near_px` from the offset of all.
     """
     places = {name: pixel for name, pixel in expected.items() if np.isfinite(pixel).all()}
     trials: list[tuple[float, FloatArray, dict[str, int]]] = []
@@ -110,20 +109,56 @@ def match_blobs(
     return [names for _, _, names in chosen]
 
 
-def refine_markers(image: Image, blobs: Blobs, matched: Mapping[str, int], lens: Intrinsics) -> dict[str, FloatArray]:
-    """Return middles of markers to a fraction of a pixel, from the part of their rim that no post hides.
+def found_from(
+    image: Image, blobs: Blobs, markers: Mapping[str, FloatArray], camera: Camera
+) -> tuple[Placement, dict[str, FloatArray]] | None:
+    """Find the markers and refine the camera's pose in turns, from every likely beginning; None when too few agree.
 
     Parameters
     ----------
     image : (height, width, 3) uint8 array
-    blobs : Blobs
-    matched : mapping of marker to int, which blob each is
-    lens : Intrinsics
+    blobs : Blobs, of the picture
+    markers : mapping of marker to (3,) array, places in the tracker frame, m
+    camera : Camera, where it stands roughly
     """
+
+    def _matches(seen_by: Camera, reach: float, near: float) -> list[dict[str, int]]:
+        pixels = seen_by.project(np.array(list(markers.values())))
+        return _match_blobs(blobs, dict(zip(markers, pixels, strict=True)), reach, near)
+
+    first, *rounds = SETTINGS.marker_near_px
+    best: tuple[Placement, dict[str, FloatArray]] | None = None
+    for matched in _matches(camera, SETTINGS.marker_reach_px, first):
+        found = _refined_from(image, blobs, matched, markers, camera)
+        for near in rounds:
+            if found is not None:
+                placed = replace(camera, T_camera_tracker=found[0].T_camera_tracker)
+                again = _matches(placed, near, near)
+                found = _refined_from(image, blobs, again[0], markers, placed) if again else None
+        if found is not None and (best is None or _markers_agree(found[0]) > _markers_agree(best[0])):
+            best = found
+    return best if best is not None and best[0].rms_px < SETTINGS.marker_rms_px else None
+
+
+def _markers_agree(placed: Placement) -> float:
+    """How well markers agree on a place: how many do, over what they are off by; tops of posts agree too, but less."""
+    return float(placed.used.sum()) / (MARKER_NOISE_PX + placed.rms_px)
+
+
+def _refined_from(
+    image: Image, blobs: Blobs, matched: Mapping[str, int], markers: Mapping[str, FloatArray], camera: Camera
+) -> tuple[Placement, dict[str, FloatArray]] | None:
+    """Middles of markers, from the part of their rim that no post hides, and the pose that follows from them."""
     found = {}
     for name, k in matched.items():
         pixel, radius = blobs.pixels[k], blobs.radii[k]
-        rim = outline(image, np.array([*pixel, radius]), lens)
+        rim = outline(image, np.array([*pixel, radius]), camera.intrinsics)
         if rim is not None and np.linalg.norm(rim.pixel - pixel) < SETTINGS.marker_shift * radius + 1.0:
             found[name] = rim.pixel
-    return found
+    if len(found) < SETTINGS.fewest_points:
+        return None
+    known, pixels = np.array([markers[name] for name in found]), np.array(list(found.values()))
+    try:
+        return refine_pose(known, pixels, camera.intrinsics, [camera.T_camera_tracker]), found
+    except DegenerateError:
+        return None

@@ -36,23 +36,13 @@ class Located:
 def common_perpendicular(
     origin_a: FloatArray, direction_a: FloatArray, origin_b: FloatArray, direction_b: FloatArray
 ) -> tuple[FloatArray, float]:
-    """Return the midpoint of the common perpendicular of two rays, and its length.
+    """Return the midpoint of the common perpendicular of two rays and its length, m.
+
+    DegenerateError where they are nearly parallel.
 
     Parameters
     ----------
     origin_a, direction_a, origin_b, direction_b : (3,) arrays, of the rays, m; directions of any length
-
-    Returns
-    -------
-    midpoint : (3,) array
-        m.
-    gap : float
-        m.
-
-    Raises
-    ------
-    DegenerateError
-        The rays are nearly parallel.
     """
     a, b = direction_a / np.linalg.norm(direction_a), direction_b / np.linalg.norm(direction_b)
     cosine = float(a @ b)
@@ -68,19 +58,11 @@ def common_perpendicular(
 def mean_midpoint(origins: FloatArray, directions: FloatArray) -> FloatArray:
     """Return the mean of the midpoints of all pairs of rays: the estimate of Peng et al. 2020.
 
+    DegenerateError where no pair crosses.
+
     Parameters
     ----------
     origins, directions : (k, 3) arrays, of the rays, tracker frame, m; pairs that are nearly parallel are left out
-
-    Returns
-    -------
-    (3,) array
-        m.
-
-    Raises
-    ------
-    DegenerateError
-        No pair of rays crosses.
     """
     midpoints = []
     for i, j in itertools.combinations(range(len(origins)), 2):

@@ -1,7 +1,7 @@
 """Finds balls in one picture: near a prediction, or everywhere.
 
 Circles are found as in Peng et al. 2020: Canny edges inside the enlarged colour mask, then Hough with the threshold at
-which k circles are found and k + 1 just not; where the count jumps over k, the picture is blurred a little more.
+which one circle is found and a second just not; where the count jumps over one, the picture is blurred a little more.
 """
 
 from __future__ import annotations
@@ -107,8 +107,8 @@ def detect_near(
     window = Window.around(centre, reach + balls.margin * radius + 3.0, image)
     spread = min(views.radius * max(tolerance, 1.0), 0.6)
     radii = (max((1 - spread) * radius - 1.0, 2.0), (1 + spread) * radius + 1.0)
-    circles = find_circles(image, ball.colour, window, radii, settings=settings)
-    found = outline(image, circles[0], camera.intrinsics, balls) if circles else None
+    circle = find_circle(image, ball.colour, window, radii, settings)
+    found = None if circle is None else outline(image, circle, camera.intrinsics, balls)
     if found is None or _colour_fraction(image, found, ball) < balls.disc_colour:
         return Found(None, Reason.NOT_FOUND)
     if not radii[0] <= found.radius <= radii[1]:
@@ -172,8 +172,8 @@ def _in_region(
     own = (max(0.75 * size, bounds[0]), min(1.5 * size + 2.0, bounds[1]))
     smaller = (max(0.4 * size, bounds[0]), 0.8 * size)
     guesses = [radii for radii in (own, smaller) if radii[1] > radii[0] + 1.0]
-    circles = [c for radii in guesses for c in find_circles(image, ball.colour, window, radii, settings=settings)]
-    return [found for found in map(ball_at, circles) if found is not None]
+    circles = [find_circle(image, ball.colour, window, radii, settings) for radii in guesses]
+    return [found for c in circles if c is not None and (found := ball_at(c)) is not None]
 
 
 def _colour_fraction(image: Image, found: Outline, ball: BallSpec) -> float:
@@ -187,15 +187,10 @@ def _colour_fraction(image: Image, found: Outline, ball: BallSpec) -> float:
     return float(np.count_nonzero(ball.colour.mask(hsv)[disc])) / max(int(disc.sum()), 1)
 
 
-def find_circles(
-    image: Image,
-    colour: Colour,
-    window: Window,
-    radii: tuple[float, float],
-    count: int = 1,
-    settings: VisionSettings = DEFAULT,
-) -> list[FloatArray]:
-    """Find at most `count` circles (u, v, radius; px) of a colour in a window of a picture.
+def find_circle(
+    image: Image, colour: Colour, window: Window, radii: tuple[float, float], settings: VisionSettings = DEFAULT
+) -> FloatArray | None:
+    """Find a circle (u, v, radius; px) of a colour in a window of a picture.
 
     Parameters
     ----------
@@ -203,11 +198,10 @@ def find_circles(
     colour : Colour
     window : Window
     radii : (2,) tuple, least and greatest radius, px
-    count : int
     settings : VisionSettings
     """
     if window.empty:
-        return []
+        return None
     part = window.cut(image)
     middle = float(np.sqrt(radii[0] * min(radii[1], 4 * radii[0])))
     scale = float(np.clip(settings.balls.working_radius_px / middle, 0.25, 4.0))
@@ -218,21 +212,19 @@ def find_circles(
         scale = 1.0
     mask = colour.mask(cv2.cvtColor(part, cv2.COLOR_BGR2HSV))
     if not cv2.countNonZero(mask):
-        return []
+        return None
     low, high = max(scale * radii[0], 2.0), max(scale * radii[1], scale * radii[0] + 2.0)
-    found = _bisected_circles(part, mask, (low, high), count, settings)
+    found = _bisected_circles(part, mask, (low, high), settings)
+    if not found or _ring_colour(mask, found[0]) < settings.balls.rim_colour:
+        return None
     corner = np.array([window.left, window.top])
-    return [
-        np.array([*((c[:2] + 0.5) / scale - 0.5 + corner), c[2] / scale])
-        for c in found
-        if _ring_colour(mask, c) >= settings.balls.rim_colour
-    ]
+    return np.array([*((found[0][:2] + 0.5) / scale - 0.5 + corner), found[0][2] / scale])
 
 
 def _bisected_circles(
-    part: Image, mask: Image, radii: tuple[float, float], count: int, settings: VisionSettings
+    part: Image, mask: Image, radii: tuple[float, float], settings: VisionSettings
 ) -> list[FloatArray]:
-    """Circles with the accumulator threshold at which `count` are found and one more just not."""
+    """Circles with the accumulator threshold at which one is found and a second just not; the strongest first."""
     # The border of the mask is what remains of a rim where ball and background are equally bright.
     border = cv2.morphologyEx(mask, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
     enlarged = cv2.dilate(mask, np.ones((7, 7), np.uint8))
@@ -241,24 +233,24 @@ def _bisected_circles(
     for blur in settings.balls.blurs_px:
         edges = cv2.bitwise_or(cv2.Canny(cv2.GaussianBlur(grey, (0, 0), blur), *settings.balls.canny), border)
         picture = cv2.GaussianBlur(cv2.bitwise_and(edges, enlarged), (0, 0), blur)
-        found = _at_threshold(picture, radii, count, settings)
-        if len(found) <= count:
-            return found
-    return found[:count]  # the number jumps at every blur: the strongest ones
+        found = _at_threshold(picture, radii, settings)
+        if len(found) <= 1:
+            break  # else the number jumps from none to several
+    return found
 
 
-def _at_threshold(picture: Image, radii: tuple[float, float], count: int, settings: VisionSettings) -> list[FloatArray]:
-    """Bisect: the highest threshold that still leaves `count` circles; more than `count` where the number jumps."""
+def _at_threshold(picture: Image, radii: tuple[float, float], settings: VisionSettings) -> list[FloatArray]:
+    """Bisect: the highest threshold that still leaves a circle; more than one where the number jumps."""
     low, high = settings.balls.accumulator
     found = _hough(picture, radii, low)
-    if len(found) <= count:
+    if len(found) <= 1:
         return found
     while high - low > settings.balls.accumulator_step:
         middle = 0.5 * (low + high)
         now = _hough(picture, radii, middle)
-        if len(now) == count:
+        if len(now) == 1:
             return now
-        if len(now) > count:
+        if len(now) > 1:
             low, found = middle, now
         else:
             high = middle

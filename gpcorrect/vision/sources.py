@@ -218,21 +218,12 @@ def read_image(path: Path) -> Image:
 def pair_by_time(sources: Sequence[Source]) -> list[str]:
     """Pair images that are named by their times: at each of the first camera's, the nearest of every other's.
 
+    Returns which frames lack pictures, in words; LogError where the times of two recordings have nothing in common.
     By their numbers, one picture that a recorder lost would put its camera a frame behind from there on.
 
     Parameters
     ----------
     sources : sequence of Source, changed in place; those without times in their names stay as they are
-
-    Returns
-    -------
-    list of str
-        Which frames lack pictures, in words.
-
-    Raises
-    ------
-    LogError
-        The times of two recordings have nothing in common.
     """
     stamped = [(s, s.times) for s in sources if s.files and s.times is not None]
     if len(stamped) < 2 or stamped[0][0].count < 2:

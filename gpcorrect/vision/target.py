@@ -134,12 +134,7 @@ class Target:
 
     Parameters
     ----------
-    balls : tuple of BallSpec, with different names and colours; three or more not on a line
-
-    Raises
-    ------
-    DataError
-        They are not so.
+    balls : tuple of BallSpec, with different names and colours; three or more not on a line; else a DataError
     """
 
     balls: tuple[BallSpec, ...]

@@ -75,18 +75,13 @@ class Tracker:
 
     Parameters
     ----------
-    cameras : sequence of Camera, calibrated; at least two
+    cameras : sequence of Camera, calibrated; DataError for fewer than two
     target : Target
     settings : VisionSettings, when a ball is one, when a view is trusted, how the tool may move
     workers : int
         Whole pictures that are searched at the same time. Where the balls are expected they are looked for one by one:
         threads would wait for each other there.
     clocks : Clocks, optional, what is known already of when each camera looks; learned further
-
-    Raises
-    ------
-    DataError
-        There are fewer than two cameras.
     """
 
     def __init__(

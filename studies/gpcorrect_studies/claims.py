@@ -269,7 +269,7 @@ class StudyResult(ABC):
 
 
 def number_at(figures: Any, place: str) -> float | None:
-    """Return a number out of nested tables and lists.
+    """Return a number out of nested tables and lists; None where there is none.
 
     Parameters
     ----------
@@ -277,11 +277,6 @@ def number_at(figures: Any, place: str) -> float | None:
     place : str
         Keys, or places in a list, with "/" between. Keys with "," between stand for the root of the sum of their
         squares: the norm of a mean vector, as the papers' norms are made.
-
-    Returns
-    -------
-    float or None
-        None where there is none.
     """
     step, _, rest = place.partition("/")
     if isinstance(figures, Mapping) and step not in figures and "," in step:

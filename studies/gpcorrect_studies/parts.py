@@ -42,9 +42,6 @@ class Parts:
         if path is not None:
             write_file(path, "".join(json.dumps(line) + "\n" for line in lines))
 
-    def __contains__(self, name: str) -> bool:
-        return name in self._values
-
     @property
     def count(self) -> int:
         """Number of parts that are there."""
@@ -89,7 +86,7 @@ class Parts:
         progress : Progress, receives a step before the first part and after each
         """
         progress.step(stage, 0.0)
-        missing = {name: item for name, item in items.items() if f"{stage}: {name}" not in self}
+        missing = {name: item for name, item in items.items() if f"{stage}: {name}" not in self._values}
         for name, value in zip(missing, each(function, missing.values(), progress, stage), strict=True):
             self.keep(f"{stage}: {name}", value)
         return {name: self._values[f"{stage}: {name}"] for name in items}

@@ -123,7 +123,12 @@ def lag_curve(pairs: Sequence[MotionPair], max_lag: float) -> LagCurve:
     speed = np.concatenate(known)
     mean = float(speed.mean()) if speed.size else 0.0
     lags = np.linspace(-reach * step, reach * step, 2 * reach + 1)
-    return LagCurve(lags, _coefficient(*sums), float(speed.std()) / mean if mean > 0 else 0.0)
+    count, covariance, var_a, var_b = sums
+    floor = 1e-12 * max(float(np.max(var_a * var_b)), np.finfo(float).tiny)
+    usable = (count >= max(MIN_COMMON * float(np.max(count)), 3.0)) & (var_a * var_b > floor)
+    coefficient: FloatArray = np.full(len(count), np.nan)
+    coefficient[usable] = np.clip(covariance[usable] / np.sqrt(var_a[usable] * var_b[usable]), -1.0, 1.0)
+    return LagCurve(lags, coefficient, float(speed.std()) / mean if mean > 0 else 0.0)
 
 
 def _moments(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:
@@ -146,14 +151,6 @@ def _shifted(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:
     """Sum over t of a(t) b(t + lag) for lags -reach..reach."""
     n = next_fast_len(max(len(a), len(b)) + reach, real=True)  # so long that no lag within reach wraps around
     return np.asarray(irfft(rfft(b, n) * rfft(a, n).conj(), n)[np.arange(-reach, reach + 1)])
-
-
-def _coefficient(count: FloatArray, covariance: FloatArray, var_a: FloatArray, var_b: FloatArray) -> FloatArray:
-    floor = 1e-12 * max(float(np.max(var_a * var_b)), np.finfo(float).tiny)
-    usable = (count >= max(MIN_COMMON * float(np.max(count)), 3.0)) & (var_a * var_b > floor)
-    result: FloatArray = np.full(len(count), np.nan)
-    result[usable] = np.clip(covariance[usable] / np.sqrt(var_a[usable] * var_b[usable]), -1.0, 1.0)
-    return result
 
 
 def peaks(curve: LagCurve, fraction: float) -> FloatArray:

@@ -151,22 +151,17 @@ def log_offset(log: CalibrationLog, observed: str | None = None, reference: str 
         The log does not hold two comparable signals.
     """
     if observed is None or reference is None:
-        chosen = _default_pair(log)
+        pairs_here = ((o, r) for o, references in REFERENCES.items() for r in references if {o, r} <= {*log.signals})
+        chosen = next(pairs_here, None)
+        if chosen is None:
+            found = ", ".join(log.signals) or "no signal"
+            hint = "Record the command (setpoint_cp or setpoint_jp) beside what was observed."
+            raise LogError(f"expected two signals of one motion, got {found}.", hint=hint)
         observed, reference = observed or chosen[0], reference or chosen[1]
     if log.static:
         return replace(_nothing(("too_few", "static poses have no clock.")), observed=observed, reference=reference)
     pairs = pairs_of(log, observed, reference)
     return estimate_offset(pairs, names=(observed, reference))
-
-
-def _default_pair(log: CalibrationLog) -> tuple[str, str]:
-    """Names of the observed and the reference signal to compare: the first of REFERENCES in the log."""
-    for observed, references in REFERENCES.items():
-        for reference in references:
-            if observed in log.signals and reference in log.signals:
-                return observed, reference
-    hint = "Record the command (setpoint_cp or setpoint_jp) beside what was observed."
-    raise LogError(f"expected two signals of one motion, got {', '.join(log.signals) or 'no signal'}.", hint=hint)
 
 
 def stream_offset(
@@ -178,13 +173,8 @@ def stream_offset(
 
     Parameters
     ----------
-    observed, reference : Stream, both poses or both joints
+    observed, reference : Stream, both poses or both joints, else a LogError
     max_lag, centre : float, optional, see :func:`estimate_offset`
-
-    Raises
-    ------
-    LogError
-        One is a pose and the other joints.
     """
     pairs = [stream_pair(observed, reference)]
     return estimate_offset(pairs, max_lag=max_lag, centre=centre, names=(observed.name, reference.name))

@@ -105,12 +105,7 @@ def pairs_of(log: CalibrationLog, observed: str, reference: str) -> list[MotionP
     Parameters
     ----------
     log : CalibrationLog, with a clock
-    observed, reference : str, names of the signals
-
-    Raises
-    ------
-    LogError
-        A signal is absent, or one is a pose and the other joints.
+    observed, reference : str, names of the signals; LogError where one is absent, or one is a pose and the other joints
     """
     for name in (observed, reference):
         if name not in log.signals or name in log.SCALARS:

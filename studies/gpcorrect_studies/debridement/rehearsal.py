@@ -100,7 +100,7 @@ def _cycle(scene: Scene, station: Station, rng: np.random.Generator, registered:
 
 
 def learn(scene: Scene, place: Station, folder: Path, rehearsals: int, speed: float, seed: int) -> float:
-    """Rehearse, and fit a model unless there is one of this very rehearsal.
+    """Rehearse, and fit a model unless there is one of this very rehearsal; return when it ended, s.
 
     Parameters
     ----------
@@ -110,11 +110,6 @@ def learn(scene: Scene, place: Station, folder: Path, rehearsals: int, speed: fl
     rehearsals : int
     speed : float, m/s
     seed : int
-
-    Returns
-    -------
-    float
-        When the rehearsal ended, s.
     """
     salt = int(place.name.removeprefix("arm"))
     rng = np.random.default_rng([seed, salt])

@@ -61,16 +61,13 @@ def _mean_and_sd(values: FloatArray) -> dict[str, float]:
 def places_to_visit(experiment: Experiment, count: int, rng: np.random.Generator) -> FloatArray:
     """Draw end poses of held-out reaches as the tracker saw them; LogError where too few are held out.
 
+    The first of the `(count + 1, 4, 4)` poses, tracker frame, is where each run starts.
+
     Parameters
     ----------
     experiment : Experiment, with held-out reaches
     count : int
     rng : numpy.random.Generator, of which reaches
-
-    Returns
-    -------
-    (count + 1, 4, 4) array
-        Tracker frame; the first is where each run starts.
     """
     log, evaluation = held_out_of(experiment)
     passed = np.flatnonzero(evaluation.cleaning.keep)
@@ -93,7 +90,7 @@ def closed_loop(
     rng: np.random.Generator,
     early: float = 0.0,
 ) -> dict[str, Landing]:
-    """Visit all places `repetitions` times with each kind of command.
+    """Visit all places so many times; a landing for each of "none", "full trajectory" and "endpoint".
 
     Parameters
     ----------
@@ -104,11 +101,6 @@ def closed_loop(
     begin : float, session time of the recording's end, s: the robot has drifted since
     rng : numpy.random.Generator, orders of the visits
     early : float, by how many seconds before a path's stop its last corrected command is given, and then held
-
-    Returns
-    -------
-    dict
-        A Landing for each of "none", "full trajectory" and "endpoint".
     """
     orders = [rng.permutation(len(places) - 1) for _ in range(repetitions)]
     tours: Mapping[str, Callable[[FloatArray], Tour]] = {

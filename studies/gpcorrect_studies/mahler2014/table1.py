@@ -81,7 +81,7 @@ class TableOne:
 
 
 def table_one(log: CalibrationLog, settings: FitSettings, progress: Progress, parts: Parts) -> TableOne:
-    """Fit the regressions on the first 80 % of the reaches and measure all methods on the others.
+    """Fit the regressions on the first 80 % of the reaches and measure all methods on the others, if any (LogError).
 
     Parameters
     ----------
@@ -90,11 +90,6 @@ def table_one(log: CalibrationLog, settings: FitSettings, progress: Progress, pa
     progress : Progress
     parts : Parts
         What an earlier run has done; the fit of the paper's last column is always made, for further figures need it.
-
-    Raises
-    ------
-    LogError
-        Nothing was held out.
     """
     full = run_experiment(log, replace(settings, **FITS[FULL]))
     parts.done(f"Table I: {FULL}", partial(_columns, full))
