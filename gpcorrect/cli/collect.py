@@ -128,7 +128,8 @@ def collect_zigzag(
         require_no_journal(output / name)
     block, fastest = joint_limits(limits), speed_limits(speed)
     corners = [
-        calibration.zigzag(calibration.direction_named(name), sparsity, block) for name in split_names(direction)
+        calibration.zigzag(calibration.direction_named(name), sparsity, block)
+        for name in split_names(direction, "--direction")
     ]
     calibration.learner_named(method)
     settings = calibration.FitSettings(method=method, time_offset="none", seed=seed)

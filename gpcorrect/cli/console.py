@@ -17,7 +17,7 @@ from rich.text import Text
 
 from gpcorrect.atomic import atomic_path
 from gpcorrect.cli.options import rejected_table
-from gpcorrect.errors import GpCorrectError
+from gpcorrect.errors import DataError, GpCorrectError
 from gpcorrect.plain import json_ready
 from gpcorrect.types import Progress as ProgressCallback
 
@@ -117,14 +117,18 @@ def print_result(facts: Mapping[str, Any], words: str, *, as_json: bool) -> None
         out.print(words)
 
 
-def split_names(text: str) -> tuple[str, ...]:
-    """Return the names of a comma-separated option.
+def split_names(text: str | None, option: str) -> tuple[str, ...]:
+    """Return the names of a comma-separated option, none where it was not given; DataError where it names nothing.
 
     Parameters
     ----------
-    text : str
+    text : str or None
+    option : str, such as "--features"
     """
-    return tuple(name.strip() for name in text.split(",") if name.strip())
+    names = tuple(name.strip() for name in (text or "").split(",") if name.strip())
+    if text is not None and not names:
+        raise DataError(f"{option} names nothing, got {text!r}.", hint="Leave it out for the usual ones.")
+    return names
 
 
 class _Bar(ProgressCallback):

@@ -23,12 +23,12 @@ def fit(
     output: opt.ModelOutput,
     reading: Reading,
     features: Annotated[
-        str,
+        str | None,
         typer.Option(
             help="What the regression sees: pose or euler (the paper's angles), velocity, memory (of the path so far), "
             "joints (the arm's own, with their memory). Pose and velocity without it, and joints where they help."
         ),
-    ] = "",
+    ] = None,
     method: Annotated[str, typer.Option(help="How to learn what the registration leaves, as in joint fit.")] = "gp",
     clean: opt.Clean = True,
     keep: Annotated[list[str] | None, typer.Option(help="Never reject TRAJECTORY:START:STOP (s). Repeatable.")] = None,
@@ -69,7 +69,7 @@ def fit(
     by = HoldOut(opt.one_of(hold_out_by, tuple(HoldOut), "what is held out"))
     settings = FitSettings(
         method=method,
-        features=console.split_names(features),
+        features=console.split_names(features, "--features"),
         clean=clean,
         cleaning=CleaningSettings(keep=_segments(keep), drop=_segments(drop)),
         marker=opt.one_of(marker, get_args(MarkerOption), "the marker"),

@@ -43,7 +43,7 @@ def fit(
     hold_out_by: opt.HoldOutBy = "auto",
     clean: opt.Clean = True,
     end_to_end: Annotated[bool, typer.Option("--end-to-end", help="Learn the true positions, not the error.")] = False,
-    layers: Annotated[str, typer.Option(help="Widths of the network, as 600,500,400.")] = "100,100",
+    layers: Annotated[str | None, typer.Option(help="Widths of the network, as 600,500,400; 100,100 if not.")] = None,
     seed: opt.Seed = 0,
     report: opt.Report = None,
     json: opt.Json = False,
@@ -66,16 +66,19 @@ def fit(
     page = opt.report_page(report, output, rejected=True)
     learner_named(method)
     by = HoldOut(opt.one_of(hold_out_by, tuple(HoldOut), "what is held out"))
-    widths = console.split_names(layers)
-    if not widths or not all(width.isdigit() and int(width) > 0 for width in widths):
-        raise DataError(f"layers are widths above 0, got {layers!r}.", hint="For example 100,100 or 600,500,400")
     settings = replace(
         _settings(features, input_signal, direction, reading.clock_left, seed),
         method=method,
         clean=clean,
         end_to_end=end_to_end,
-        layers=tuple(map(int, widths)),
     )
+    if layers is not None:
+        widths = console.split_names(layers, "--layers")
+        if not widths or not all(width.isdigit() and int(width) > 0 for width in widths):
+            raise DataError(f"layers are widths above 0, got {layers!r}.", hint="For example 100,100 or 600,500,400")
+        if method not in ("network", "auto"):
+            raise DataError(f"--layers are widths of the network, and the method is {method}.", hint="--method network")
+        settings = replace(settings, layers=tuple(map(int, widths)))
     log = reading.joint_log(logs)
     experiment = console.fitted(log, settings, output, page, quiet=json, task=JointCorrector, holdout=holdout, by=by)
     result = experiment.to_dict()
@@ -203,7 +206,7 @@ def _settings(
     from gpcorrect.calibration.settings import Direction
 
     return FitSettings(
-        features=console.split_names(features or ""),
+        features=console.split_names(features, "--features"),
         input_signal=opt.one_of(input_signal, (None, *get_args(InputSignal)), "the input"),
         direction=opt.one_of(direction, get_args(Direction), "the direction"),
         time_offset=time_offset,

@@ -260,9 +260,7 @@ def extract(
     require_new(output)
     log = chosen = read_log(recording, columns=columns)
     if signals is not None:
-        wanted = set(split_names(signals))
-        if not wanted:
-            raise DataError(f"--signals names no signal, got {signals!r}.", hint="Leave it out to keep all of them.")
+        wanted = set(split_names(signals, "--signals"))
         if unknown := wanted - set(log.signals):
             hint = f"It holds: {', '.join(log.signals)}."
             raise DataError(f"the recording holds no {', '.join(sorted(unknown))}.", hint=hint)

@@ -278,7 +278,7 @@ def fit(
     calibration.learner_named(method)
     # Peng et al. 2020; its batch normalisation is left out
     paper: dict[str, Any] = {"layers": (600, 500, 400), "epochs": 60}
-    settings = calibration.FitSettings(method=method, extra=console.split_names(extra or ""), seed=seed, **paper)
+    settings = calibration.FitSettings(method=method, extra=console.split_names(extra, "--extra"), seed=seed, **paper)
     log = read_logs(logs, columns, as_is=as_is, learned=STATE)
     experiment = console.fitted(
         log, settings, output, page, quiet=json, task=calibration.PositionEstimator, holdout=holdout

@@ -86,6 +86,8 @@ def test_bad_requests_end_with_status_2(gpcorrect: CommandLine, joints: Path, li
     assert_refused(gpcorrect("joint", "fit", joints, "--features", "colour", *out), "colour")
     assert_refused(gpcorrect("joint", "fit", joints, "--input", "tracker", *out), "measured_jp")
     assert_refused(gpcorrect("joint", "fit", joints, "--method", "network", "--layers", "wide", *out), "600,500,400")
+    assert_refused(gpcorrect("joint", "fit", joints, "--layers", "50", *out), "network", "gp")
+    assert_refused(gpcorrect("joint", "fit", joints, "--features", ",", *out), "--features names nothing")
     words = ("joint", "rezero", linear, joints, "--time-offset", "soon")
     assert_refused(gpcorrect(*words, *out), "soon")
     assert_refused(gpcorrect("zigzag", "--limits", "60:20,55:110,330:420", "--output", tmp_path / "z.csv"), "lowest")

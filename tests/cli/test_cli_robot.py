@@ -51,7 +51,7 @@ def test_options_that_cannot_be_meant_are_refused(gpcorrect, tmp_path):
 def test_a_list_of_no_signals_is_refused(gpcorrect, log_file, tmp_path):
     """It made a log without any."""
     words = ("robot", "extract", log_file, "--signals", ",", "-o", tmp_path / "part.csv")
-    assert_refused(gpcorrect(*words), "--signals names no signal")
+    assert_refused(gpcorrect(*words), "--signals names nothing")
 
 
 def test_debridement_with_served_corrections(gpcorrect, tmp_path, monkeypatch):
