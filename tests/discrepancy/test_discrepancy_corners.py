@@ -22,6 +22,7 @@ from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.discrepancy.search.state import start_search
 from gpcorrect.discrepancy.settings import TESTS
 from gpcorrect.errors import DataError
+from gpcorrect.sim.effects import Stage
 from gpcorrect.types import FloatArray
 
 JOINTS = range(1, 7)
@@ -64,7 +65,8 @@ def test_a_tangent_at_a_bound_is_taken_to_where_there_is_room(u: float) -> None:
         return np.array([[1.0 + sum(effects)]])
 
     bounds = np.zeros(1), np.full(1, 1e-4)
-    line = Line(np.array([u]), SimpleNamespace(bounds=bounds, instant=None))
+    kind = SimpleNamespace(stage=Stage.TRANSMISSION)
+    line = Line(np.array([u]), SimpleNamespace(bounds=bounds, instant=None, kind=kind))
     _, slopes = _tangents(SimpleNamespace(predict=predict), [], [line])  # type: ignore[arg-type, list-item]
     assert slopes[0, 0, 0] == pytest.approx(1.0, rel=1e-6)
 

@@ -67,7 +67,7 @@ def _tangents(
             sets.append([f.effect for f in (*fixed, *free[:i], moved, *free[i + 1 :])])
             steps.append(np.inf if j == fit.candidate.instant else moved.u[j] - u)  # an instant has no slope
     at = dataset.predict(base) if known is None else known
-    in_loop = any(f.effect.stage in LOOP_STAGES for f in free)
+    in_loop = any(f.candidate.kind.stage in LOOP_STAGES for f in free)
     unmoved, *others = each_here(partial(dataset.predict, near=base) if in_loop else dataset.predict, sets)
     columns = [(other - unmoved) / step for other, step in zip(others, steps, strict=True)]
     return at, np.stack(columns, axis=2) if columns else np.zeros((*at.shape, 0))
