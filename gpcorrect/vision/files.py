@@ -164,11 +164,16 @@ def _check_names(names: Sequence[str], path: str | Path) -> None:
 
 
 def read_cameras(path: str | Path) -> tuple[Camera, ...]:
-    """Read a calibration file; DataError for what is none, no rigid motion, or two cameras of one name.
+    """Read a calibration file.
 
     Parameters
     ----------
     path : str or Path, JSON, or TOML by its ending
+
+    Raises
+    ------
+    DataError
+        It cannot be read, a key is unknown or missing, a place is no rigid motion, or two cameras share a name.
     """
     rows = _read(path, _CameraFile, "calibration file").cameras
     _check_names([row.name for row in rows], path)
@@ -205,11 +210,17 @@ def write_cameras(cameras: Sequence[Camera], path: str | Path) -> None:
 
 
 def read_target(path: str | Path) -> Target:
-    """Read a target file: a `[[ball]]` table for each ball; DataError for what is none.
+    """Read a target file: a `[[ball]]` table for each ball.
 
     Parameters
     ----------
     path : str or Path, JSON, or TOML by its ending
+
+    Raises
+    ------
+    DataError
+        It cannot be read, a key is unknown or missing, a value has the wrong type or range, or the balls determine
+        nothing.
     """
     return Target(tuple(ball.spec() for ball in _read(path, _TargetFile, "target file").ball))
 
@@ -245,11 +256,17 @@ class Rig:
 
 
 def read_rig(path: str | Path) -> Rig:
-    """Read a rig file; DataError for what is none, a picture that is not there, or a marker seen that has no place.
+    """Read a rig file.
 
     Parameters
     ----------
     path : str or Path, TOML or JSON; names of pictures in it are relative to its own folder
+
+    Raises
+    ------
+    DataError
+        It cannot be read, a key is unknown or missing, a picture is not there, or a camera sees a marker that has no
+        place.
     """
     read, folder = _read(path, _RigFile, "rig file"), Path(path).parent
     _check_names([camera.name for camera in read.camera], path)
