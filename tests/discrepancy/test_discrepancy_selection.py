@@ -162,6 +162,18 @@ def test_what_was_poor_beside_another_is_weighed_again_before_it_goes(select: Se
     assert laboratory.weighed == ["a", "b", "b"]
 
 
+def test_what_stands_beside_the_same_effects_again_is_not_weighed_again(select: Select) -> None:
+    """A search that added seven effects, of which none stayed, had all others weighed anew."""
+    levels: dict[str, tuple[Level, float]] = {
+        "a": (Level.EXACT, 50.0),
+        "wrong": (Level.INCONCLUSIVE, SETTINGS.naming.hole + 1.0),
+        "other": (Level.INCONCLUSIVE, 20.0),
+    }
+    laboratory = Laboratory(levels, finds=["other"])
+    assert select(laboratory, parts("a", "wrong")) == (["a"], ["wrong", "other"])
+    assert laboratory.weighed == ["a", "wrong", "a", "other"]
+
+
 def test_of_two_that_take_each_others_place_the_weaker_goes_alone(select: Select) -> None:
     """Neither may be nothing once the other has gone."""
 
