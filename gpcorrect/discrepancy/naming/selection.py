@@ -21,6 +21,7 @@ from gpcorrect.discrepancy.search.prepared import PreparedData, in_pieces
 from gpcorrect.discrepancy.search.state import Search, Trace, View, penalty, start_search, view_of
 from gpcorrect.discrepancy.search.stepwise import search as search_on
 from gpcorrect.discrepancy.settings import BURSTS, NAMING
+from gpcorrect.parallel import each_here
 from gpcorrect.types import BoolArray, Progress
 
 TINY = 1e-12  # odds
@@ -84,12 +85,12 @@ class _ModelSelection:
         if not self.search.fitted:
             return self._search_again()
         self.view = view_of(self.search, self.prepared)
-        self.known = {fit.candidate.key: self._of(fit) for fit in self.search.fitted}
+        fitted = self.search.fitted
+        self.known = {known.candidate.key: known for known in each_here(self._of, fitted)}
         if self._drop_idle():
             return True
-        for fit in self.search.fitted:
-            self._assess(fit)
-        if self._simplify() or self._swap() or self._drop() or any(self._renew(m) for m in self.search.fitted):
+        each_here(self._assess, fitted)
+        if self._simplify() or self._swap() or self._drop() or any(each_here(self._renew, fitted)):
             return True
         return self._search_again() or self._drop_unsure()
 
