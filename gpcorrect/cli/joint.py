@@ -43,7 +43,7 @@ def fit(
     hold_out_by: opt.HoldOutBy = "auto",
     clean: opt.Clean = True,
     end_to_end: Annotated[bool, typer.Option("--end-to-end", help="Learn the true positions, not the error.")] = False,
-    layers: Annotated[str | None, typer.Option(help="Widths of the network, as 600,500,400; 100,100 if not.")] = None,
+    layers: Annotated[str | None, typer.Option(help="Widths of the network: 100,100 when absent.")] = None,
     seed: opt.Seed = 0,
     report: opt.Report = None,
     json: opt.Json = False,
@@ -77,7 +77,10 @@ def fit(
         if not widths or not all(width.isdigit() and int(width) > 0 for width in widths):
             raise DataError(f"layers are widths above 0, got {layers!r}.", hint="For example 100,100 or 600,500,400")
         if method not in ("network", "auto"):
-            raise DataError(f"--layers are widths of the network, and the method is {method}.", hint="--method network")
+            raise DataError(
+                f"--layers are widths of the network, and the method is {method}.",
+                hint="Leave them out, or take --method network.",
+            )
         settings = replace(settings, layers=tuple(map(int, widths)))
     log = reading.joint_log(logs)
     experiment = console.fitted(log, settings, output, page, quiet=json, task=JointCorrector, holdout=holdout, by=by)

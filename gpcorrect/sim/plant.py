@@ -231,7 +231,7 @@ class Command:
         Over which that mean is taken: the plan, or that of which it is a part, so that both run alike.
     begun : Driven or None
         A run of it, with other effects, to begin with in place of a guess: from there one pass is enough to say what a
-        difference in effects changes, to the per cent or so of that by which it changes its own load.
+        difference in effects changes, to the few per cent of that by which it changes its own load.
     """
 
     plan: Plan

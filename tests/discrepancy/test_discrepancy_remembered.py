@@ -80,14 +80,19 @@ def test_no_two_paths_have_one_number() -> None:
     assert len(set(numbers)) == len(offsets)
 
 
-@pytest.fixture(scope="module")
-def raven() -> Dataset:
-    """Ten motions of an arm whose controller is known, and has friction."""
+def swung(*, tracked: bool = False) -> Dataset:
+    """Ten motions of an arm whose controller is known, and has friction; a tracker or encoders see it."""
     controller = {"kp": [300.0, 300.0, 3000.0], "kd": [15.0, 15.0, 150.0], "feedforward": "rigid-body"}
     model = model_from_dict({"arm": "raven2_left", "joints": [1, 2, 3], "log_rate_hz": 100, "controller": controller})
     log = simulate(machine_of(model).with_effects(CoulombFriction(2, torque=0.2)), raven_swings(5, 10, 3.0), seed=7)
-    log = replace(log, external_jp=log.measured_jp, tracker_cp=None)
+    if not tracked:
+        log = replace(log, external_jp=log.measured_jp, tracker_cp=None)
     return prepare_data(log, model, np.random.default_rng(0)).dataset
+
+
+@pytest.fixture(scope="module")
+def raven() -> Dataset:
+    return swung()
 
 
 @pytest.mark.parametrize(
@@ -124,6 +129,16 @@ def test_what_differs_little_from_a_set_is_seen_in_one_pass(
     exact = (dataset.predict(moved) - dataset.predict(base))[rows]
     assert len(runs) - in_one_pass >= 2 * in_one_pass
     assert np.linalg.norm(change - exact) < 0.05 * np.linalg.norm(exact)
+
+
+def test_a_tracker_sees_in_one_pass_what_differs_little_from_a_set() -> None:
+    dataset = swung(tracked=True)
+    base, moved = ((Payload("all", mass), CableStretch(2, 300.0)) for mass in (0.1, 0.102))
+    seen = np.array([c.signal.startswith("tracker") for c in dataset.scene.channels])
+    change = (dataset.predict(moved, near=base) - dataset.predict(base, near=base))[:, seen]
+    exact = (dataset.predict(moved) - dataset.predict(base))[:, seen]
+    assert seen.any()
+    assert 0 < np.linalg.norm(change - exact) < 0.05 * np.linalg.norm(exact)
 
 
 def test_what_is_simulated_for_discovery_alone_is_what_is_simulated_of_all(raven: Dataset) -> None:
