@@ -149,8 +149,7 @@ class NamingSettings:
     smooth_pairs: int = 3  # strongest pairs of variables of a channel in the smooth model; for time
     # Nats behind an effect, from which on a rival is fitted no further: it is less probable than one in a thousand.
     hopeless: float = 7.0
-    searches: int = 2  # searches for what the effects taken out had stood in for
-    search_rounds: int = 2  # of each of them
+    search_rounds: int = 2  # of a search for what effects taken out had stood in for
     hole: float = 30.0  # nats of an effect that leaves a hole when it goes
     least_closed: float = 0.4  # of the mean square above noise, that must close where an effect shows
     plain_rest: float = 1.25  # noise levels: a rest below may be noise

@@ -63,6 +63,12 @@ class Driven:
     torque: FloatArray
     q: FloatArray
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes of what the loop made."""
+        moved: list[FloatArray] = [getattr(self.motion, name) for name in DRIVEN]
+        return sum(array.nbytes for array in (self.torque, self.q, *moved))
+
     def with_runs(self, runs: IntArray, other: Driven) -> Driven:
         """Return the same with what was done in some of the runs.
 

@@ -76,7 +76,7 @@ class _ModelSelection:
     # How often a rival took the place of each since the last search. It may come back once, for the others' numbers
     # were those beside it; two that each explain the other's must end.
     replaced: Counter[Hashable] = field(default_factory=Counter)
-    searches: Counter[int | str] = field(default_factory=Counter)  # for what went at each joint: each has its own
+    found: set[Hashable] = field(default_factory=set)  # by searches for what was taken out, and what took their place
     filled: int = 0  # how many of the dropped the last search has looked for a replacement of
     view: View = field(init=False)  # of the search, at each step
 
@@ -175,6 +175,8 @@ class _ModelSelection:
         if self._renew(place):
             return True
         self.replaced[place.candidate.key] += 1
+        if place.candidate.key in self.found:
+            self.found.add(new.candidate.key)
         rest = (m for m in self.search.fitted if m is not place)
         self._change(self.search.refit((*rest, new), new.candidate))
         return True
@@ -232,15 +234,22 @@ class _ModelSelection:
             self._search_again()
 
     def _search_again(self) -> bool:
-        """Look for what the effects taken out since the last search had stood in for, if they leave a hole."""
+        """Look for what the effects taken out since the last search had stood in for, if they leave a hole.
+
+        What a search found and went again leaves the hole in which was searched.
+        """
         gone, self.filled = self.dropped[self.filled :], len(self.dropped)
-        holes = {n.fit.candidate.joint for n in gone if n.fit.at_edge or n.nats > NAMING.hole}
-        if all(self.searches[joint] >= NAMING.searches for joint in holes):
+        new = [n for n in gone if n.fit.candidate.key not in self.found]
+        holes = [n.fit.candidate for n in new if n.fit.at_edge or n.nats > NAMING.hole]
+        if not holes:
             return False
-        self.searches.update(holes)
-        found = search_on(self.search, rounds=NAMING.search_rounds, refused=self.refused)
+        before = {m.candidate.key for m in self.search.fitted}
+        traces = self.search.traces
+        elsewhere = (t.candidate for t in traces if not any(self.search.alike(t.candidate, hole) for hole in holes))
+        found = search_on(self.search, rounds=NAMING.search_rounds, refused=[*self.refused, *elsewhere])
         if found is self.search:
             return False
+        self.found |= {m.candidate.key for m in found.fitted} - before
         self.replaced, self.search = Counter(), found
         return True
 

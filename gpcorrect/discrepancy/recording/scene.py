@@ -31,9 +31,9 @@ from gpcorrect.sim.plant import Command, Driven, follow_command, tip_path
 from gpcorrect.types import FloatArray, IntArray
 
 LOOP_STAGES = (Stage.LOAD, Stage.CHAIN, Stage.TORQUE, Stage.FRICTION)
-REMEMBERED = 48  # closed-loop runs in memory
-RECENT = 4  # of them at the plan's samples, and commands of others that begin with them
-REMEMBERED_BYTES = 120_000_000  # of joint paths: memory only, no result depends on it
+# Of closed-loop runs, of them at the plan's samples, and of joint paths: memory only, no result depends on it.
+LOOP_BYTES, RECENT_BYTES, PATH_BYTES = 1_000_000_000, 200_000_000, 120_000_000
+BEGUN = 4  # commands that begin with the runs of others
 Value = TypeVar("Value")
 
 
@@ -97,12 +97,12 @@ class ReplayMemory:
     """
 
     commands: dict[Hashable, Command] = field(default_factory=dict)  # by the runs that they are of
-    begun: Remembered[Command] = field(default_factory=partial(Remembered, RECENT))  # the same from others' runs
-    recent: Remembered[Driven] = field(default_factory=partial(Remembered, RECENT))
+    begun: Remembered[Command] = field(default_factory=partial(Remembered, BEGUN))  # the same from others' runs
+    recent: Remembered[Driven] = field(default_factory=partial(Remembered, RECENT_BYTES))
     own: Driven | None = None  # the closed loop with the model's own effects alone
-    loops: Remembered[Driven] = field(default_factory=partial(Remembered, REMEMBERED))
+    loops: Remembered[Driven] = field(default_factory=partial(Remembered, LOOP_BYTES))
     numbers: dict[Hashable, int] = field(default_factory=dict)
-    paths: Remembered[FloatArray] = field(default_factory=partial(Remembered, REMEMBERED_BYTES))
+    paths: Remembered[FloatArray] = field(default_factory=partial(Remembered, PATH_BYTES))
     _free: Iterator[int] = field(default_factory=count)
 
     def __reduce__(self) -> tuple[Any, ...]:
