@@ -82,8 +82,7 @@ def for_purpose(report: ValidationReport, log: CalibrationLog, purpose: str) -> 
     except GpCorrectError as error:
         what = f"not for {purpose}: {error.message.removeprefix(f'{log.name}: ')}"
         findings.append(Finding("error", "unusable", "", what, error.hint))
-    rank = {"error": 0, "warning": 1, "info": 2}
-    return replace(report, findings=tuple(sorted(findings, key=lambda f: rank[f.severity])))
+    return replace(report, findings=tuple(findings))
 
 
 def _require_tracker(log: CalibrationLog) -> None:
