@@ -232,7 +232,6 @@ class JointCorrector(ViewCorrector):
             shortest_step=shortest,
         )
         report = {
-            "method": settings.method,
             "features": list(view.features.kinds),
             "input": view.input_signal,
             "direction": settings.direction,
