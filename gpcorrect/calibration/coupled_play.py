@@ -181,8 +181,6 @@ def _thinned(
 ) -> tuple[FloatArray, FloatArray, BoolArray, IntArray]:
     """Every k-th sample: the law has no clock, so a dense recording shows little more than a sparse one."""
     stride = -(-len(path) // MOST_ROWS)
-    if stride == 1:
-        return path, errors, new, rows
     wanted = np.zeros(len(path), dtype=bool)
     wanted[rows] = True
     label = np.cumsum(new)[::stride]

@@ -9,7 +9,7 @@ trajectories or more seldom (e-detectors: Shin, Ramdas and Rinaldo 2024, Sec. 2)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import stdtrit
@@ -153,7 +153,7 @@ def estimate_ageing(
         left = np.where(lines[:, 0] > 0, (worn - lines[:, 1]) / np.maximum(lines[:, 0], 0.0), np.inf)
     ends = np.percentile(np.maximum(left, 0.0), [TAIL, 100 - TAIL], method="nearest")
     remaining = max((worn - level) / slope, 0.0)
-    return Ageing(True, slope, known.slope95, worn, remaining, (float(ends[0]), float(ends[1])), level)
+    return replace(known, remaining=remaining, remaining95=(float(ends[0]), float(ends[1])))
 
 
 def _line(baseline: FloatArray, scores: FloatArray, ages: FloatArray, newest: float) -> tuple[float, float]:

@@ -20,10 +20,9 @@ from gpcorrect.calibration.joints import JointCorrector
 from gpcorrect.calibration.metrics import spread
 from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.calibration.task import Corrector, Measured
-from gpcorrect.cleaning import CleaningReport, Pair, require_segments
+from gpcorrect.cleaning import CleaningReport, require_segments
 from gpcorrect.errors import LogError
 from gpcorrect.logs.copies import LEAST, marks_of
-from gpcorrect.logs.sync import match_clocks
 from gpcorrect.one_thread import on_one_thread
 from gpcorrect.types import BoolArray, CalibrationLog, Progress
 
@@ -201,7 +200,7 @@ def run_experiment(
     result = fit_model(log.select(~held) if held.any() else log, settings, task=task, progress=progress)
     if not held.any():
         return Experiment(result, None, None, time.perf_counter() - start)
-    measured = _measured(result, log, held, task.pair(log, settings))
+    measured = _measured(result, log, held)
     both = np.intersect1d(marks_of(log.select(held)), marks_of(log.select(~held)), assume_unique=True)
     if len(both) >= LEAST:
         caution = (
@@ -214,12 +213,12 @@ def run_experiment(
     return Experiment(result, log.select(held), measured, time.perf_counter() - start)
 
 
-def _measured(result: FitResult, log: CalibrationLog, held: BoolArray, pair: Pair) -> Evaluation:
+def _measured(result: FitResult, log: CalibrationLog, held: BoolArray) -> Evaluation:
     """Measure on held-out truth: as it came, unless the user stated by how much its clock is off."""
     clocks = result.clocks
     if not clocks.applied:
         return evaluate_model(result.corrector, log, held=held)
-    moved, _ = match_clocks(log, pair.observed, pair.command, str(clocks.applied))
+    moved, _ = result.corrector.on_one_clock(log, str(clocks.applied))
     if clocks.offset is None:
         return evaluate_model(result.corrector, moved, held=held)
     cleaning = result.corrector.clean(moved.select(held))  # the clock is not what cleaning looks for

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.joint_features import JointFeatures
-from gpcorrect.calibration.joint_path import JointPath, effort_kind, joint_path, state_columns, usual_steps
+from gpcorrect.calibration.joint_path import effort_kind, joint_path, state_columns, usual_steps
 from gpcorrect.calibration.joint_view import JointView, ViewCorrector, directed, joint_layout, path_and_error
 from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.metrics import joint_units, spread
@@ -221,18 +221,17 @@ class JointCorrector(ViewCorrector):
         task = JointTask.of(log, keep, settings)
         view, samples = task.view, task.samples
         law, left_out = learn_law(samples, task.layout)
-        usual, shortest = usual_steps(task.path)
+        usual, shortest = task.steps
         corrector = cls(
             law=law,
             cleaner=cleaner,
             trained=TrainingMotion.of(task.source, log, keep, joints=True),
             view=view,
-            offset=task.error[task.rows].mean(axis=0),
+            offset=task.offset,
             usual_step=usual,
             shortest_step=shortest,
         )
         report = {
-            "method": settings.method,
             "features": list(view.features.kinds),
             "input": view.input_signal,
             "direction": settings.direction,
@@ -246,11 +245,10 @@ class JointTask:
     """What is learned from a log of joints, before it is."""
 
     view: JointView  # what is seen of a log
-    path: JointPath  # n samples of the k joints that move
-    source: FloatArray  # (n, d) joints that go in, back at their stops, rad or m
-    error: FloatArray  # (n, k) what is to be added to those that move
-    rows: IntArray  # (r,) complete samples
     samples: Samples  # the log as a law sees it
+    source: FloatArray  # (n, d) joints that go in, back at their stops, rad or m
+    offset: FloatArray  # (k,) mean of what is to be added to those that move
+    steps: tuple[float, float]  # usual and shortest time between samples, s
     still: tuple[int, ...]  # joints that never move, counted from 1
     remarks: tuple[str, ...]
 
@@ -299,7 +297,7 @@ class JointTask:
         )
         samples = view.samples(path, log.trajectory, error, keep)
         remarks += features.remarks((moving + 1).tolist())
-        return cls(view, path, source, error, rows, samples, still, tuple(remarks))
+        return cls(view, samples, source, error[rows].mean(axis=0), usual_steps(path), still, tuple(remarks))
 
 
 def require_joints(log: CalibrationLog) -> None:

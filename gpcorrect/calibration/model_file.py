@@ -156,7 +156,7 @@ def load_with_hash(path: str | Path, kind: type[Corrector] | None = None) -> tup
     kind : type, optional, task that it must be of; any by default
     """
     content = _read(path)
-    header, arrays = _parts(path, content)
+    header, arrays = read_parts(path, content)
     found = next(task for task in TASKS.values() if header["kind"] == task.KIND)
     if kind is not None and found.TASK != kind.TASK:
         raise ArtifactError(
@@ -178,18 +178,15 @@ def load_with_hash(path: str | Path, kind: type[Corrector] | None = None) -> tup
     return corrector, hashlib.sha256(content).hexdigest()
 
 
-def read_parts(path: str | Path) -> tuple[Header, Arrays]:
+def read_parts(path: str | Path, content: bytes | None = None) -> tuple[Header, Arrays]:
     """Read and verify header and arrays without building the model.
 
     Parameters
     ----------
     path : str or Path, model file
+    content : bytes, optional, what it holds, where that was read already
     """
-    return _parts(path, _read(path))
-
-
-def _parts(path: str | Path, content: bytes) -> tuple[Header, Arrays]:
-    contents = _unpacked(path, content)
+    contents = _unpacked(path, _read(path) if content is None else content)
     header = _header_in(path, contents)
     digests: dict[str, str] = header["digests"]
     if set(digests) != set(contents):

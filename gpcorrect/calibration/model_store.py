@@ -204,24 +204,15 @@ class ModelStore:
         ----------
         kind : str, task of the model
         """
-        before = self.previous(kind)
-        self.verified(before)
-        self.activate(before, verified=True, back=True)
-        return before
-
-    def previous(self, kind: str = "pose") -> Entry:
-        """Return the model that was active before the present one; raises as :meth:`rollback`.
-
-        Parameters
-        ----------
-        kind : str, task of the model
-        """
         history = self.history(kind)
         if len(history) < 2:
             raise DataError(
                 f"there is no model of kind {kind} to go back to in {self.folder}.", hint="See: gpcorrect models list"
             )
-        return history[-2]
+        before = history[-2]
+        self.verified(before)
+        self.activate(before, verified=True, back=True)
+        return before
 
     def verified(self, entry: Entry) -> Any:
         """Return the model of an entry, its file read whole, verified, and asked its check queries.

@@ -11,10 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gpcorrect import se3
-from gpcorrect.calibration.joint_features import JointFeatures
 from gpcorrect.calibration.joint_path import JOINT_SIGNALS, refuse_other_columns
 from gpcorrect.calibration.joint_view import ViewCorrector
-from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.learners import CableModel
 from gpcorrect.calibration.learners.ukf import follow
 from gpcorrect.calibration.memory import advance, lag_step
@@ -34,48 +32,52 @@ ALMOST = 0.9
 MOST_PAST = 4096  # samples stored to take a velocity over: bounds the memory of a stream; chosen by hand
 
 
-class _PathFollower:
-    """Features of a joint path, sample by sample: as :meth:`JointFeatures.transform` gives them for the whole path.
+class _ViewStream:
+    """Features of a stream of joints, each sample's from those before: as :meth:`JointFeatures.transform` of the path.
 
     A stream that is faster than the training takes velocities over the training's step, not over its own: there
     an encoder's last digit would show as motion.
     """
 
-    def __init__(self, features: JointFeatures, usual_step: float, shortest_step: float) -> None:
-        self._features = features
-        self._pause = max(LIMITS.pause_steps * usual_step, LIMITS.pause_seconds)
-        self._window = ALMOST * shortest_step
+    def __init__(self, corrector: ViewCorrector) -> None:
+        self._corrector, self._features = corrector, corrector.view.features
+        self._pause = max(LIMITS.pause_steps * corrector.usual_step, LIMITS.pause_seconds)
+        self._window = ALMOST * corrector.shortest_step
+        self._guard = StreamGuard(corrector.trained, UNITS)
         self.reset()
 
     def reset(self) -> None:
-        """Forget the path."""
+        """Forget the past, as after a homing or after the arm was moved by hand."""
+        self._guard.reset()
+        self._begin()
+
+    def _begin(self) -> None:
+        """Forget the path, but not the clock."""
         self._past: deque[tuple[float, FloatArray]] = deque(maxlen=MOST_PAST)
         self._memory: tuple[FloatArray, FloatArray, FloatArray] | None = None  # path, joints and plays so far
         self._ends: tuple[FloatArray, FloatArray] | None = None  # of what the path has covered
         self._followed: dict[str, tuple[FloatArray, FloatArray]] = {}  # signals where last known, and lags behind them
 
-    @property
-    def new(self) -> bool:
-        """Whether the next sample begins a path."""
-        return not self._past
-
-    def arrive(self, time: float) -> None:
-        """Forget the path where the next sample comes after a pause."""
+    def _arrive(self, time: float, joints: FloatArray) -> None:
+        """Refuse a sample that cannot be of this arm and follow the one before; forget the path after a pause."""
+        self._guard.admit(time, joints)
         if self._past and time - self._past[-1][0] > self._pause:
-            self.reset()
+            self._begin()
 
-    def columns(self, time: float, q: FloatArray, effort: FloatArray | None, state: FloatArray | None) -> FloatArray:
-        """Return the features `(k,)` of joints `q` (d,), NaN where the law needs what is not given."""
-        parts = [self._column(kind, time, q, effort, state) for kind in self._features.kinds]
-        return np.concatenate(parts)[self._features.used]
+    def _inputs(
+        self, time: float, q: FloatArray, effort: FloatArray | None, state: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray | None]:
+        """Note where the joints `q` (d,) are; return their features `(k,)` and by how much these may be off.
 
-    def passed(self, time: float, q: FloatArray) -> FloatArray | None:
-        """Note where the joints were; return by how much features may be off, see :meth:`JointFeatures.unsure`."""
+        Features are NaN where the law needs what is not given; for the doubt see :meth:`JointFeatures.unsure`.
+        """
+        features = self._features
+        x = np.concatenate([self._column(kind, time, q, effort, state) for kind in features.kinds])[features.used]
         self._past.append((time, q))
-        scaled = self._features.scaled(q)
+        scaled = features.scaled(q)
         low, high = self._ends or (scaled, scaled)
         self._ends = np.minimum(low, scaled), np.maximum(high, scaled)
-        return self._features.unsure(self._ends[1] - self._ends[0])
+        return x, features.unsure(self._ends[1] - self._ends[0])
 
     def _column(
         self, kind: str, time: float, q: FloatArray, effort: FloatArray | None, state: FloatArray | None
@@ -90,7 +92,7 @@ class _PathFollower:
                 changes = self._behind(kind, time, self._velocity(time, q) / features.half, features.rates)
                 return (changes / features.rates[:, None]).ravel()
             case "memory":
-                return self._remember(features, features.scaled(q))
+                return self._remember(features.scaled(q))
             case "lags":
                 signals = features.lagged_signals(features.scaled(q), effort)
                 return self._behind(kind, time, signals, features.lags).ravel()
@@ -107,8 +109,9 @@ class _PathFollower:
         then, before = self._past[0]
         return (q - before) / (time - then)
 
-    def _remember(self, features: JointFeatures, path: FloatArray) -> FloatArray:
+    def _remember(self, path: FloatArray) -> FloatArray:
         """Advance the slacks to `path` (d,), in units of half the ranges, and return their features."""
+        features = self._features
         assert features.play is not None
         if self._memory is None:
             joints, lags = path, np.zeros(features.ladder.shape)
@@ -127,30 +130,6 @@ class _PathFollower:
             behind = lag_step(behind, signals - last, time - self._past[-1][0], constants)
             self._followed[kind] = np.where(np.isfinite(signals), signals, last), behind
         return self._followed[kind][1]
-
-
-class _ViewStream:
-    """What the past of a stream of joints says of the next sample; one stream an arm and thread."""
-
-    def __init__(self, corrector: ViewCorrector) -> None:
-        self._corrector = corrector
-        self._follower = _PathFollower(corrector.view.features, corrector.usual_step, corrector.shortest_step)
-        self._guard = StreamGuard(corrector.trained, UNITS)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the past, as after a homing or after the arm was moved by hand."""
-        self._guard.reset()
-        self._begin()
-
-    def _begin(self) -> None:
-        """Forget the path, but not the clock."""
-        self._follower.reset()
-
-    def _arrive(self, time: float, joints: FloatArray) -> None:
-        """Refuse a sample that cannot be of this arm and follow the one before."""
-        self._guard.admit(time, joints)
-        self._follower.arrive(time)
 
 
 class JointStream(_ViewStream):
@@ -193,25 +172,19 @@ class JointStream(_ViewStream):
         rest = None if state is None else _numbers(state, view.features.n_state, "state columns")
         self._arrive(time, joints)
         moving = view.reached(joints)[view.moving]
-        if np.isfinite(moving).all():
-            prediction = self._predicted(time, moving, efforts, rest)
-        else:
+        if not np.isfinite(moving).all():
             self._begin()
-            prediction = law.unknown()
+            return view.answer(joints[None], law.unknown())[0]
+        new = not self._past
+        x, unsure = self._inputs(time, moving, efforts, rest)
+        if isinstance(law.learned, CableModel):
+            motor, stretch = law.learned.inputs(moving[None], None if efforts is None else efforts[None])
+            mean, std = follow(self._cable, motor[0], stretch[0], new, law.learned.noises)
+            std, known = np.hypot(std, law.learned.motor.std), np.array([np.isfinite(mean).all()])
+            prediction = law.guarded(mean[None] - moving, std[None], np.zeros(1), x[None], known)
+        else:
+            prediction = law.predict_one(x, moving if view.end_to_end else np.zeros(len(moving)), unsure)
         return view.answer(joints[None], prediction)[0]
-
-    def _predicted(
-        self, time: float, moving: FloatArray, effort: FloatArray | None, state: FloatArray | None
-    ) -> Prediction:
-        law, new = self._corrector.law, self._follower.new
-        x = self._follower.columns(time, moving, effort, state)
-        unsure = self._follower.passed(time, moving)
-        if not isinstance(law.learned, CableModel):
-            return law.predict_one(x, moving if self._corrector.view.end_to_end else np.zeros(len(moving)), unsure)
-        motor, stretch = law.learned.inputs(moving[None], None if effort is None else effort[None])
-        mean, std = follow(self._cable, motor[0], stretch[0], new, law.learned.noises)
-        std = np.hypot(std, law.learned.motor.std)
-        return law.guarded(mean[None] - moving, std[None], np.zeros(1), x[None], np.array([np.isfinite(mean).all()]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,8 +254,7 @@ class ToolStream(_ViewStream):
                 hint="Hand over the same signals as in the training log.",
             )
         self._arrive(state.time, q)
-        x = self._follower.columns(state.time, q, effort, whole)
-        unsure = self._follower.passed(state.time, q)
+        x, unsure = self._inputs(state.time, q, effort, whole)
         return view.answer(position[None], law.predict_one(x, np.zeros(3), unsure))[0]
 
 

@@ -164,7 +164,7 @@ class PositionEstimator(ViewCorrector):
         )
         samples = view.samples(path, log.trajectory, error, keep)
         law, left_out = learn_law(samples, joint_layout(features, 3, owned=False, inducing=INDUCING))
-        report = {"method": settings.method, "features": list(features.kinds), "state_numbers": features.n_state}
+        report = {"features": list(features.kinds), "state_numbers": features.n_state}
         remarks = features.remarks(range(1, path.q.shape[1] + 1))
         usual, shortest = usual_steps(path)
         corrector = cls(

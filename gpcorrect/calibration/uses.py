@@ -39,22 +39,15 @@ def with_uses(report: ValidationReport, log: CalibrationLog) -> tuple[Validation
     """
     if not report.ok:
         return report, ()
-    uses = []
-    for purpose in (one for one in PURPOSES.values() if one.command):
-        try:
-            purpose.require(log)
-        except GpCorrectError as error:
-            uses.append(Use(purpose.command, error.message.removeprefix(f"{log.name}: "), error.hint))
-        else:
-            uses.append(Use(purpose.command))
+    uses = tuple(Use(one.command, *_refusal(one, log)) for one in PURPOSES.values() if one.command)
     if not all(use.refusal for use in uses):
-        return report, tuple(uses)
+        return report, uses
     hint = uses[0].hint
     if log.signals == ("tracker_cp",):
         hint = "A tracker's own file goes beside the robot's (--tracker-log); look at it with validate --for tracker."
     what = f"no command can learn from it. {'; '.join(f'{use.command}: {use.refusal}' for use in uses)}"
     unusable = Finding("error", "unusable", "", what, hint)
-    return replace(report, findings=(unusable, *report.findings)), tuple(uses)
+    return replace(report, findings=(unusable, *report.findings)), uses
 
 
 def for_purpose(report: ValidationReport, log: CalibrationLog, purpose: str) -> ValidationReport:
@@ -77,13 +70,19 @@ def for_purpose(report: ValidationReport, log: CalibrationLog, purpose: str) -> 
         else f
         for f in findings
     ]
+    refusal, hint = _refusal(known, log)
+    if refusal:
+        findings.append(Finding("error", "unusable", "", f"not for {purpose}: {refusal}", hint))
+    return replace(report, findings=tuple(findings))
+
+
+def _refusal(purpose: Purpose, log: CalibrationLog) -> tuple[str, str]:
+    """Return why a recording would be refused, and what to do; empty where it would not."""
     try:
-        known.require(log)
+        purpose.require(log)
     except GpCorrectError as error:
-        what = f"not for {purpose}: {error.message.removeprefix(f'{log.name}: ')}"
-        findings.append(Finding("error", "unusable", "", what, error.hint))
-    rank = {"error": 0, "warning": 1, "info": 2}
-    return replace(report, findings=tuple(sorted(findings, key=lambda f: rank[f.severity])))
+        return error.message.removeprefix(f"{log.name}: "), error.hint
+    return "", ""
 
 
 def _require_tracker(log: CalibrationLog) -> None:

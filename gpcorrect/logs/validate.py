@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from gpcorrect.logs.checks import CHECKS, Evidence, Finding, Severity
 from gpcorrect.logs.sync import TimeOffset
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
-ORDER: tuple[Severity, ...] = ("error", "warning", "info")
 MISREAD = (
     "time_unit",
     "position_unit",
@@ -35,13 +34,17 @@ class ValidationReport:
     Parameters
     ----------
     facts : mapping, sizes, rates, signals: JSON-able
-    findings : tuple of Finding, errors, then warnings, then information
+    findings : tuple of Finding, in any order; errors come first, then warnings, then information
     offsets : tuple of TimeOffset, time offsets of the observed signals, with their correlation curves
     """
 
     facts: Mapping[str, Any]
     findings: tuple[Finding, ...] = ()
     offsets: tuple[TimeOffset, ...] = field(default=(), repr=False)
+
+    def __post_init__(self) -> None:
+        gravest_first = sorted(self.findings, key=lambda f: get_args(Severity).index(f.severity))
+        object.__setattr__(self, "findings", tuple(gravest_first))
 
     @property
     def errors(self) -> tuple[Finding, ...]:
@@ -88,9 +91,8 @@ def validate_log(
     with np.errstate(over="ignore", invalid="ignore"):  # absurd numbers are what checks are there to find
         evidence = Evidence(log, compared)
         asked = CHECKS if checks is None else checks
-        findings = [finding for name in asked for finding in CHECKS[name](evidence)]
-        findings.sort(key=lambda f: ORDER.index(f.severity))
-        return ValidationReport(_facts(log), tuple(findings), evidence.offsets if checks is None else ())
+        findings = tuple(finding for name in asked for finding in CHECKS[name](evidence))
+        return ValidationReport(_facts(log), findings, evidence.offsets if checks is None else ())
 
 
 def refuse_misread(

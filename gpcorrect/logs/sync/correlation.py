@@ -24,6 +24,7 @@ SPIKE_WINDOW = 7  # samples; their median stands up to three outliers in a row
 SPIKE_SCALE = 6.0  # times farther from that median than its neighbours, and than four in five samples: a spike
 CLIP = 2.0  # speeds count up to this many times the fast ones: a jump of the tracker is a huge speed
 MIN_SUPPORT = 0.5  # a smoothed speed needs this fraction of its window
+PEAK_SHARE = 0.5  # lesser peaks than this fraction of the highest are no rivals
 MIN_COMMON = 0.25  # a lag needs this fraction of the most samples in common at any lag
 
 
@@ -153,20 +154,19 @@ def _shifted(a: FloatArray, b: FloatArray, reach: int) -> FloatArray:
     return np.asarray(irfft(rfft(b, n) * rfft(a, n).conj(), n)[np.arange(-reach, reach + 1)])
 
 
-def peaks(curve: LagCurve, fraction: float) -> FloatArray:
-    """Lags of the maxima, highest first, placed by a parabola each.
+def peaks(curve: LagCurve) -> FloatArray:
+    """Lags of the maxima that are high beside the highest, that one first, placed by a parabola each.
 
     Parameters
     ----------
     curve : LagCurve
-    fraction : float, lesser maxima than this fraction of the highest are left out
     """
     r = np.where(np.isfinite(curve.correlation), curve.correlation, -np.inf)
     inner: IntArray = np.flatnonzero((r[1:-1] >= r[:-2]) & (r[1:-1] > r[2:]) & np.isfinite(r[:-2] + r[2:])) + 1
     if inner.size == 0:
         return np.empty(0)
     inner = inner[np.argsort(-r[inner], kind="stable")]
-    inner = inner[r[inner] >= fraction * r[inner[0]]]
+    inner = inner[r[inner] >= PEAK_SHARE * r[inner[0]]]
     left, top, right = r[inner - 1], r[inner], r[inner + 1]
     shift = 0.5 * (left - right) / np.minimum(left - 2 * top + right, -np.finfo(float).tiny)
     return np.asarray(curve.lags[inner] + np.clip(shift, -0.5, 0.5) * (curve.lags[1] - curve.lags[0]))

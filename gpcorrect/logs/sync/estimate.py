@@ -29,7 +29,6 @@ SILENCE = 4.0  # times the largest lag: a longer silence cuts a recording into p
 MIN_VARIATION = 0.05  # of the speed: below it the speed is constant as far as a correlation can tell
 MIN_CORRELATION = 0.3  # two unrelated speeds of some tens of strokes stay below
 MIN_EXPLAINED = 0.5  # a reference that explains less than half of the spread is not the same motion
-PEAK_SHARE = 0.5  # lesser peaks than this fraction of the highest are no rivals
 MAX_RIVALS = 8  # a reason names no more
 MIN_SHARE = 1e-3  # of the usual information: a trajectory with less says nothing by itself
 PEAK_WIDTH = 0.2  # s; a peak, blurred by noise and by strokes of a second, lies this close to the offset
@@ -281,7 +280,7 @@ def _refined(
     pieces: Sequence[MotionPair], curve: LagCurve, slow: float, reach: float, names: tuple[str, str]
 ) -> TimeOffset:
     bracket = max(PEAK_WIDTH, PEAK_STEPS * slow)
-    starts = peaks(curve, PEAK_SHARE)[: MAX_RIVALS + 1]
+    starts = peaks(curve)[: MAX_RIVALS + 1]
     timing = regression(pieces, starts)
     if timing is None:
         return _nothing(("too_few", "there are too few samples to tell offset from registration."), curve)
