@@ -82,7 +82,7 @@ def _glance(result: DiscrepancyResult) -> Section | None:
     """Every joint, and the tool: what was missing, what is left, what it is called; the largest rest first."""
     rows = []
     for v in result.verdict.places:
-        sizes = _sizes(v.channel, v.before, v.after, v.noise)
+        sizes = _sizes(v.gap.channel, v.gap.before, v.gap.after, v.gap.noise)
         names = [*map(short_words, v.effects), *(f"acts like {short_words(e)}" for e in v.alike)]
         left = f"{v.remaining:.2g} times the noise" if v.remaining else "none"
         rows.append([place(v.place), str(v.level), *sizes, left, ", ".join(names) or "–"])

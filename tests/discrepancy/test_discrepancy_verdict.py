@@ -50,7 +50,8 @@ def test_what_the_catalogue_says_half_of_is_not_plain(level: Level, plain: bool)
 @pytest.mark.parametrize("level", [Level.NONE, Level.INCONCLUSIVE])
 def test_a_headline_is_no_weaker_than_its_places(level: Level) -> None:
     """Where a joint is UNKNOWN so is the whole; a place that is not decided takes nothing from it."""
-    unknown, open_ = (PlaceVerdict(1, v, A, 2.0, 2.0, 1.0, 0.5, ()) for v in (Level.UNKNOWN, Level.INCONCLUSIVE))
+    gap = ChannelGap(2.0, 2.0, 1.0, (4.0, 4.0), (6.0, 6.0), 0.0, (0.0, 0.1), A, 1.0, 0.0)
+    unknown, open_ = (PlaceVerdict(1, v, gap, 0.5, ()) for v in (Level.UNKNOWN, Level.INCONCLUSIVE))
     assert headline(level, (), (), [unknown, open_]) == Level.UNKNOWN
     assert headline(level, (), (), [open_]) == level
 

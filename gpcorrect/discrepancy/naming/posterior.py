@@ -27,6 +27,9 @@ class Level(StrEnum):
     INCONCLUSIVE = "INCONCLUSIVE"
 
 
+SURENESS = (Level.EXACT, Level.CLASS, Level.SET)  # levels with names, the surest first
+
+
 class Explanation(StrEnum):
     """Kinds of things that could stand in an effect's place."""
 
@@ -81,7 +84,7 @@ class Named:
     @property
     def may_be_named(self) -> bool:
         """Whether the level is one with names."""
-        return self.level in (Level.EXACT, Level.CLASS, Level.SET)
+        return self.level in SURENESS
 
     @property
     def rivals(self) -> tuple[Alternative, ...]:

@@ -132,11 +132,7 @@ class PlaceVerdict:
 
     place: int | str  # number of the joint; "tool" for what a tracker alone sees
     level: Level
-    channel: Channel  # in which the gap was largest over its noise
-    # root mean squares of the test set in it, without and with the named effects, and of noise alone
-    before: float
-    after: float
-    noise: float
+    gap: ChannelGap  # of the channel in which it was largest over its noise
     remaining: float  # largest systematic part that is left, over the noise of its channel
     effects: tuple[NamedEffect, ...]  # named there
     alike: tuple[NamedEffect, ...] = ()  # what the machine acts like there
@@ -301,9 +297,9 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
 def _place(verdict: PlaceVerdict) -> dict[str, Any]:
     return {
         **_fields(verdict, "place", "level"),
-        "channel": verdict.channel.name,
-        **_fields(verdict, "before", "after", "noise"),
-        "unit": verdict.channel.unit,
+        "channel": verdict.gap.channel.name,
+        **_fields(verdict.gap, "before", "after", "noise"),
+        "unit": verdict.gap.channel.unit,
         "remaining_over_noise": verdict.remaining,
         "effects": [e.name for e in verdict.effects],
         "alike": [e.name for e in verdict.alike],
