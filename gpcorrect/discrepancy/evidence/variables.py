@@ -179,15 +179,6 @@ class Cells:
     code: IntArray
     spans: tuple[tuple[Span, ...], ...]
 
-    def indicator(self, rows: IntArray) -> FloatArray:
-        """Return columns `(len(rows), k)`, one for each cell, 1 where a row is in it.
-
-        Parameters
-        ----------
-        rows : int array, of the n rows
-        """
-        return np.eye(len(self.spans))[self.code[rows]]
-
 
 def all_cells(covariates: Covariates) -> list[Cells]:
     """Return tests of every variable alone, and of the channel's own position and direction with every other one.
