@@ -7,7 +7,7 @@ something else: beside what stays, that is looked for anew, and at once where it
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -87,10 +87,15 @@ class _ModelSelection:
         self.view = view_of(self.search, self.prepared)
         fitted = self.search.fitted
         self.known = {known.candidate.key: known for known in each_here(self._of, fitted)}
-        if self._drop_idle():
+        found = {m: self.known[m.candidate.key].own.found for m in fitted}
+        # What gains less than an effect must goes first: no rivals need be weighed to know it.
+        if self._drop_weakest({m: nats for m, nats in found.items() if nats < penalty(self.search.n_kinds)}):
             return True
         each_here(self._assess, fitted)
-        if self._simplify() or self._swap() or self._drop() or any(each_here(self._renew, fitted)):
+        if self._simplify() or self._swap():
+            return True
+        poor = (m for m in fitted if not self.named(m).may_be_named or self._is_outdone(m))
+        if self._drop_weakest({m: self.named(m).nats for m in poor}) or any(each_here(self._renew, fitted)):
             return True
         return self._search_again() or self._drop_unsure()
 
@@ -132,15 +137,6 @@ class _ModelSelection:
         """Return the others of the set that show in an effect's channels."""
         others = (m.candidate for m in self.search.fitted if m is not fit)
         return frozenset(c for c in others if self.search.alike(c, fit.candidate))
-
-    def _drop_idle(self) -> bool:
-        """Take the weakest of those out that gain less than an effect must: no rivals need be weighed to know it."""
-        weakest = min(self.search.fitted, key=lambda m: self.known[m.candidate.key].own.found)
-        if self.known[weakest.candidate.key].own.found >= penalty(self.search.n_kinds):
-            return False
-        if not self._renew(weakest):
-            self._take_out(weakest, self.named(weakest))
-        return True
 
     def _simplify(self) -> bool:
         """Take from an effect what it has beside its law, such as a drag, where no data determine the shape of that."""
@@ -202,12 +198,11 @@ class _ModelSelection:
         odds = float(np.log(max(chance, TINY) / max(named.probability, TINY)))
         return odds if self.replaced[rival.candidate.key] else max(gain, odds)
 
-    def _drop(self) -> bool:
-        """Take the weakest of those out that may not be named."""
-        poor = [m for m in self.search.fitted if not self.named(m).may_be_named or self._is_outdone(m)]
+    def _drop_weakest(self, poor: Mapping[FittedEffect, float]) -> bool:
+        """Take the one out that gains least of those that must go, by their nats, or weigh it anew; False for none."""
         if not poor:
             return False
-        weakest = min(poor, key=lambda m: self.named(m).nats)
+        weakest = min(poor, key=poor.__getitem__)
         if not self._renew(weakest):
             self._take_out(weakest, self.named(weakest))
         return True
