@@ -174,7 +174,7 @@ def _rivals(view: View, own: Own, fit: FittedEffect, margin: float) -> list[Riva
     for place, leader in enumerate(_leaders(search, bare, fit.candidate)):
         candidate = leader.candidate
         near = [fit.candidate, *(r.candidate for r in found if r.nats > own.nats - margin)]
-        fuller = any(_is_fuller(candidate, c) for c in near)
+        fuller = any(_is_kin(candidate, c) and candidate.extra > c.extra for c in near)
         enough = sum(not r.candidate.called_like(fit.candidate) for r in found) >= NAMING.rivals
         if (enough or place >= NAMING.tried) and not (fuller or _is_simpler(candidate, fit.candidate)):
             continue
@@ -219,11 +219,6 @@ def _is_kin(rival: Candidate, candidate: Candidate) -> bool:
     about = rival.kind.about
     same = about.family == candidate.kind.about.family and rival.joint == candidate.joint
     return same and candidate.name in about.neighbours
-
-
-def _is_fuller(rival: Candidate, candidate: Candidate) -> bool:
-    """Whether a rival is a law of the same family, on the same joint, that says the same and more."""
-    return _is_kin(rival, candidate) and rival.extra > candidate.extra
 
 
 def _likeness(view: View, own: Own, other: FittedEffect, b: FloatArray, slopes: FloatArray) -> float:
