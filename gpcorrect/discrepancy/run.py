@@ -151,9 +151,7 @@ def _find(
         next_experiment=experiment,
         model=model.with_effects(*in_order((*model.effects, *added))),
         evidence=evidence_of(prepared, state, found.fitted),
-        provenance=provenance_of(
-            log, seed, found.prepared, state, before, lacks, found.bursts, time.monotonic() - started
-        ),
+        provenance=provenance_of(log, seed, found.prepared, state, lacks, found.bursts, time.monotonic() - started),
         advised_plans=plans,
     )
 

@@ -95,7 +95,7 @@ def _glance(result: DiscrepancyResult) -> Section | None:
 
 def _where(result: DiscrepancyResult) -> Section:
     found = result.localisation.findings
-    limit = result.provenance.thresholds.localisation_nats
+    limit = result.localisation.threshold
     if not found:
         words = [f"None of the tests beats {limit:.1f} nats, the 99 % quantile of the largest of all tests in noise."]
         for e in (result.remainder or result.localisation).equivalence:

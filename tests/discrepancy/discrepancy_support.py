@@ -11,7 +11,7 @@ import numpy as np
 from gpcorrect.discrepancy.evidence.localise import Equivalence, Finding, Localisation
 from gpcorrect.discrepancy.evidence.variables import Span
 from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level
-from gpcorrect.discrepancy.outcome.provenance import DataSource, DecisionThresholds, Provenance
+from gpcorrect.discrepancy.outcome.provenance import DataSource, Provenance
 from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, Evidence, NamedEffect, Verdict
 from gpcorrect.discrepancy.outcome.sentences import verdict_sentences
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
@@ -133,7 +133,7 @@ def result(
         data=(DataSource("log.csv", sha256, 100),),
         seed=0,
         versions={},
-        thresholds=DecisionThresholds(7.0, 8.0, 0.95, 0.05),
+        effect_nats=8.0,
         seconds=12.0,
         noise={c.name: noise for c in channels},
         tolerated={},

@@ -259,7 +259,7 @@ class DiscrepancyResult:
             "gap": {g.channel.name: _gap(g) for g in self.gap},
             "next_experiment": experiment and _fields(experiment, "run", "separates", "expected_nats", "minutes"),
             "provenance": {
-                **_provenance(self.provenance),
+                **_provenance(self.provenance, self.localisation.threshold),
                 "remainder": [] if remainder is None else [_finding(f) for f in remainder.findings],
                 "equivalence": [
                     {"channel": e.channel.name, "systematic_upper": e.upper, "limit": TESTS.equivalence}
@@ -331,11 +331,16 @@ def _gap(gap: ChannelGap) -> dict[str, Any]:
     }
 
 
-def _provenance(source: Provenance) -> dict[str, Any]:
+def _provenance(source: Provenance, localisation_nats: float) -> dict[str, Any]:
     return {
         "data": list(map(vars, source.data)),
         **_fields(source, "seed", "versions"),
-        "thresholds": vars(source.thresholds),
+        "thresholds": {
+            "localisation_nats": localisation_nats,
+            "effect_nats": source.effect_nats,
+            "exact_probability": NAMING.exact,
+            "rival_probability": NAMING.stable,
+        },
         "seconds": source.seconds,
         "noise": {
             name: {**_fields(n, "white", "slow", "time_constant", "tail"), "basis": noise_source_words(n)}
