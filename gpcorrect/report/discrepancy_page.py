@@ -138,7 +138,7 @@ def _nats(value: float) -> str:
 
 
 def _depends(finding: Finding) -> str:
-    return " and ".join(map(variable_words, finding.variables))
+    return " and ".join(variable_words(s.variable) for s in finding.region)
 
 
 def _worst(result: DiscrepancyResult) -> list[tuple[int, Channel]]:

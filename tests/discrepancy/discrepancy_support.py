@@ -102,7 +102,7 @@ def outside(joint: int) -> Channel:
 
 def finding(channel: Channel, *region: Span, nats: float = 50.0) -> Finding:
     """Return something that the tests found."""
-    return Finding(channel, tuple(s.variable for s in region), region, nats, 0.5)
+    return Finding(channel, region, nats, 0.5)
 
 
 def result(

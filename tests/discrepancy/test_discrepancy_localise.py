@@ -32,7 +32,7 @@ def found(seed: int, size: float = 0.0, tail: float = np.inf, seen: Channel = OU
     direction = np.sign(np.gradient(q[:, 0]))
     values = {POSITION_1: q[:, 0], POSITION_2: q[:, 1], DIRECTION_1: direction, SESSION_TIME: time}
     noise = estimate_noise(time, r, block, np.zeros(len(r), dtype=np.bool_))
-    tests = all_cells(Covariates(values, (POSITION_1, DIRECTION_1), {}))
+    tests = all_cells(Covariates(values, (POSITION_1, DIRECTION_1)))
     channel = ChannelData(seen, time, r, block, noise, tests)
     return localise([channel], np.random.default_rng(seed + 99))
 
@@ -47,7 +47,7 @@ def test_a_small_effect_is_found_where_it_is() -> None:
     """A systematic part of a third of the noise is found, and the best test speaks of the right variable."""
     result = found(0, size=0.33)
     assert result.something
-    assert POSITION_1 in result.findings[0].variables
+    assert POSITION_1 in [s.variable for s in result.findings[0].region]
 
 
 def test_nothing_missing_needs_the_equivalence_too() -> None:

@@ -105,7 +105,7 @@ def test_what_a_naming_searched_for_anew_comes_back(tmp_path: Path, monkeypatch:
 def test_a_finished_result_comes_back_whole(tmp_path: Path) -> None:
     """Verdict, findings, gaps, noise and model survive the folder: the report is the same to the last digit."""
     effect = named("backlash", 2, "SET", rivals=(rival("coulomb_friction", 2, 0.3),))
-    span = Span(Variable(Quantity.POSITION, 2), 0.1, 0.2, "rad")
+    span = Span(Variable(Quantity.POSITION, 2, "rad"), 0.1, 0.2)
     whole = result("SET", effect, findings=(finding(outside(2), span),))
     store = StageStore(tmp_path, "key")
     assert store.load_result() is None

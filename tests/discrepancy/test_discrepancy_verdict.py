@@ -8,7 +8,6 @@ import pytest
 from discrepancy_support import outside
 
 from gpcorrect.discrepancy.evidence.localise import Equivalence, Finding, Localisation
-from gpcorrect.discrepancy.evidence.variables import Quantity, Variable
 from gpcorrect.discrepancy.naming.posterior import Level, Named
 from gpcorrect.discrepancy.outcome.result import ChannelGap, NamedEffect, PlaceVerdict
 from gpcorrect.discrepancy.outcome.verdict import headline, is_plain, place_verdicts
@@ -20,7 +19,7 @@ A, B = outside(1), outside(2)
 
 def localisation(nats: float, upper: float = 1.0, size: float = 0.5) -> Localisation:
     """One finding in channel A; B is quiet."""
-    finding = Finding(A, (Variable(Quantity.POSITION, 1),), (), nats, size)
+    finding = Finding(A, (), nats, size)
     return Localisation((finding,), THRESHOLD, (Equivalence(A, upper), Equivalence(B, 0.1)))
 
 

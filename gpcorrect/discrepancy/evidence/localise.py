@@ -42,10 +42,9 @@ class ChannelData:
 
 @dataclass(frozen=True)
 class Finding:
-    """A test that noise cannot explain: what the residual depends on, and the cell in which it is largest."""
+    """A test that noise cannot explain: where along what it depends on the residual is largest."""
 
     channel: Channel
-    variables: tuple[Variable, ...]
     region: tuple[Span, ...]
     nats: float  # gained on held-out trajectories
     size: float  # root mean square of what depends on the variables, as a fraction of the noise
@@ -153,12 +152,11 @@ def _test_channel(data: ChannelData, rng: np.random.Generator) -> tuple[list[Fin
         systematic = max(systematic, upper)
         region = cells.spans[int(np.argmax(solve(gram, moment) ** 2 * np.diag(gram)))]
         counts = size / std >= least
-        found.append(Finding(data.channel, cells.variables, region, float(gains[0]), size / std, counts))
+        found.append(Finding(data.channel, region, float(gains[0]), size / std, counts))
     tone = strongest_tone(data.time, data.residual, data.block)
     if tone is not None and tone.nats >= TESTS.sure_tone and tone.rms >= TESTS.equivalence * std:
-        frequency = Variable(Quantity.FREQUENCY)
-        region = (Span(frequency, tone.low, tone.high, "Hz"),)
-        found.append(Finding(data.channel, (frequency,), region, tone.nats, tone.rms / std))
+        region = (Span(Variable(Quantity.FREQUENCY, unit="Hz"), tone.low, tone.high),)
+        found.append(Finding(data.channel, region, tone.nats, tone.rms / std))
         systematic = max(systematic, tone.rms)
     return sorted(found, key=_rank), null, systematic / std
 

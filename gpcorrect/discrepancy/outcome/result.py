@@ -313,9 +313,11 @@ def _alternative(entry: Alternative) -> dict[str, Any]:
 def _finding(finding: Finding) -> dict[str, Any]:
     return {
         "channel": finding.channel.name,
-        "variables": [str(v) for v in finding.variables],
+        "variables": [str(s.variable) for s in finding.region],
         "region": region_words(finding.region),
-        "bounds": [{"variable": str(s.variable), **_fields(s, "low", "high", "unit")} for s in finding.region],
+        "bounds": [
+            {"variable": str(s.variable), **_fields(s, "low", "high"), "unit": s.variable.unit} for s in finding.region
+        ],
         **_fields(finding, "nats", "size", "counts"),
     }
 

@@ -95,13 +95,13 @@ def _span_words(span: Span) -> str:
             moving = {-1.0: "moving back", 1.0: "moving forward"}.get(span.low, "before its first move")
             return f"joint {span.variable.joint} {moving}"
         case Quantity.FREQUENCY:
-            return f"a tone between {number(span.low)} and {number(span.high)} {span.unit}"
+            return f"a tone between {number(span.low)} and {number(span.high)} {span.variable.unit}"
         case Quantity.SESSION:
             return f"session {span.low + 1:.0f}"
-    name, high = variable_words(span.variable), size_words(span.high, span.unit)
+    name, high = variable_words(span.variable), size_words(span.high, span.variable.unit)
     if span.low == span.high:
         return f"{name} at {high}"
-    return f"{name} from {number(in_reader_units(span.low, span.unit)[0])} to {high}"
+    return f"{name} from {number(in_reader_units(span.low, span.variable.unit)[0])} to {high}"
 
 
 def variable_words(variable: Variable) -> str:
