@@ -8,7 +8,7 @@ import numpy as np
 
 from gpcorrect.discrepancy.evidence.variables import Quantity, Span, Variable
 from gpcorrect.discrepancy.naming.posterior import Level
-from gpcorrect.discrepancy.recording.noise import ChannelNoise, NoiseSource
+from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.scene import Channel
 from gpcorrect.discrepancy.search.candidates import Estimate
 
@@ -30,12 +30,6 @@ MEANING = {
     Level.SET: "one of those listed is there; these data do not tell which",
     Level.UNKNOWN: "something real that no effect of the catalogue explains",
     Level.INCONCLUSIVE: "too little data, or nothing held on trajectories that the search had not seen",
-}
-NOISE_SOURCES = {
-    NoiseSource.STATED: "[noise] of the model file",
-    NoiseSource.HOLDS: "holds",
-    NoiseSource.SHORT_LAGS: "changes over short lags (assumes that motion effects are smoother)",
-    NoiseSource.TOO_FEW: "too few samples; the smallest noise is assumed",
 }
 
 
@@ -149,7 +143,7 @@ def noise_source_words(noise: ChannelNoise) -> str:
     ----------
     noise : ChannelNoise
     """
-    words = NOISE_SOURCES[noise.source]
+    words = noise.source.value
     words += "" if noise.rounding_step is None else f"; rounded to {noise.rounding_step:.2g}"
     return words + ("" if noise.times_stated is None else f"; {noise.times_stated:.2g} times what [noise] states")
 
