@@ -127,8 +127,7 @@ def _find(
         state, named, dropped = load_or_run(
             "naming", state, candidates, store, lambda s: name_effects(s, prepared, progress=progress)
         )
-    if (rare := name_rare(prepared, state, named, candidates, rng, progress)) is not None:
-        prepared, state, named = rare
+    prepared, state, named = name_rare(prepared, state, named, candidates, rng, progress)
     judge = partial(_judge, prepared, state, before, named, dropped, rng, progress)
     found = judge(only_large=False)
     effects = found.verdict.effects
@@ -150,7 +149,7 @@ def _find(
         gap=found.gap,
         next_experiment=experiment,
         model=model.with_effects(*in_order((*model.effects, *added))),
-        evidence=evidence_of(prepared, state, found.fitted),
+        evidence=evidence_of(state, found.fitted),
         provenance=provenance_of(log, seed, found.prepared, state, lacks, found.bursts, time.monotonic() - started),
         advised_plans=plans,
     )

@@ -246,23 +246,23 @@ class _ModelSelection:
 def name_rare(
     prepared: PreparedData,
     state: Search,
-    named: Sequence[Named],
+    named: tuple[Named, ...],
     candidates: Sequence[Candidate],
     rng: np.random.Generator,
     progress: Progress,
-) -> tuple[PreparedData, Search, tuple[Named, ...]] | None:
+) -> tuple[PreparedData, Search, tuple[Named, ...]]:
     """Look, beside what is named, for effects that act where something rare happens and hardly anywhere else.
 
     Such as a limit that is reached once. No motion can foretell another's there, so that evidence from motion to motion
     has nothing to say. But what happens lasts for many samples, and a law with few numbers that is fitted to some of
     them has to foretell the others. Return the recording in pieces, the state with the new effects, and all that is
-    named; None when nothing rare gets a name.
+    named; each as it was when nothing rare gets a name.
 
     Parameters
     ----------
     prepared : PreparedData, by whole trajectories
     state : Search, after the naming
-    named : sequence of Named, what was named, in the order of the state's effects
+    named : tuple of Named, what was named, in the order of the state's effects
     candidates : sequence of Candidate, all that these data could show
     rng : numpy.random.Generator, deals the pieces
     progress : Progress
@@ -270,19 +270,19 @@ def name_rare(
     found = bursts_of(prepared.dataset, state.whitener.noises, [f.effect for f in state.fitted])
     bursts = [b for b in found if b.rare]
     if not bursts:
-        return None
+        return prepared, state, named
     cut = in_pieces(prepared, bursts, rng)
     start = start_search(cut.dataset, candidates, progress)
     seldom = tuple(t for t in start.traces if _only_there(t, cut, bursts))
     start = replace(start, traces=seldom, fitted=state.fitted).refreshed()
     done = search_on(start, rounds=NAMING.search_rounds, progress=progress)
     if len(done.fitted) == len(start.fitted):
-        return None
+        return prepared, state, named
     done, names, _ = name_effects(done, cut, progress=progress)
     known = {n.fit.candidate.key for n in named}
     new = tuple(n for n in names if n.fit.candidate.key not in known)
     if not new:
-        return None
+        return prepared, state, named
     steps, fitted = (*state.waterfall, *done.waterfall), (*state.fitted, *(n.fit for n in new))
     return cut, replace(done, fitted=fitted, waterfall=steps), (*named, *new)
 

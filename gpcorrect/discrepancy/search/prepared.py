@@ -68,7 +68,7 @@ def prepare_data(log: CalibrationLog, model: Model, rng: np.random.Generator) ->
     """
     log, remarks = with_joint_paths(log, machine_of(model).body)
     split = split_rows(log.trajectory, log.session, rng)
-    scene = build_scene(log, model, split.training)
+    scene = build_scene(log, model, np.isin(split.part, [0, 1]))  # the test set must not register the tracker
     dataset = build_dataset(scene, split, SPLIT.most_rows)
     return _prepared(log, split, dataset, (split.remark, *remarks, *scene.remarks))
 
