@@ -69,11 +69,11 @@ def write_discrepancy_report(result: DiscrepancyResult, path: Path) -> None:
             *(("and" if k else "also", sentence) for k, sentence in enumerate(beside)),
             ("verdict", f"{result.level}: {MEANING[result.level]}"),
             ("next", next_step(result)),
-            *(("recording", f"{d.name}, {d.rows} samples") for d in source.data),
+            ("recording", f"{source.name}, {source.rows} samples"),
             ("run", f"{source.seconds:.0f} s, seed {source.seed}"),
         ],
         [section for section in sections if section is not None],
-        [("recording", f"{d.name}, SHA-256 {d.sha256 or 'none: not a file'}") for d in source.data],
+        [("recording", f"{source.name}, SHA-256 {source.sha256 or 'none: not a file'}")],
     )
     write_page(page, path)
 

@@ -21,19 +21,12 @@ from gpcorrect.types import CalibrationLog
 
 
 @dataclass(frozen=True)
-class DataSource:
-    """A recording that was used: its name, its file's SHA-256 (empty for no file), and its rows."""
-
-    name: str
-    sha256: str
-    rows: int
-
-
-@dataclass(frozen=True)
 class Provenance:
     """Where a result comes from, and what had to be assumed."""
 
-    data: tuple[DataSource, ...]
+    name: str  # of the recording
+    sha256: str  # of its file; empty for no file
+    rows: int  # of it
     seed: int  # of the split and of everything drawn
     versions: Mapping[str, str]  # of this package, Python and the numerical libraries
     effect_nats: float  # that an effect had to gain
@@ -71,7 +64,9 @@ def provenance_of(
     dataset, noises = prepared.dataset, state.whitener.noises
     scene = dataset.scene
     return Provenance(
-        data=(DataSource(log.name, log.digest, len(log)),),
+        name=log.name,
+        sha256=log.digest,
+        rows=len(log),
         seed=seed,
         versions={
             "gpcorrect": version("gpcorrect"),

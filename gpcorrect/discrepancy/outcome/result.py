@@ -335,7 +335,7 @@ def _gap(gap: ChannelGap) -> dict[str, Any]:
 
 def _provenance(source: Provenance, localisation_nats: float) -> dict[str, Any]:
     return {
-        "data": list(map(vars, source.data)),
+        "data": [_fields(source, "name", "sha256", "rows")],
         **_fields(source, "seed", "versions"),
         "thresholds": {
             "localisation_nats": localisation_nats,
