@@ -132,25 +132,16 @@ def load_or_run(
     """
     if store is not None and (stored := store.load(stage)) is not None:
         named, dropped = (tuple(_named_of(n, candidates) for n in stored[part]) for part in ("named", "dropped"))
-        done = _state_of(stored["state"], state, candidates)
-        return replace(done, fitted=tuple(n.fit for n in named) or done.fitted), named, dropped
+        fitted, whitened_by = (tuple(_fit_of(f, candidates) for f in stored[p]) for p in ("fitted", "whitened_by"))
+        whitened, steps = replace(state, fitted=whitened_by).refreshed(), tuple(Step(**s) for s in stored["waterfall"])
+        return replace(whitened, fitted=tuple(n.fit for n in named) or fitted, waterfall=steps), named, dropped
     state, named, dropped = run(state)
-    if store is not None:
-        plain, others = ([_plain_named(n, candidates) for n in names] for names in (named, dropped))
-        store.save(stage, {"named": plain, "dropped": others, "state": _plain_state(state, candidates)})
+    if store is not None:  # of a state its sets and the steps to them: all else follows from where its search starts
+        plain: dict[str, Any] = {"waterfall": [asdict(step) for step in state.waterfall]}
+        plain |= {p: [_plain_fit(f, candidates) for f in getattr(state, p)] for p in ("fitted", "whitened_by")}
+        plain["named"], plain["dropped"] = ([_plain_named(n, candidates) for n in part] for part in (named, dropped))
+        store.save(stage, plain)
     return state, named, dropped
-
-
-def _plain_state(state: Search, candidates: Sequence[Candidate]) -> dict[str, Any]:
-    """Return the sets of a state and the steps to them; all else follows from where its search starts."""
-    sets = {name: [_plain_fit(f, candidates) for f in getattr(state, name)] for name in ("fitted", "whitened_by")}
-    return {**sets, "waterfall": [asdict(step) for step in state.waterfall]}
-
-
-def _state_of(stored: dict[str, Any], start: Search, candidates: Sequence[Candidate]) -> Search:
-    fitted, whitened_by = (tuple(_fit_of(f, candidates) for f in stored[name]) for name in ("fitted", "whitened_by"))
-    whitened = replace(start, fitted=whitened_by).refreshed()
-    return replace(whitened, fitted=fitted, waterfall=tuple(Step(**s) for s in stored["waterfall"]))
 
 
 def _plain_named(named: Named, candidates: Sequence[Candidate]) -> dict[str, Any]:
