@@ -33,10 +33,17 @@ def main() -> None:
     seconds = time.process_time() - start
     rows = []
     for v in found.verdict.places:
-        sizes = [number(in_reader_units(value, v.channel.unit)[0]) for value in (v.before, v.after, v.noise)]
-        unit = in_reader_units(1.0, v.channel.unit)[1]
+        gap, unit = v.gap, v.gap.channel.unit
+        sizes = [number(in_reader_units(value, unit)[0]) for value in (gap.before, gap.after, gap.noise)]
         rows.append(
-            [v.place, str(v.level), *sizes, unit, f"{v.remaining:.1f}", ", ".join(e.name for e in v.effects) or "-"]
+            [
+                v.place,
+                str(v.level),
+                *sizes,
+                in_reader_units(1.0, unit)[1],
+                f"{v.remaining:.1f}",
+                ", ".join(e.name for e in v.effects) or "-",
+            ]
         )
     print_table(["joint", "verdict", "before", "after", "noise", "unit", "left / noise", "named"], rows)
     boxes = ", ".join(f"{g.channel.joint}: {100 * g.black_box_ceiling:.0f} %" for g in found.gap)

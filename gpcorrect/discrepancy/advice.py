@@ -20,7 +20,7 @@ from gpcorrect.discrepancy.recording.split import Split
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates
 from gpcorrect.discrepancy.settings import ADVICE, SPLIT
 from gpcorrect.errors import DataError
-from gpcorrect.sim import Model, Noise, TrackerFaults, effect_from_dict, machine_of, simulate
+from gpcorrect.sim import Noise, TrackerFaults, effect_from_dict, machine_of, simulate
 from gpcorrect.sim.effects import Effect, Run
 from gpcorrect.sim.plan import Plan, Segment, minimum_jerk, plan_of
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray
@@ -133,7 +133,10 @@ def _best(comparison: Comparison, runs: Sequence[Run]) -> tuple[PlannedRun, floa
 
 def _view(comparison: Comparison, planned: PlannedRun, plan: Plan, gain: float) -> View:
     """One recording of a run as it would be seen if the leader were true."""
-    model = _changed(comparison.scene.model, gain)
+    model = comparison.scene.model
+    if gain != 1.0 and model.controller is not None:
+        gains = {name: tuple(gain * k for k in getattr(model.controller, name)) for name in ("kp", "kd")}
+        model = model.model_copy(update={"controller": model.controller.model_copy(update=gains)})
     quiet = model.model_copy(update={"noise": Noise(), "faults": TrackerFaults()})
     log = _same_signals(simulate(machine_of(quiet.model_copy(update={"effects": ()})), plan), comparison.scene)
     scene = build_scene(log, quiet, np.ones(len(log), dtype=np.bool_), comparison.noises)
@@ -145,13 +148,6 @@ def _view(comparison: Comparison, planned: PlannedRun, plan: Plan, gain: float) 
     predicted = dataset.predict(effects)
     every = np.ones(len(dataset), dtype=np.bool_)
     return whitener_on(dataset, np.zeros(predicted.shape), every, comparison.noises), predicted
-
-
-def _changed(model: Model, gain: float) -> Model:
-    if gain == 1.0 or model.controller is None:
-        return model
-    gains = {name: tuple(gain * k for k in getattr(model.controller, name)) for name in ("kp", "kd")}
-    return model.model_copy(update={"controller": model.controller.model_copy(update=gains)})
 
 
 def _same_signals(log: CalibrationLog, scene: Scene) -> CalibrationLog:

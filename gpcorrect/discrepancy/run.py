@@ -25,7 +25,7 @@ from gpcorrect.discrepancy.naming.sensor_noise import NoiseEffect, noise_effects
 from gpcorrect.discrepancy.outcome.figures import evidence_of, gaps_of
 from gpcorrect.discrepancy.outcome.provenance import provenance_of
 from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect, UnnamedEffect, Verdict
-from gpcorrect.discrepancy.outcome.store import StageStore, inputs_key, load_or_name, load_or_search
+from gpcorrect.discrepancy.outcome.store import StageStore, inputs_key, load_or_run
 from gpcorrect.discrepancy.outcome.verdict import closed_where_they_show, headline, place_verdicts, verdict_level
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates, describe
@@ -121,14 +121,13 @@ def _find(
     named: tuple[Named, ...] = ()
     dropped: tuple[Named, ...] = ()
     if state.traces:
-        state = load_or_search(
-            state, candidates, store, lambda start: search(start, rounds=SEARCH.rounds, progress=progress)
+        state, *_ = load_or_run(
+            "search", state, candidates, store, lambda s: (search(s, rounds=SEARCH.rounds, progress=progress), (), ())
         )
-        state, named, dropped = load_or_name(
-            state, candidates, store, lambda done: name_effects(done, prepared, progress=progress)
+        state, named, dropped = load_or_run(
+            "naming", state, candidates, store, lambda s: name_effects(s, prepared, progress=progress)
         )
-    if (rare := name_rare(prepared, state, named, candidates, rng, progress)) is not None:
-        prepared, state, named = rare
+    prepared, state, named = name_rare(prepared, state, named, candidates, rng, progress)
     judge = partial(_judge, prepared, state, before, named, dropped, rng, progress)
     found = judge(only_large=False)
     effects = found.verdict.effects
@@ -150,10 +149,8 @@ def _find(
         gap=found.gap,
         next_experiment=experiment,
         model=model.with_effects(*in_order((*model.effects, *added))),
-        evidence=evidence_of(prepared, state, found.fitted),
-        provenance=provenance_of(
-            log, seed, found.prepared, state, before, lacks, found.bursts, time.monotonic() - started
-        ),
+        evidence=evidence_of(state, found.fitted),
+        provenance=provenance_of(log, seed, found.prepared, state, lacks, found.bursts, time.monotonic() - started),
         advised_plans=plans,
     )
 

@@ -69,11 +69,11 @@ def write_discrepancy_report(result: DiscrepancyResult, path: Path) -> None:
             *(("and" if k else "also", sentence) for k, sentence in enumerate(beside)),
             ("verdict", f"{result.level}: {MEANING[result.level]}"),
             ("next", next_step(result)),
-            *(("recording", f"{d.name}, {d.rows} samples") for d in source.data),
+            ("recording", f"{source.name}, {source.rows} samples"),
             ("run", f"{source.seconds:.0f} s, seed {source.seed}"),
         ],
         [section for section in sections if section is not None],
-        [("recording", f"{d.name}, SHA-256 {d.sha256 or 'none: not a file'}") for d in source.data],
+        [("recording", f"{source.name}, SHA-256 {source.sha256 or 'none: not a file'}")],
     )
     write_page(page, path)
 
@@ -82,7 +82,7 @@ def _glance(result: DiscrepancyResult) -> Section | None:
     """Every joint, and the tool: what was missing, what is left, what it is called; the largest rest first."""
     rows = []
     for v in result.verdict.places:
-        sizes = _sizes(v.channel, v.before, v.after, v.noise)
+        sizes = _sizes(v.gap.channel, v.gap.before, v.gap.after, v.gap.noise)
         names = [*map(short_words, v.effects), *(f"acts like {short_words(e)}" for e in v.alike)]
         left = f"{v.remaining:.2g} times the noise" if v.remaining else "none"
         rows.append([place(v.place), str(v.level), *sizes, left, ", ".join(names) or "–"])
@@ -95,7 +95,7 @@ def _glance(result: DiscrepancyResult) -> Section | None:
 
 def _where(result: DiscrepancyResult) -> Section:
     found = result.localisation.findings
-    limit = result.provenance.thresholds.localisation_nats
+    limit = result.localisation.threshold
     if not found:
         words = [f"None of the tests beats {limit:.1f} nats, the 99 % quantile of the largest of all tests in noise."]
         for e in (result.remainder or result.localisation).equivalence:
@@ -138,7 +138,7 @@ def _nats(value: float) -> str:
 
 
 def _depends(finding: Finding) -> str:
-    return " and ".join(map(variable_words, finding.variables))
+    return " and ".join(variable_words(s.variable) for s in finding.region)
 
 
 def _worst(result: DiscrepancyResult) -> list[tuple[int, Channel]]:

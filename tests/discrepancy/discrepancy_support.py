@@ -11,7 +11,7 @@ import numpy as np
 from gpcorrect.discrepancy.evidence.localise import Equivalence, Finding, Localisation
 from gpcorrect.discrepancy.evidence.variables import Span
 from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level
-from gpcorrect.discrepancy.outcome.provenance import DataSource, DecisionThresholds, Provenance
+from gpcorrect.discrepancy.outcome.provenance import Provenance
 from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, Evidence, NamedEffect, Verdict
 from gpcorrect.discrepancy.outcome.sentences import verdict_sentences
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
@@ -102,7 +102,7 @@ def outside(joint: int) -> Channel:
 
 def finding(channel: Channel, *region: Span, nats: float = 50.0) -> Finding:
     """Return something that the tests found."""
-    return Finding(channel, tuple(s.variable for s in region), region, nats, 0.5)
+    return Finding(channel, region, nats, 0.5)
 
 
 def result(
@@ -130,10 +130,12 @@ def result(
     small = replace(gap, channel=channels[0], before=0.0011, after=0.0011, closed=0.0)
     noise = ChannelNoise(1e-3, 5e-4, 0.2)
     source = Provenance(
-        data=(DataSource("log.csv", sha256, 100),),
+        name="log.csv",
+        sha256=sha256,
+        rows=100,
         seed=0,
         versions={},
-        thresholds=DecisionThresholds(7.0, 8.0, 0.95, 0.05),
+        effect_nats=8.0,
         seconds=12.0,
         noise={c.name: noise for c in channels},
         tolerated={},

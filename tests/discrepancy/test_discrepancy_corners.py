@@ -34,7 +34,7 @@ def test_each_of_six_joints_is_tested_by_its_own_variables() -> None:
     kinds = (Quantity.POSITION, Quantity.DIRECTION, Quantity.SPEED, Quantity.LOAD, Quantity.ACCELERATION)
     values = {Variable(kind, joint): rng.normal(size=40) for joint in JOINTS for kind in kinds}
     primary = tuple(v for v in values if v.quantity in kinds[:2])
-    cells = all_cells(Covariates(values, primary, dict.fromkeys(values, "")))
+    cells = all_cells(Covariates(values, primary))
     assert len(cells) == TESTS.max_tests
     tested = {frozenset(c.variables) for c in cells}
     for joint in JOINTS:

@@ -32,10 +32,10 @@ def test_every_row_comes_back(label: np.ndarray) -> None:
 
 def test_the_smaller_grid_is_taken() -> None:
     """Motions of one length stay whole; one long motion among short ones is cut, each piece after its warm-up."""
-    assert layout_of(ALIKE, piece=200, warm_up=400).rows.shape == (2000, 4)
-    cut = layout_of(ONE_LONG, piece=200, warm_up=400)
+    assert layout_of(ALIKE, piece=200, warm_up=400, run_out=0).rows.shape == (2000, 4)
+    cut = layout_of(ONE_LONG, piece=200, warm_up=400, run_out=0)
     assert cut.rows.shape == (600, 30 + 20)
-    assert cut.rows.size < layout_of(ONE_LONG).rows.size
+    assert cut.rows.size < layout_of(ONE_LONG, piece=6000, warm_up=400, run_out=0).rows.size
     np.testing.assert_array_equal(cut.rows[cut.valid[:, 5], 5], np.arange(1000, 1200))
     assert cut.rows[0, 5] == 600
 

@@ -12,13 +12,15 @@ from discrepancy_support import outside
 from gpcorrect.discrepancy.evidence.localise import ChannelData, Localisation, localise
 from gpcorrect.discrepancy.evidence.variables import Covariates, Quantity, Variable, all_cells
 from gpcorrect.discrepancy.recording.noise import estimate_noise
+from gpcorrect.discrepancy.recording.scene import Channel
 
 RUNS, ROWS, STEP, NOISE = 14, 300, 0.05, 1e-3
+OUTSIDE, MOTOR = outside(1), Channel("measured_jp_1", "measured_jp", 0, 1, "rad")
 POSITION_1, POSITION_2 = Variable(Quantity.POSITION, 1), Variable(Quantity.POSITION, 2)
 DIRECTION_1, SESSION_TIME = Variable(Quantity.DIRECTION, 1), Variable(Quantity.SESSION_TIME)
 
 
-def found(seed: int, size: float = 0.0, tail: float = np.inf, least: float = 0.0) -> Localisation:
+def found(seed: int, size: float = 0.0, tail: float = np.inf, seen: Channel = OUTSIDE) -> Localisation:
     """Localise noise plus an effect of the first joint's position, of this size in units of the noise."""
     rng = np.random.default_rng(seed)
     block = np.repeat(np.arange(RUNS), ROWS)
@@ -30,8 +32,8 @@ def found(seed: int, size: float = 0.0, tail: float = np.inf, least: float = 0.0
     direction = np.sign(np.gradient(q[:, 0]))
     values = {POSITION_1: q[:, 0], POSITION_2: q[:, 1], DIRECTION_1: direction, SESSION_TIME: time}
     noise = estimate_noise(time, r, block, np.zeros(len(r), dtype=np.bool_))
-    tests = all_cells(Covariates(values, (POSITION_1, DIRECTION_1), {}))
-    channel = ChannelData(outside(1), time, r, block, noise, tests, least)
+    tests = all_cells(Covariates(values, (POSITION_1, DIRECTION_1)))
+    channel = ChannelData(seen, time, r, block, noise, tests)
     return localise([channel], np.random.default_rng(seed + 99))
 
 
@@ -45,7 +47,7 @@ def test_a_small_effect_is_found_where_it_is() -> None:
     """A systematic part of a third of the noise is found, and the best test speaks of the right variable."""
     result = found(0, size=0.33)
     assert result.something
-    assert POSITION_1 in result.findings[0].variables
+    assert POSITION_1 in [s.variable for s in result.findings[0].region]
 
 
 def test_nothing_missing_needs_the_equivalence_too() -> None:
@@ -61,7 +63,7 @@ def test_nothing_missing_needs_the_equivalence_too() -> None:
 def test_findings_below_the_least_size_do_not_count(size: float, counts: bool) -> None:
     """Of a servo's reported path thousands of samples show what does not matter; a name for it is looked for."""
     assert found(2, size=size).something
-    result = found(2, size=size, least=0.3)
+    result = found(2, size=size, seen=MOTOR)
     assert result.something == counts
     assert result.worth_a_search
 

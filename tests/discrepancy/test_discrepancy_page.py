@@ -72,18 +72,18 @@ def test_noise_closes_no_gap() -> None:
 def test_regions_are_in_degrees_and_millimetres() -> None:
     """Cells have the unit of their variable; directions and sessions in words."""
     spans = [
-        Span(Variable(Quantity.POSITION, 2), 0.1, 0.2, "rad"),
-        Span(Variable(Quantity.DIRECTION, 3), -1.0, -1.0, ""),
-        Span(Variable(Quantity.LOAD, 1), 1.0, 2.0, "N m"),
+        Span(Variable(Quantity.POSITION, 2, "rad"), 0.1, 0.2),
+        Span(Variable(Quantity.DIRECTION, 3), -1.0, -1.0),
+        Span(Variable(Quantity.LOAD, 1, "N m"), 1.0, 2.0),
     ]
     words = "position of joint 2 from 5.73 to 11.5°, joint 3 moving back, load of joint 1 from 1.00 to 2.00 N m"
     assert region_words(spans) == words
-    assert region_words([Span(Variable(Quantity.SESSION), 1.0, 1.0, "")]) == "session 2"
+    assert region_words([Span(Variable(Quantity.SESSION), 1.0, 1.0)]) == "session 2"
 
 
 def test_nothing_unknown_and_undecided_have_sentences_of_their_own() -> None:
     """NONE gives its bound, UNKNOWN its place, INCONCLUSIVE what is lacking."""
-    found = (finding(outside(2), Span(Variable(Quantity.POSITION, 2), np.deg2rad(3.0), np.deg2rad(9.0), "rad")),)
+    found = (finding(outside(2), Span(Variable(Quantity.POSITION, 2, "rad"), np.deg2rad(3.0), np.deg2rad(9.0))),)
     assert "below 10 % of the noise" in verdict_sentence(result("NONE"))
     unknown = verdict_sentence(result("UNKNOWN", findings=found))
     assert "outside the catalogue" in unknown

@@ -19,7 +19,7 @@ from gpcorrect.discrepancy.naming.posterior import (
     overtone_nats,
     posterior,
 )
-from gpcorrect.discrepancy.naming.weigh import Own, Rival, Unknown, Weighed
+from gpcorrect.discrepancy.naming.weigh import Own, Rival, Weighed
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import refine
@@ -62,7 +62,7 @@ def _weighed(
     nothing = np.zeros(0)
     gain = Own((), (nothing, nothing), np.array([own]), np.zeros(1), 1.0, of_steps)
     rivals = (Rival(fit, nats, SETTINGS.search.complexity * more, shape_nats),)
-    return Weighed(gain, 0.0, np.ones(2, dtype=np.bool_), rivals, Unknown(instead, beside))
+    return Weighed(gain, 0.0, np.ones(2, dtype=np.bool_), rivals, instead, beside)
 
 
 def test_probabilities_sum_to_one_and_follow_the_evidence(catalogue: dict[str, Candidate]) -> None:

@@ -14,7 +14,7 @@ from gpcorrect.discrepancy.naming import selection
 from gpcorrect.discrepancy.naming.numbers import Numbers
 from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Level, Named
 from gpcorrect.discrepancy.naming.selection import name_effects
-from gpcorrect.discrepancy.naming.weigh import Own, Rival, Unknown, Weighed
+from gpcorrect.discrepancy.naming.weigh import Own, Rival, Weighed
 from gpcorrect.discrepancy.settings import SETTINGS
 
 
@@ -95,7 +95,7 @@ class Laboratory:
             rivals = (Rival(Part(Cause(name)), worth, 0.0),)  # type: ignore[arg-type]
         names = [fit.candidate.name, *(r.candidate.name for r in rivals)]
         likely = [Alternative(Explanation.EFFECT, p, n, n) for n, p in zip(names, self.chances, strict=False)]
-        weighed = Weighed(own, 0.0, np.ones(1, dtype=np.bool_), rivals, Unknown(0.0, 0.0))
+        weighed = Weighed(own, 0.0, np.ones(1, dtype=np.bool_), rivals, 0.0, 0.0)
         undetermined = ("shape",) if fit.candidate.name in self.undetermined else ()
         named = Named(fit, level, self.chances[0], nats, tuple(likely), (), 0.0, undetermined)  # type: ignore[arg-type]
         return named, weighed

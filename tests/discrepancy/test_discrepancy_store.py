@@ -51,16 +51,17 @@ def test_evidence_comes_back_as_it_was(tmp_path: Path) -> None:
         waterfall=(Step("backlash (2)", 12.5),),
     )
     store = StageStore(tmp_path, "key")
-    store.save_evidence(evidence)
-    stored = store.load_evidence()
-    assert stored is not None
+    store.save_result(replace(result("NONE"), evidence=evidence))
+    found = store.load_result()
+    assert found is not None
+    stored = found.evidence
     for name in ("before", "after", "motor", "direction", "test", "correlation"):
         np.testing.assert_array_equal(getattr(stored, name), getattr(evidence, name))
     assert (stored.joint, stored.labels, stored.waterfall) == (evidence.joint, evidence.labels, evidence.waterfall)
-    assert StageStore(tmp_path, "other").load_evidence() is None
+    assert StageStore(tmp_path, "other").load_result() is None
     path = tmp_path / "evidence.npz"
     path.write_bytes(path.read_bytes()[:200])
-    assert store.load_evidence() is None
+    assert store.load_result() is None
 
 
 def test_a_run_killed_after_the_naming_goes_on_to_the_same_report(
@@ -104,7 +105,7 @@ def test_what_a_naming_searched_for_anew_comes_back(tmp_path: Path, monkeypatch:
 def test_a_finished_result_comes_back_whole(tmp_path: Path) -> None:
     """Verdict, findings, gaps, noise and model survive the folder: the report is the same to the last digit."""
     effect = named("backlash", 2, "SET", rivals=(rival("coulomb_friction", 2, 0.3),))
-    span = Span(Variable(Quantity.POSITION, 2), 0.1, 0.2, "rad")
+    span = Span(Variable(Quantity.POSITION, 2, "rad"), 0.1, 0.2)
     whole = result("SET", effect, findings=(finding(outside(2), span),))
     store = StageStore(tmp_path, "key")
     assert store.load_result() is None

@@ -80,9 +80,9 @@ def test_a_short_recording_says_nothing() -> None:
 def localised(size: float) -> tuple[list[tuple[Variable, ...]], bool]:
     time, values, block = recording(5, size)
     noise = estimate_noise(time, values, block, np.zeros(len(time), dtype=np.bool_))
-    tests = all_cells(Covariates({SESSION_TIME: time}, (SESSION_TIME,), {}))
+    tests = all_cells(Covariates({SESSION_TIME: time}, (SESSION_TIME,)))
     result = localise([ChannelData(outside(1), time, values, block, noise, tests)], np.random.default_rng(0))
-    return [f.variables for f in result.findings], result.nothing
+    return [tuple(s.variable for s in f.region) for f in result.findings], result.nothing
 
 
 def test_a_tone_that_matters_is_a_finding() -> None:

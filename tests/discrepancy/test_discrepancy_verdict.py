@@ -8,7 +8,6 @@ import pytest
 from discrepancy_support import outside
 
 from gpcorrect.discrepancy.evidence.localise import Equivalence, Finding, Localisation
-from gpcorrect.discrepancy.evidence.variables import Quantity, Variable
 from gpcorrect.discrepancy.naming.posterior import Level, Named
 from gpcorrect.discrepancy.outcome.result import ChannelGap, NamedEffect, PlaceVerdict
 from gpcorrect.discrepancy.outcome.verdict import headline, is_plain, place_verdicts
@@ -20,7 +19,7 @@ A, B = outside(1), outside(2)
 
 def localisation(nats: float, upper: float = 1.0, size: float = 0.5) -> Localisation:
     """One finding in channel A; B is quiet."""
-    finding = Finding(A, (Variable(Quantity.POSITION, 1),), (), nats, size)
+    finding = Finding(A, (), nats, size)
     return Localisation((finding,), THRESHOLD, (Equivalence(A, upper), Equivalence(B, 0.1)))
 
 
@@ -50,7 +49,8 @@ def test_what_the_catalogue_says_half_of_is_not_plain(level: Level, plain: bool)
 @pytest.mark.parametrize("level", [Level.NONE, Level.INCONCLUSIVE])
 def test_a_headline_is_no_weaker_than_its_places(level: Level) -> None:
     """Where a joint is UNKNOWN so is the whole; a place that is not decided takes nothing from it."""
-    unknown, open_ = (PlaceVerdict(1, v, A, 2.0, 2.0, 1.0, 0.5, ()) for v in (Level.UNKNOWN, Level.INCONCLUSIVE))
+    gap = ChannelGap(2.0, 2.0, 1.0, (4.0, 4.0), (6.0, 6.0), 0.0, (0.0, 0.1), A, 1.0, 0.0)
+    unknown, open_ = (PlaceVerdict(1, v, gap, 0.5, ()) for v in (Level.UNKNOWN, Level.INCONCLUSIVE))
     assert headline(level, (), (), [unknown, open_]) == Level.UNKNOWN
     assert headline(level, (), (), [open_]) == level
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import combinations, pairwise, product
 
@@ -41,6 +41,7 @@ class Variable:
 
     quantity: Quantity
     joint: int | None = None
+    unit: str = field(default="", compare=False)  # SI, empty for pure numbers
 
     def __str__(self) -> str:
         return str(self.quantity) if self.joint is None else f"{self.quantity} {self.joint}"
@@ -52,7 +53,6 @@ class Covariates:
 
     values: dict[Variable, FloatArray]  # (n,) each; what does not vary is left out
     primary: tuple[Variable, ...]  # tested together with every other
-    units: dict[Variable, str]  # SI, empty for pure numbers
     # (n,) each: what plays of a few half widths and lags of a few time constants leave of the motors' path and load.
     # What has a memory, of whatever kind, is a function of such states (Preisach's operator is an integral over plays).
     memory: tuple[FloatArray, ...] = ()
@@ -125,11 +125,10 @@ def covariates_of(scene: Scene, joint_index: int | None, rows: IntArray) -> Cova
     values[Variable(Quantity.SESSION_TIME)] = scene.layout.gather(scene.motion.time)
     if scene.n_sessions > 1:
         values[Variable(Quantity.SESSION)] = scene.session.astype(np.float64)
-    varying = {variable: v[rows] for variable, v in values.items() if np.std(v[rows]) > 0}
+    varying = {replace(v, unit=_unit(v, scene)): x[rows] for v, x in values.items() if np.std(x[rows]) > 0}
     return Covariates(
         varying,
         tuple(v for v in primary if v in varying),
-        {v: _unit(v, scene) for v in varying},
         tuple(m[rows] for m in memory if np.std(m[rows]) > 0),
     )
 
@@ -168,7 +167,6 @@ class Span:
     variable: Variable
     low: float
     high: float
-    unit: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,15 +176,6 @@ class Cells:
     variables: tuple[Variable, ...]
     code: IntArray
     spans: tuple[tuple[Span, ...], ...]
-
-    def indicator(self, rows: IntArray) -> FloatArray:
-        """Return columns `(len(rows), k)`, one for each cell, 1 where a row is in it.
-
-        Parameters
-        ----------
-        rows : int array, of the n rows
-        """
-        return np.eye(len(self.spans))[self.code[rows]]
 
 
 def all_cells(covariates: Covariates) -> list[Cells]:
@@ -198,7 +187,7 @@ def all_cells(covariates: Covariates) -> list[Cells]:
     ----------
     covariates : Covariates
     """
-    values, units, primary = covariates.values, covariates.units, covariates.primary
+    values, primary = covariates.values, covariates.primary
     pairs = [(a, b) for a, b in combinations(values, 2) if a in primary or b in primary]
     pairs.sort(key=lambda pair: pair[0].joint != pair[1].joint)
     found = []
@@ -207,7 +196,7 @@ def all_cells(covariates: Covariates) -> list[Cells]:
         for variable in variables:
             own, ends = _cut(values[variable], BINS[len(variables)])
             code = code * len(ends) + own
-            spans.append([Span(variable, low, high, units.get(variable, "")) for low, high in ends])
+            spans.append([Span(variable, low, high) for low, high in ends])
         found.append(Cells(variables, code, tuple(product(*spans))))
     return found
 

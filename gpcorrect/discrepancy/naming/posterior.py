@@ -27,6 +27,9 @@ class Level(StrEnum):
     INCONCLUSIVE = "INCONCLUSIVE"
 
 
+SURENESS = (Level.EXACT, Level.CLASS, Level.SET)  # levels with names, the surest first
+
+
 class Explanation(StrEnum):
     """Kinds of things that could stand in an effect's place."""
 
@@ -81,7 +84,7 @@ class Named:
     @property
     def may_be_named(self) -> bool:
         """Whether the level is one with names."""
-        return self.level in (Level.EXACT, Level.CLASS, Level.SET)
+        return self.level in SURENESS
 
     @property
     def rivals(self) -> tuple[Alternative, ...]:
@@ -117,7 +120,7 @@ def posterior(candidate: Candidate, weighed: Weighed, cost: float) -> list[Alter
     """
     own, rivals = weighed.own, [r for r in weighed.rivals if not r.candidate.called_like(candidate)]
     nats = np.array([own.nats, cost, _unknown_nats(weighed, cost), *(r.nats for r in rivals)]) - cost
-    counts = np.full(len(nats), between_effects(own, weighed.unknown, cost))
+    counts = np.full(len(nats), between_effects(own, weighed.beside, cost))
     counts[1:3] = own.overdispersion
     price = np.array([weighed.price, 0.0, 0.0, *(r.price for r in rivals)]) - weighed.price
     lead = (nats - nats[0]) / counts
@@ -141,10 +144,10 @@ def _unknown_nats(weighed: Weighed, cost: float) -> float:
     A flexible model can say whatever a simple effect says. It speaks against the effect only when it has much to say
     besides: an effect with strong evidence and a small remainder stands.
     """
-    own, unknown = weighed.own, weighed.unknown
-    nats = unknown.instead - max(0.0, unknown.beside - cost)
+    own = weighed.own
+    nats = weighed.instead - max(0.0, weighed.beside - cost)
     strong = own.nats > NAMING.strong * own.overdispersion
-    if strong and unknown.beside <= NAMING.unknown_fraction * own.nats:
+    if strong and weighed.beside <= NAMING.unknown_fraction * own.nats:
         return min(nats, own.nats - 2 * cost * own.overdispersion)
     return nats
 

@@ -7,7 +7,7 @@ something else: beside what stays, that is looked for anew, and at once where it
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -87,10 +87,15 @@ class _ModelSelection:
         self.view = view_of(self.search, self.prepared)
         fitted = self.search.fitted
         self.known = {known.candidate.key: known for known in each_here(self._of, fitted)}
-        if self._drop_idle():
+        found = {m: self.known[m.candidate.key].own.found for m in fitted}
+        # What gains less than an effect must goes first: no rivals need be weighed to know it.
+        if self._drop_weakest({m: nats for m, nats in found.items() if nats < penalty(self.search.n_kinds)}):
             return True
         each_here(self._assess, fitted)
-        if self._simplify() or self._swap() or self._drop() or any(each_here(self._renew, fitted)):
+        if self._simplify() or self._swap():
+            return True
+        poor = (m for m in fitted if not self.named(m).may_be_named or self._is_outdone(m))
+        if self._drop_weakest({m: self.named(m).nats for m in poor}) or any(each_here(self._renew, fitted)):
             return True
         return self._search_again() or self._drop_unsure()
 
@@ -132,15 +137,6 @@ class _ModelSelection:
         """Return the others of the set that show in an effect's channels."""
         others = (m.candidate for m in self.search.fitted if m is not fit)
         return frozenset(c for c in others if self.search.alike(c, fit.candidate))
-
-    def _drop_idle(self) -> bool:
-        """Take the weakest of those out that gain less than an effect must: no rivals need be weighed to know it."""
-        weakest = min(self.search.fitted, key=lambda m: self.known[m.candidate.key].own.found)
-        if self.known[weakest.candidate.key].own.found >= penalty(self.search.n_kinds):
-            return False
-        if not self._renew(weakest):
-            self._take_out(weakest, self.named(weakest))
-        return True
 
     def _simplify(self) -> bool:
         """Take from an effect what it has beside its law, such as a drag, where no data determine the shape of that."""
@@ -204,12 +200,11 @@ class _ModelSelection:
         odds = float(np.log(max(chance, TINY) / max(named.probability, TINY)))
         return odds if self.replaced[rival.candidate.key] else max(gain, odds)
 
-    def _drop(self) -> bool:
-        """Take the weakest of those out that may not be named."""
-        poor = [m for m in self.search.fitted if not self.named(m).may_be_named or self._is_outdone(m)]
+    def _drop_weakest(self, poor: Mapping[FittedEffect, float]) -> bool:
+        """Take the one out that gains least of those that must go, by their nats, or weigh it anew; False for none."""
         if not poor:
             return False
-        weakest = min(poor, key=lambda m: self.named(m).nats)
+        weakest = min(poor, key=poor.__getitem__)
         if not self._renew(weakest):
             self._take_out(weakest, self.named(weakest))
         return True
@@ -260,23 +255,23 @@ class _ModelSelection:
 def name_rare(
     prepared: PreparedData,
     state: Search,
-    named: Sequence[Named],
+    named: tuple[Named, ...],
     candidates: Sequence[Candidate],
     rng: np.random.Generator,
     progress: Progress,
-) -> tuple[PreparedData, Search, tuple[Named, ...]] | None:
+) -> tuple[PreparedData, Search, tuple[Named, ...]]:
     """Look, beside what is named, for effects that act where something rare happens and hardly anywhere else.
 
     Such as a limit that is reached once. No motion can foretell another's there, so that evidence from motion to motion
     has nothing to say. But what happens lasts for many samples, and a law with few numbers that is fitted to some of
     them has to foretell the others. Return the recording in pieces, the state with the new effects, and all that is
-    named; None when nothing rare gets a name.
+    named; each as it was when nothing rare gets a name.
 
     Parameters
     ----------
     prepared : PreparedData, by whole trajectories
     state : Search, after the naming
-    named : sequence of Named, what was named, in the order of the state's effects
+    named : tuple of Named, what was named, in the order of the state's effects
     candidates : sequence of Candidate, all that these data could show
     rng : numpy.random.Generator, deals the pieces
     progress : Progress
@@ -284,19 +279,19 @@ def name_rare(
     found = bursts_of(prepared.dataset, state.whitener.noises, [f.effect for f in state.fitted])
     bursts = [b for b in found if b.rare]
     if not bursts:
-        return None
+        return prepared, state, named
     cut = in_pieces(prepared, bursts, rng)
     start = start_search(cut.dataset, candidates, progress)
     seldom = tuple(t for t in start.traces if _only_there(t, cut, bursts))
     start = replace(start, traces=seldom, fitted=state.fitted).refreshed()
     done = search_on(start, rounds=NAMING.search_rounds, progress=progress)
     if len(done.fitted) == len(start.fitted):
-        return None
+        return prepared, state, named
     done, names, _ = name_effects(done, cut, progress=progress)
     known = {n.fit.candidate.key for n in named}
     new = tuple(n for n in names if n.fit.candidate.key not in known)
     if not new:
-        return None
+        return prepared, state, named
     steps, fitted = (*state.waterfall, *done.waterfall), (*state.fitted, *(n.fit for n in new))
     return cut, replace(done, fitted=fitted, waterfall=steps), (*named, *new)
 

@@ -17,7 +17,7 @@ from gpcorrect.discrepancy.naming.speed_noise import second_differences, speed_g
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.recording.noise import NORMAL_MAD, ChannelNoise
 from gpcorrect.discrepancy.recording.scene import Scene
-from gpcorrect.discrepancy.recording.stated_noise import NOISY, UNIFORM, quantisation_of, stated_noises
+from gpcorrect.discrepancy.recording.stated_noise import NOISY, UNIFORM, Quantisation, quantisation_of, stated_noises
 from gpcorrect.discrepancy.search.candidates import Candidate, Estimate, FittedEffect
 from gpcorrect.discrepancy.search.coordinates import coordinate_of
 from gpcorrect.discrepancy.search.state import penalty
@@ -157,14 +157,22 @@ def noise_effects(dataset: Dataset, effects: Sequence[Effect], level: FloatArray
     effects : sequence of Effect, named so far
     level : (c,) array, standard deviation of the noise of single samples of every channel
     """
-    found = [_rounded(dataset.scene, i, level) for i in range(len(dataset.scene.joints))]
+    scene = dataset.scene
+    counts = [quantisation_of(path) if scene.measured else None for path in scene.motor_path().T]
+    found = [_rounded(scene, i, c, level) for i, c in enumerate(counts)]
     coarse = {e.named.fit.candidate.joint for e in found if e is not None}
-    grown = _grown(dataset, effects, coarse)
+    steps = [max(_stated_step(scene, i), 0.0 if c is None else c.step) for i, c in enumerate(counts)]
+    grown = _grown(dataset, effects, coarse, steps)
     return tuple(e for e in (*found, *grown) if e is not None)
 
 
-def _grown(dataset: Dataset, effects: Sequence[Effect], coarse: set[int | str]) -> list[NoiseEffect]:
-    """Noisier outside sensors; a joint whose encoder counts in steps is noisier by that."""
+def _grown(
+    dataset: Dataset, effects: Sequence[Effect], coarse: set[int | str], steps: Sequence[float]
+) -> list[NoiseEffect]:
+    """Noisier outside sensors; a joint whose encoder counts in coarse steps is noisier by that.
+
+    `steps` are those of the motors' encoders, rad or m, as stated or as their values show them; 0 for none.
+    """
     scene = dataset.scene
     if scene.step > NOISE.dense:  # neighbouring samples differ by motion more than by noise
         return []
@@ -187,7 +195,7 @@ def _grown(dataset: Dataset, effects: Sequence[Effect], coarse: set[int | str]) 
                 scene.trajectory,
                 seen,
                 stated=float(np.linalg.norm([e.seconds for e in known if e.joint == joint])),
-                rounding=_rounding(scene, column),
+                rounding=steps[column] / float(UNIFORM),
                 channels=len(groups),
             )
             if faster is not None:
@@ -213,12 +221,6 @@ def _stated_step(scene: Scene, column: int) -> float:
     return max(stated[column : column + 1], default=0.0)
 
 
-def _rounding(scene: Scene, column: int) -> float:
-    """Return the standard deviation of the rounding of a motor's path, as stated or as its values show it, rad or m."""
-    counts = quantisation_of(scene.motor_path()[:, column]) if scene.measured else None
-    return max(_stated_step(scene, column), 0.0 if counts is None else counts.step) / float(UNIFORM)
-
-
 def _growth(
     scene: Scene, residual: FloatArray, seen: BoolArray, indices: Sequence[int], channels: int
 ) -> Growth | None:
@@ -238,11 +240,8 @@ def _growth(
     return growth_of(levels, errors, start, end, nominal, channels)
 
 
-def _rounded(scene: Scene, column: int, level: FloatArray) -> NoiseEffect | None:
+def _rounded(scene: Scene, column: int, counts: Quantisation | None, level: FloatArray) -> NoiseEffect | None:
     """Return the encoder of one joint, when it counts in steps that matter."""
-    if not scene.measured:
-        return None
-    counts = quantisation_of(scene.motor_path()[:, column])
     if counts is None or not _matters(scene, column, counts.step, level):
         return None
     joint_type = scene.machine.body.types[column]

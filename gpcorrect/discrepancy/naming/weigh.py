@@ -38,14 +38,6 @@ class Rival:
         return self.fit.candidate
 
 
-@dataclass(frozen=True)
-class Unknown:
-    """Nats of the smooth model in an effect's place, and beside it."""
-
-    instead: float
-    beside: float
-
-
 @dataclass(frozen=True, eq=False)
 class Own:
     """What an effect gains beyond the set without it."""
@@ -76,7 +68,8 @@ class Weighed:
     price: float  # nats that its further numbers cost
     active: BoolArray  # (b,) in which trajectories of discovery, then confirmation, it acts: a slip does not at first
     rivals: tuple[Rival, ...]  # those like it and those that it is a special case of, best first
-    unknown: Unknown
+    instead: float  # nats of the smooth model in its place
+    beside: float  # and beside it
 
 
 def own_gain(view: View, fit: FittedEffect) -> Own:
@@ -110,17 +103,18 @@ def weigh(view: View, fit: FittedEffect, own: Own) -> Weighed:
     """
     search, channels = view.search, _strongest_channels(view, fit)
     columns = smooth_columns(view, own.rest, channels)
-    unknown = Unknown(*(smooth_nats(view, fitted, channels, columns) for fitted in (own.rest, search.fitted)))
-    margin = NAMING.hopeless * between_effects(own, unknown, penalty(search.n_kinds))
+    instead, beside = (smooth_nats(view, fitted, channels, columns) for fitted in (own.rest, search.fitted))
+    margin = NAMING.hopeless * between_effects(own, beside, penalty(search.n_kinds))
     price = price_of(search, search.fitted, fit, own.overdispersion)
     general = _more_general(search, own, fit, price)
     rivals = [
         r for r in _rivals(view, own, fit, margin) if not any(r.candidate.called_like(g.candidate) for g in general)
     ]
-    return Weighed(own, price, _active(view, fit), tuple(sorted([*rivals, *general], key=lambda r: -r.nats)), unknown)
+    best = tuple(sorted([*rivals, *general], key=lambda r: -r.nats))
+    return Weighed(own, price, _active(view, fit), best, instead, beside)
 
 
-def between_effects(own: Own, unknown: Unknown, cost: float) -> float:
+def between_effects(own: Own, beside: float, cost: float) -> float:
     """Return by how much nats between two effects count less while something else is still missing.
 
     What neither explains, and the smooth model sees beside them, may favour either by as much as it is: a lead of that
@@ -131,10 +125,10 @@ def between_effects(own: Own, unknown: Unknown, cost: float) -> float:
     Parameters
     ----------
     own : Own, what the effect gains
-    unknown : Unknown, the smooth model's nats
+    beside : float, nats of the smooth model beside it
     cost : float, prior nats that any effect costs
     """
-    tolerated = max(unknown.beside - cost, NAMING.shape_error**2 * own.nats, own.of_steps)
+    tolerated = max(beside - cost, NAMING.shape_error**2 * own.nats, own.of_steps)
     return max(own.overdispersion, tolerated / float(-np.log(NAMING.stable)))
 
 
@@ -174,7 +168,7 @@ def _rivals(view: View, own: Own, fit: FittedEffect, margin: float) -> list[Riva
     for place, leader in enumerate(_leaders(search, bare, fit.candidate)):
         candidate = leader.candidate
         near = [fit.candidate, *(r.candidate for r in found if r.nats > own.nats - margin)]
-        fuller = any(_is_fuller(candidate, c) for c in near)
+        fuller = any(_is_kin(candidate, c) and candidate.extra > c.extra for c in near)
         enough = sum(not r.candidate.called_like(fit.candidate) for r in found) >= NAMING.rivals
         if (enough or place >= NAMING.tried) and not (fuller or _is_simpler(candidate, fit.candidate)):
             continue
@@ -219,11 +213,6 @@ def _is_kin(rival: Candidate, candidate: Candidate) -> bool:
     about = rival.kind.about
     same = about.family == candidate.kind.about.family and rival.joint == candidate.joint
     return same and candidate.name in about.neighbours
-
-
-def _is_fuller(rival: Candidate, candidate: Candidate) -> bool:
-    """Whether a rival is a law of the same family, on the same joint, that says the same and more."""
-    return _is_kin(rival, candidate) and rival.extra > candidate.extra
 
 
 def _likeness(view: View, own: Own, other: FittedEffect, b: FloatArray, slopes: FloatArray) -> float:

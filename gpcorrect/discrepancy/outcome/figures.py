@@ -149,16 +149,15 @@ def exchanged(values: FloatArray, block: IntArray, train: BoolArray, rng: np.ran
     return result
 
 
-def evidence_of(prepared: PreparedData, state: Search, fitted: Sequence[FittedEffect]) -> Evidence:
+def evidence_of(state: Search, fitted: Sequence[FittedEffect]) -> Evidence:
     """Return residuals, motor paths and likeness of the signatures, of the condensed rows.
 
     Parameters
     ----------
-    prepared : PreparedData
     state : Search, after the naming
     fitted : sequence of FittedEffect, named effects
     """
-    dataset, scene, effects = prepared.dataset.strict(), prepared.dataset.scene, [f.effect for f in fitted]
+    dataset, scene, effects = state.dataset.strict(), state.dataset.scene, [f.effect for f in fitted]
     motor, run = scene.motor_path(), scene.run_of_row()
     direction = np.stack([travel_direction(c, run) for c in motor.T], axis=1)
     white = state.whitener.whiten_columns(dataset.changes(effects))

@@ -11,44 +11,25 @@ import numpy as np
 import scipy
 
 from gpcorrect.discrepancy.evidence.bursts import Burst
-from gpcorrect.discrepancy.evidence.localise import Localisation
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, NoiseSource
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.search.needs import Lack, lacks_of_traces, limits_of
 from gpcorrect.discrepancy.search.prepared import PreparedData
 from gpcorrect.discrepancy.search.state import Search, penalty
-from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.sim.resolve import robot_of
 from gpcorrect.types import CalibrationLog
-
-
-@dataclass(frozen=True)
-class DataSource:
-    """A recording that was used: its name, its file's SHA-256 (empty for no file), and its rows."""
-
-    name: str
-    sha256: str
-    rows: int
-
-
-@dataclass(frozen=True)
-class DecisionThresholds:
-    """What evidence was held against: nats of a test and of an effect, and the probabilities of a name and a rival."""
-
-    localisation_nats: float
-    effect_nats: float
-    exact_probability: float
-    rival_probability: float
 
 
 @dataclass(frozen=True)
 class Provenance:
     """Where a result comes from, and what had to be assumed."""
 
-    data: tuple[DataSource, ...]
+    name: str  # of the recording
+    sha256: str  # of its file; empty for no file
+    rows: int  # of it
     seed: int  # of the split and of everything drawn
     versions: Mapping[str, str]  # of this package, Python and the numerical libraries
-    thresholds: DecisionThresholds
+    effect_nats: float  # that an effect had to gain
     seconds: float  # time of the run
     noise: Mapping[str, ChannelNoise]  # by the channel's name
     tolerated: Mapping[str, float]  # what is put down to tolerances of a table, over each channel's noise
@@ -64,7 +45,6 @@ def provenance_of(
     seed: int,
     prepared: PreparedData,
     state: Search,
-    before: Localisation,
     lacks: Sequence[Lack],
     bursts: tuple[Burst, ...],
     seconds: float,
@@ -77,7 +57,6 @@ def provenance_of(
     seed : int
     prepared : PreparedData
     state : Search, after the naming
-    before : Localisation, of the nominal model's residual
     lacks : sequence of Lack, known before the search
     bursts : tuple of Burst, beyond what is named
     seconds : float, time of the run
@@ -85,7 +64,9 @@ def provenance_of(
     dataset, noises = prepared.dataset, state.whitener.noises
     scene = dataset.scene
     return Provenance(
-        data=(DataSource(log.name, log.digest, len(log)),),
+        name=log.name,
+        sha256=log.digest,
+        rows=len(log),
         seed=seed,
         versions={
             "gpcorrect": version("gpcorrect"),
@@ -93,7 +74,7 @@ def provenance_of(
             "numpy": np.__version__,
             "scipy": scipy.__version__,
         },
-        thresholds=DecisionThresholds(before.threshold, penalty(state.n_kinds), NAMING.exact, NAMING.stable),
+        effect_nats=penalty(state.n_kinds),
         seconds=seconds,
         noise={channel.name: noise for channel, noise in zip(scene.channels, noises, strict=True)},
         tolerated=dataset.tolerated(noises),

@@ -132,11 +132,7 @@ class PlaceVerdict:
 
     place: int | str  # number of the joint; "tool" for what a tracker alone sees
     level: Level
-    channel: Channel  # in which the gap was largest over its noise
-    # root mean squares of the test set in it, without and with the named effects, and of noise alone
-    before: float
-    after: float
-    noise: float
+    gap: ChannelGap  # of the channel in which it was largest over its noise
     remaining: float  # largest systematic part that is left, over the noise of its channel
     effects: tuple[NamedEffect, ...]  # named there
     alike: tuple[NamedEffect, ...] = ()  # what the machine acts like there
@@ -263,7 +259,7 @@ class DiscrepancyResult:
             "gap": {g.channel.name: _gap(g) for g in self.gap},
             "next_experiment": experiment and _fields(experiment, "run", "separates", "expected_nats", "minutes"),
             "provenance": {
-                **_provenance(self.provenance),
+                **_provenance(self.provenance, self.localisation.threshold),
                 "remainder": [] if remainder is None else [_finding(f) for f in remainder.findings],
                 "equivalence": [
                     {"channel": e.channel.name, "systematic_upper": e.upper, "limit": TESTS.equivalence}
@@ -301,9 +297,9 @@ def _effect(effect: NamedEffect) -> dict[str, Any]:
 def _place(verdict: PlaceVerdict) -> dict[str, Any]:
     return {
         **_fields(verdict, "place", "level"),
-        "channel": verdict.channel.name,
-        **_fields(verdict, "before", "after", "noise"),
-        "unit": verdict.channel.unit,
+        "channel": verdict.gap.channel.name,
+        **_fields(verdict.gap, "before", "after", "noise"),
+        "unit": verdict.gap.channel.unit,
         "remaining_over_noise": verdict.remaining,
         "effects": [e.name for e in verdict.effects],
         "alike": [e.name for e in verdict.alike],
@@ -317,9 +313,11 @@ def _alternative(entry: Alternative) -> dict[str, Any]:
 def _finding(finding: Finding) -> dict[str, Any]:
     return {
         "channel": finding.channel.name,
-        "variables": [str(v) for v in finding.variables],
+        "variables": [str(s.variable) for s in finding.region],
         "region": region_words(finding.region),
-        "bounds": [{"variable": str(s.variable), **_fields(s, "low", "high", "unit")} for s in finding.region],
+        "bounds": [
+            {"variable": str(s.variable), **_fields(s, "low", "high"), "unit": s.variable.unit} for s in finding.region
+        ],
         **_fields(finding, "nats", "size", "counts"),
     }
 
@@ -335,11 +333,16 @@ def _gap(gap: ChannelGap) -> dict[str, Any]:
     }
 
 
-def _provenance(source: Provenance) -> dict[str, Any]:
+def _provenance(source: Provenance, localisation_nats: float) -> dict[str, Any]:
     return {
-        "data": list(map(vars, source.data)),
+        "data": [_fields(source, "name", "sha256", "rows")],
         **_fields(source, "seed", "versions"),
-        "thresholds": vars(source.thresholds),
+        "thresholds": {
+            "localisation_nats": localisation_nats,
+            "effect_nats": source.effect_nats,
+            "exact_probability": NAMING.exact,
+            "rival_probability": NAMING.stable,
+        },
         "seconds": source.seconds,
         "noise": {
             name: {**_fields(n, "white", "slow", "time_constant", "tail"), "basis": noise_source_words(n)}

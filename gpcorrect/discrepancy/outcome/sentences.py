@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gpcorrect.discrepancy.evidence.bursts import Burst
-from gpcorrect.discrepancy.evidence.variables import Quantity, Variable
+from gpcorrect.discrepancy.evidence.variables import Quantity
 from gpcorrect.discrepancy.naming.posterior import Level
 from gpcorrect.discrepancy.outcome.result import ChannelGap, DiscrepancyResult, NamedEffect
 from gpcorrect.discrepancy.outcome.words import (
@@ -52,7 +52,7 @@ def next_step(result: DiscrepancyResult) -> str:
             return f"stop looking{_behind(result)}: the model is as good as these sensors can tell{apart}"
         case Level.EXACT:
             return "use model.toml, for simulation and for the next run"
-        case Level.UNKNOWN if found and found[0].variables == (Variable(Quantity.FREQUENCY),):
+        case Level.UNKNOWN if found and [s.variable.quantity for s in found[0].region] == [Quantity.FREQUENCY]:
             return "find what shakes at that frequency, whatever the arm does: a pump, a fan, the floor"
         case Level.UNKNOWN if result.provenance.bursts and not found:
             return "look at the machine in motions like those in which it happens, and record more of them"

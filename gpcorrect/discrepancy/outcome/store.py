@@ -22,7 +22,7 @@ from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.state import Search, Step
 from gpcorrect.sim.model import model_from_dict
 
-FORM = 3  # of what is stored: stages of another one are of other inputs
+FORM = 4  # of what is stored: stages of another one are of other inputs
 APART = ("model", "evidence", "advised_plans", "read_back")  # of a result: with a form of their own, or without one
 ALTERNATIVES = TypeAdapter(tuple[Alternative, ...])
 Names = tuple[Search, tuple[Named, ...], tuple[Named, ...]]  # with the named effects only, those, and the others
@@ -76,28 +76,6 @@ class StageStore:
         self.folder.mkdir(parents=True, exist_ok=True)
         write_file(self.folder / f"{stage}.json", json.dumps({"key": self.key, "content": content}))
 
-    def save_evidence(self, evidence: Evidence) -> None:
-        """Store what the figures are drawn from.
-
-        Parameters
-        ----------
-        evidence : Evidence
-        """
-        self.folder.mkdir(parents=True, exist_ok=True)
-        content, arrays = pack(evidence, "evidence")
-        header = json.dumps({"key": self.key, "content": content})
-        with atomic_path(self.folder / "evidence.npz") as path:
-            np.savez_compressed(path, header=np.array(header), **arrays)
-
-    def load_evidence(self) -> Evidence | None:
-        """Return what :meth:`save_evidence` stored; None when there is nothing, or it is of other inputs or damaged."""
-        try:
-            with np.load(self.folder / "evidence.npz", allow_pickle=False) as stored:
-                header = json.loads(str(stored["header"]))
-                return unpack(Evidence, header["content"], stored) if header["key"] == self.key else None
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
-            return None
-
     def save_result(self, result: DiscrepancyResult) -> None:
         """Store a finished run, all but the plans of the advised one.
 
@@ -105,20 +83,31 @@ class StageStore:
         ----------
         result : DiscrepancyResult
         """
-        self.save_evidence(result.evidence)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        evidence, arrays = pack(result.evidence, "evidence")
+        header = json.dumps({"key": self.key, "content": evidence})
+        with atomic_path(self.folder / "evidence.npz") as path:
+            np.savez_compressed(path, header=np.array(header), **arrays)
         content = {n: a.dump_python(getattr(result, n), mode="json") for n, a in _adapters().items()}
         self.save("result", content | {"model": result.model.model_dump(exclude_none=True)})
 
     def load_result(self) -> DiscrepancyResult | None:
         """Return what :meth:`save_result` stored; None when there is nothing, or it is of other inputs or damaged."""
-        content, evidence = self.load("result"), self.load_evidence()
-        if content is None or evidence is None:
+        if (content := self.load("result")) is None or (evidence := self._evidence()) is None:
             return None
         try:
             values = {name: adapter.validate_python(content[name]) for name, adapter in _adapters().items()}
         except (KeyError, ValidationError):
             return None
         return DiscrepancyResult(**values, model=model_from_dict(content["model"]), evidence=evidence, read_back=True)
+
+    def _evidence(self) -> Evidence | None:
+        try:
+            with np.load(self.folder / "evidence.npz", allow_pickle=False) as stored:
+                header = json.loads(str(stored["header"]))
+                return unpack(Evidence, header["content"], stored) if header["key"] == self.key else None
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+            return None
 
 
 @cache
@@ -128,59 +117,31 @@ def _adapters() -> dict[str, TypeAdapter[Any]]:
     return {f.name: TypeAdapter(hints[f.name]) for f in fields(DiscrepancyResult) if f.name not in APART}
 
 
-def load_or_search(
-    state: Search, candidates: Sequence[Candidate], store: StageStore | None, run: Callable[[Search], Search]
-) -> Search:
-    """Return the state after a search, from the store where it was run before with the same inputs.
+def load_or_run(
+    stage: str, state: Search, candidates: Sequence[Candidate], store: StageStore | None, run: Callable[[Search], Names]
+) -> Names:
+    """Return what a search or a naming makes of a state, from the store where it was run before with the same inputs.
 
     Parameters
     ----------
-    state : Search, where the search starts
+    stage : str, its name in the store
+    state : Search, where it starts
     candidates : sequence of Candidate, all of them, always in the same order
     store : StageStore or None, which stores nothing
-    run : callable, the search
+    run : callable, what is done; a search names nothing
     """
-    if store is not None and (stored := store.load("search")) is not None:
-        return _state_of(stored, state, candidates)
-    done = run(state)
-    if store is not None:
-        store.save("search", _plain_state(done, candidates))
-    return done
-
-
-def load_or_name(
-    state: Search, candidates: Sequence[Candidate], store: StageStore | None, run: Callable[[Search], Names]
-) -> Names:
-    """Return what the naming makes of a finished search, from the store where it was run before with the same inputs.
-
-    Parameters
-    ----------
-    state, candidates, store
-        As for :func:`load_or_search`.
-    run : callable, the naming
-    """
-    if store is not None and (stored := store.load("naming")) is not None:
+    if store is not None and (stored := store.load(stage)) is not None:
         named, dropped = (tuple(_named_of(n, candidates) for n in stored[part]) for part in ("named", "dropped"))
-        done = _state_of(stored["state"], state, candidates)
-        return replace(done, fitted=tuple(n.fit for n in named)), named, dropped
+        fitted, whitened_by = (tuple(_fit_of(f, candidates) for f in stored[p]) for p in ("fitted", "whitened_by"))
+        whitened, steps = replace(state, fitted=whitened_by).refreshed(), tuple(Step(**s) for s in stored["waterfall"])
+        return replace(whitened, fitted=tuple(n.fit for n in named) or fitted, waterfall=steps), named, dropped
     state, named, dropped = run(state)
-    if store is not None:
-        plain, others = ([_plain_named(n, candidates) for n in names] for names in (named, dropped))
-        searched = _plain_state(state, candidates)  # for a naming searches too
-        store.save("naming", {"named": plain, "dropped": others, "state": searched})
+    if store is not None:  # of a state its sets and the steps to them: all else follows from where its search starts
+        plain: dict[str, Any] = {"waterfall": [asdict(step) for step in state.waterfall]}
+        plain |= {p: [_plain_fit(f, candidates) for f in getattr(state, p)] for p in ("fitted", "whitened_by")}
+        plain["named"], plain["dropped"] = ([_plain_named(n, candidates) for n in part] for part in (named, dropped))
+        store.save(stage, plain)
     return state, named, dropped
-
-
-def _plain_state(state: Search, candidates: Sequence[Candidate]) -> dict[str, Any]:
-    """Return the sets of a state and the steps to them; all else follows from where its search starts."""
-    sets = {name: [_plain_fit(f, candidates) for f in getattr(state, name)] for name in ("fitted", "whitened_by")}
-    return {**sets, "waterfall": [asdict(step) for step in state.waterfall]}
-
-
-def _state_of(stored: dict[str, Any], start: Search, candidates: Sequence[Candidate]) -> Search:
-    fitted, whitened_by = (tuple(_fit_of(f, candidates) for f in stored[name]) for name in ("fitted", "whitened_by"))
-    whitened = replace(start, fitted=whitened_by).refreshed()
-    return replace(whitened, fitted=fitted, waterfall=tuple(Step(**s) for s in stored["waterfall"]))
 
 
 def _plain_named(named: Named, candidates: Sequence[Candidate]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from gpcorrect.discrepancy.evidence.bursts import Burst, bursts_of
 from gpcorrect.discrepancy.evidence.localise import Localisation
-from gpcorrect.discrepancy.naming.posterior import Level, Named
+from gpcorrect.discrepancy.naming.posterior import SURENESS, Level, Named
 from gpcorrect.discrepancy.naming.smooth_model import smooth_columns, smooth_nats
 from gpcorrect.discrepancy.outcome.result import ChannelGap, NamedEffect, PlaceVerdict
 from gpcorrect.discrepancy.recording.scene import Channel
@@ -16,8 +16,6 @@ from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.search.prepared import PreparedData
 from gpcorrect.discrepancy.search.state import Search, penalty, view_of
 from gpcorrect.discrepancy.settings import TESTS, VERDICT
-
-SURENESS = (Level.EXACT, Level.CLASS, Level.SET)
 
 
 def verdict_level(
@@ -160,7 +158,7 @@ def _place_verdict(
     else:
         shown = not findings and not rare and all(e.shown for e in left.equivalence if e.channel in channels)
         level = Level.NONE if shown else Level.INCONCLUSIVE
-    return PlaceVerdict(place, level, worst.channel, worst.before, worst.after, worst.noise, remaining, here, like)
+    return PlaceVerdict(place, level, worst, remaining, here, like)
 
 
 def _acts_at(effect: NamedEffect, place: int | str) -> bool:

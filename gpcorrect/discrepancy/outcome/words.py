@@ -8,7 +8,7 @@ import numpy as np
 
 from gpcorrect.discrepancy.evidence.variables import Quantity, Span, Variable
 from gpcorrect.discrepancy.naming.posterior import Level
-from gpcorrect.discrepancy.recording.noise import ChannelNoise, NoiseSource
+from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.scene import Channel
 from gpcorrect.discrepancy.search.candidates import Estimate
 
@@ -30,12 +30,6 @@ MEANING = {
     Level.SET: "one of those listed is there; these data do not tell which",
     Level.UNKNOWN: "something real that no effect of the catalogue explains",
     Level.INCONCLUSIVE: "too little data, or nothing held on trajectories that the search had not seen",
-}
-NOISE_SOURCES = {
-    NoiseSource.STATED: "[noise] of the model file",
-    NoiseSource.HOLDS: "holds",
-    NoiseSource.SHORT_LAGS: "changes over short lags (assumes that motion effects are smoother)",
-    NoiseSource.TOO_FEW: "too few samples; the smallest noise is assumed",
 }
 
 
@@ -95,13 +89,13 @@ def _span_words(span: Span) -> str:
             moving = {-1.0: "moving back", 1.0: "moving forward"}.get(span.low, "before its first move")
             return f"joint {span.variable.joint} {moving}"
         case Quantity.FREQUENCY:
-            return f"a tone between {number(span.low)} and {number(span.high)} {span.unit}"
+            return f"a tone between {number(span.low)} and {number(span.high)} {span.variable.unit}"
         case Quantity.SESSION:
             return f"session {span.low + 1:.0f}"
-    name, high = variable_words(span.variable), size_words(span.high, span.unit)
+    name, high = variable_words(span.variable), size_words(span.high, span.variable.unit)
     if span.low == span.high:
         return f"{name} at {high}"
-    return f"{name} from {number(in_reader_units(span.low, span.unit)[0])} to {high}"
+    return f"{name} from {number(in_reader_units(span.low, span.variable.unit)[0])} to {high}"
 
 
 def variable_words(variable: Variable) -> str:
@@ -149,7 +143,7 @@ def noise_source_words(noise: ChannelNoise) -> str:
     ----------
     noise : ChannelNoise
     """
-    words = NOISE_SOURCES[noise.source]
+    words = noise.source.value
     words += "" if noise.rounding_step is None else f"; rounded to {noise.rounding_step:.2g}"
     return words + ("" if noise.times_stated is None else f"; {noise.times_stated:.2g} times what [noise] states")
 

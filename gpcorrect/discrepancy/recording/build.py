@@ -78,10 +78,10 @@ def build_scene(
         payload = np.median(layout.spread(np.nan_to_num(log.payload)), axis=0)
     motion = _motion(log, joints, motor, session, label, layout)
     channels, observed = _compared_channels(log, machine.body, source, loop=loop)
+    of_motor = np.array([c.signal == "measured_jp" for c in channels], dtype=np.bool_)
     plan, stamps = None, None
     if loop and command is not None:
-        of_loop = np.array([c.signal == "measured_jp" or source != "measured_jp" for c in channels], dtype=np.bool_)
-        observed[on_the_move[:, None] & of_loop] = np.nan
+        observed[on_the_move[:, None] & (of_motor | (source != "measured_jp"))] = np.nan
         plan, stamps = commanded_plan(command, layout, motion, payload)
     scene = Scene(
         model=model,
@@ -102,8 +102,8 @@ def build_scene(
         measured=source == "measured_jp",
         remarks=tuple(remarks),
     )
-    if _begun_elsewhere(scene, label, settling):
-        observed[settling[:, None] & np.array([c.signal == "measured_jp" for c in channels], dtype=np.bool_)] = np.nan
+    if _begun_elsewhere(scene, of_motor, label, settling):
+        observed[settling[:, None] & of_motor] = np.nan
     if log.tracker_cp is None or machine.body.chain is None:
         return scene
     seen = log.tracker_cp
@@ -252,15 +252,14 @@ def _begun_on_the_move(time: FloatArray, label: IntArray, command: FloatArray) -
     return np.asarray(moves[label])
 
 
-def _begun_elsewhere(scene: Scene, label: IntArray, settling: BoolArray) -> bool:
+def _begun_elsewhere(scene: Scene, of_motor: BoolArray, label: IntArray, settling: BoolArray) -> bool:
     """Whether motors stand farther from the simulated ones in motions' first rows than they are later, beyond chance.
 
     What the controller's integral held, or what it held against, is in no log: simulated motions begin in balance.
     """
-    motors = [c.signal == "measured_jp" for c in scene.channels]
-    if scene.plan is None or settling.all() or not any(motors):
+    if scene.plan is None or settling.all() or not of_motor.any():
         return False
-    squares = scene.residual()[:, motors] ** 2
+    squares = scene.residual()[:, of_motor] ** 2
     first = squares[np.flatnonzero(np.diff(label, prepend=-1))]
     known = np.isfinite(first).sum(axis=0)
     least = chi2.ppf(1.0 - CLOCK.chance, np.maximum(known, 1)) * np.nanmean(squares[~settling], axis=0)

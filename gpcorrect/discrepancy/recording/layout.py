@@ -46,23 +46,22 @@ class Layout:
         return cell
 
 
-def layout_of(label: IntArray, *, piece: int | None = None, warm_up: int = 0, run_out: int = 0) -> Layout:
+def layout_of(label: IntArray, *, piece: int, warm_up: int, run_out: int) -> Layout:
     """Lay the rows of each label side by side, in their order.
 
     Parameters
     ----------
     label : (m,) int array, of each row
-    piece : int, optional
+    piece : int
         Labels of more than `piece + warm_up` rows may be cut into columns of `piece` rows. They are where that makes
         the grid smaller: one long label would pad the columns of many short ones.
     warm_up : int, rows before a cut that its column repeats, so that what has a memory fills it
     run_out : int, rows behind a cut that its column repeats, so that a motion cut there does not seem to stop at once
     """
     every = [np.flatnonzero(label == k) for k in np.unique(label)]
-    columns = [(rows, 0, len(rows)) for rows in every]
-    if piece is not None:
-        cut = [part for rows in every for part in _pieces(rows, piece, warm_up, run_out)]
-        columns = min(columns, cut, key=lambda c: len(c) * max(len(rows) for rows, *_ in c))
+    whole = [(rows, 0, len(rows)) for rows in every]
+    cut = [part for rows in every for part in _pieces(rows, piece, warm_up, run_out)]
+    columns = min(whole, cut, key=lambda c: len(c) * max(len(rows) for rows, *_ in c))
     n = max(len(rows) for rows, *_ in columns)
     index = np.arange(n)
     rows = np.stack([np.pad(g, (0, n - len(g)), mode="edge") for g, *_ in columns], axis=1)

@@ -23,12 +23,12 @@ SPIKE_REACH = 3  # samples on either side
 
 
 class NoiseSource(Enum):
-    """What a channel's noise is taken from."""
+    """What a channel's noise is taken from, as reports have it."""
 
-    STATED = "the [noise] table of the model"
-    HOLDS = "holds of the recording"
-    SHORT_LAGS = "changes of the residual over short lags"
-    TOO_FEW = "too few samples: the smallest noise is assumed"
+    STATED = "[noise] of the model file"
+    HOLDS = "holds"
+    SHORT_LAGS = "changes over short lags (assumes that motion effects are smoother)"
+    TOO_FEW = "too few samples; the smallest noise is assumed"
 
 
 @dataclass(frozen=True)

@@ -21,11 +21,6 @@ class Split:
     part: IntArray  # (n,) 0 discovery, 1 confirmation, 2 test
     remark: str  # how it was done
 
-    @property
-    def training(self) -> BoolArray:
-        """(n,) rows of discovery and confirmation."""
-        return np.asarray((self.part == 0) | (self.part == 1))
-
     def in_pieces(self, rows: BoolArray, length: int, rng: np.random.Generator) -> Split:
         """Return the split in which some rows are cut into short blocks, dealt anew: 3, 1 and 1 of five in a row.
 

@@ -315,7 +315,7 @@ def describe(fit: FittedEffect, ends: Mapping[int, tuple[float, float]]) -> dict
     for name, places in candidate.places.items():
         entries = []
         for i in places:
-            c, (low, high) = candidate.coordinates[i], ends.get(i, (-np.inf, np.inf))
+            c, (low, high) = candidate.coordinates[i], ends[i]
             first, last = sorted(c.value(float(np.clip(u, *c.bounds))) for u in (low, high))
             nothing = c.value(c.identity) if low <= c.identity <= high else None
             entries.append((c.value(float(fit.u[i])), (first, last), nothing))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, islice
 
 import numpy as np
 
@@ -136,25 +136,22 @@ def _forward(state: Search, threshold: float, joints: set[int | str], refused: S
     ]
     best: tuple[float, tuple[FittedEffect, ...]] | None = None
     worth = state.misfit(state.fitted)
-    refined = 0
-    for leader in _ranked_there(state, linearised, _one_of_each_signature(leaders)[: SEARCH.looked_at]):
-        fitted = state.refit_with(state.fitted, leader.fit, worth)
-        if fitted is None:
-            continue
-        refined += 1
-        gain = _gain_over(state, linearised, fitted, leader.fit) - SEARCH.complexity * leader.candidate.extra
+
+    def refined(leaders: Sequence[Ranked]) -> Iterator[tuple[float, tuple[FittedEffect, ...]]]:
+        for leader in leaders:
+            fitted = state.refit_with(state.fitted, leader.fit, worth)  # worth what the best so far is
+            if fitted is not None:
+                gain = _gain_over(state, linearised, fitted, leader.fit)
+                yield gain - SEARCH.complexity * leader.candidate.extra, fitted
+
+    looked_at = _one_of_each_signature(leaders)[: SEARCH.looked_at]
+    for gain, fitted in islice(refined(_ranked_there(state, linearised, looked_at)), SEARCH.refined):
         if best is None or gain > best[0]:
             best, worth = (gain, fitted), state.misfit(fitted)
-        if refined == SEARCH.refined:
-            break
     if best is None or best[0] + SEARCH.complexity * best[1][-1].candidate.extra < threshold:
         return state
     new = best[1][-1].candidate
-    for leader in rank(state, linearised, refused, beyond=[new]):  # such as one that has a home
-        fitted = state.refit_with(state.fitted, leader.fit, worth)
-        if fitted is None:
-            continue
-        gain = _gain_over(state, linearised, fitted, leader.fit) - SEARCH.complexity * leader.candidate.extra
+    for gain, fitted in refined(rank(state, linearised, refused, beyond=[new])):  # such as one that has a home
         if gain > best[0]:
             best = gain, fitted
     new = best[1][-1].candidate
