@@ -21,7 +21,7 @@ from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all
 from gpcorrect.discrepancy.settings import ADVICE, SPLIT
 from gpcorrect.errors import DataError
 from gpcorrect.sim import Noise, TrackerFaults, effect_from_dict, machine_of, simulate
-from gpcorrect.sim.effects import Effect, Run
+from gpcorrect.sim.effects import Effect, GainError, Run
 from gpcorrect.sim.plan import Plan, Segment, minimum_jerk, plan_of
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray
 
@@ -134,11 +134,11 @@ def _best(comparison: Comparison, runs: Sequence[Run]) -> tuple[PlannedRun, floa
 def _view(comparison: Comparison, planned: PlannedRun, plan: Plan, gain: float) -> View:
     """One recording of a run as it would be seen if the leader were true."""
     model = comparison.scene.model
-    if gain != 1.0 and model.controller is not None:
-        gains = {name: tuple(gain * k for k in getattr(model.controller, name)) for name in ("kp", "kd")}
-        model = model.model_copy(update={"controller": model.controller.model_copy(update=gains)})
-    quiet = model.model_copy(update={"noise": Noise(), "faults": TrackerFaults()})
-    log = _same_signals(simulate(machine_of(quiet.model_copy(update={"effects": ()})), plan), comparison.scene)
+    # A robot file's servo may stand in the file alone, so gains are lowered as an effect would.
+    lowered = tuple(GainError(n, gain - 1.0, gain - 1.0) for n in model.joints) if gain != 1.0 else ()
+    quiet = model.with_effects(*model.effects, *lowered)
+    quiet = quiet.model_copy(update={"noise": Noise(), "faults": TrackerFaults()})
+    log = _same_signals(simulate(machine_of(quiet.with_effects(*lowered)), plan), comparison.scene)
     scene = build_scene(log, quiet, np.ones(len(log), dtype=np.bool_), comparison.noises)
     effects = [*comparison.rest, _homed(comparison.leader.effect, comparison, planned)]
     scene = replace(scene, observed=scene.predict(effects))  # the tracker would be registered on what it then sees

@@ -4,14 +4,16 @@ import numpy as np
 import pytest
 from robot_files import write_mjcf, write_urdf
 
-from gpcorrect.discrepancy import find_discrepancy
+from gpcorrect.discrepancy import advice, find_discrepancy
 from gpcorrect.discrepancy.naming.posterior import Level
 from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentences
 from gpcorrect.discrepancy.recording.build import build_scene
-from gpcorrect.discrepancy.search.candidates import all_candidates
+from gpcorrect.discrepancy.recording.noise import ChannelNoise
+from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.needs import split_by_needs
 from gpcorrect.errors import DataError
 from gpcorrect.sim import effect_from_dict, joint_motion_log, model_from_dict
+from gpcorrect.sim.effects import Run
 from gpcorrect.sim.settings import Noise
 
 pytest.importorskip("mujoco", reason="robot files need mujoco: pip install 'gpcorrect[mujoco]'")
@@ -157,6 +159,20 @@ def test_damping_and_the_gain_by_which_a_servo_brakes_are_told_as_a_set(nominal)
     ).effects
     assert effect.level == "SET"
     assert {effect.name, *(r.name for r in effect.rivals)} == {"viscous_friction", "gain_error"}
+
+
+def test_an_advised_run_with_lower_gains_lowers_those_that_stand_in_the_robot_file_alone(nominal):
+    """A friction holds the joint off by twice as much at half the gain; both halves of the run were simulated alike."""
+    log = recorded(nominal)
+    scene = build_scene(log, nominal, np.ones(len(log), dtype=np.bool_))
+    own = next(c for c in all_candidates(scene) if (c.name, c.joint) == ("coulomb_friction", 1))
+    noises = tuple(ChannelNoise(1e-4, 0.0, 0.1) for _ in scene.channels)
+    comparison = advice.Comparison(scene, (), FittedEffect(own, np.array(own.start)), (), noises)
+    (planned,) = advice.planned_runs(advice._site(scene, 1), [Run.GAIN_CHANGE])
+    assert [gain for _, gain in planned.plans] == [1.0, advice.GAIN]
+    views = [advice._view(comparison, planned, plan, gain) for plan, gain in planned.plans]
+    whole, half = (advice._evidence(comparison, [view], ()) for view in views)
+    assert half == pytest.approx(whole / advice.GAIN**2, rel=0.2)
 
 
 def test_joints_in_degrees_are_refused_by_the_range_of_the_robot_file(nominal):

@@ -81,7 +81,7 @@ def case_outcome(name: str, label: Mapping[str, Any], report: Mapping[str, Any])
 
 
 def _gap_of(name: str, gap: Mapping[str, Any]) -> ChannelGap:
-    """Return a channel's gap as report.json has it, perhaps of an older version."""
+    """Return a channel's gap as report.json has it."""
     signal, _, place = name.rpartition("_")  # a channel's name in JSON is its signal and its joint, or axis
     joint = int(place) if place.isdigit() else 0
     single = [gap[key] for key in ("before", "after", "noise", "closed", "black_box_ceiling", "placebo")]
