@@ -152,8 +152,8 @@ def _plain_named(named: Named, candidates: Sequence[Candidate]) -> dict[str, Any
 def _named_of(stored: dict[str, Any], candidates: Sequence[Candidate]) -> Named:
     alternatives, reasons = ALTERNATIVES.validate_python(stored["alternatives"]), tuple(stored["reasons"])
     fit, level = _fit_of(stored["fit"], candidates), Level(stored["level"])
-    numbers = stored["probability"], stored["nats"], alternatives, reasons, stored["spread"]
-    return Named(fit, level, *numbers, tuple(stored["undetermined"]))
+    probability, nats, spread = stored["probability"], stored["nats"], stored["spread"]
+    return Named(fit, level, probability, nats, alternatives, reasons, spread, tuple(stored["undetermined"]))
 
 
 def _plain_fit(fit: FittedEffect, candidates: Sequence[Candidate]) -> dict[str, Any]:
