@@ -21,7 +21,8 @@ from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all
 from gpcorrect.discrepancy.settings import ADVICE, SPLIT
 from gpcorrect.errors import DataError
 from gpcorrect.sim import Noise, TrackerFaults, effect_from_dict, machine_of, simulate
-from gpcorrect.sim.effects import Effect, GainError, Run
+from gpcorrect.sim.effects import Effect, Run
+from gpcorrect.sim.effects.dynamics import GainError
 from gpcorrect.sim.plan import Plan, Segment, minimum_jerk, plan_of
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray
 
