@@ -78,6 +78,7 @@ def run(
         for path in (*models, output / "report.json"):
             require_new(path)
     model, recording = model_named(machine), read_logs(log, columns, learned=LEARNED)
+    note(*recording.remarks)
     with progress_bar(quiet=json) as progress, workers(jobs, scheduler, threads=True):
         result = find_discrepancy(model, recording, seed=seed, progress=progress, stages=output / "stages")
     report = result.to_report()

@@ -80,7 +80,7 @@ def provenance_of(
         tolerated=dataset.tolerated(noises),
         bursts=bursts,
         servo_unseen=scene.plan is None and log.measured_jp is not None,
-        remarks=(*prepared.remarks, *_model_remarks(scene), *limits_of(scene), _noise_remark(state)),
+        remarks=(*log.remarks, *prepared.remarks, *_model_remarks(scene), *limits_of(scene), _noise_remark(state)),
         no_trace=tuple(c.label for c in state.without_trace),
         not_nameable=(*lacks, *lacks_of_traces(state)),
     )

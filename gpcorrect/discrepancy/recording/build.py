@@ -111,6 +111,7 @@ def build_scene(
     simulated, motions = scene.marker_poses(), np.unique(log.trajectory, return_inverse=True)[1]
     first = Tracker(seen.position, registered_on, *known)  # with faults of the tracker, which move it
     refuse_mixed_joints(first, _up_to_marker(machine), scene.motor_path(), machine.T_tracker_base, source)
+    first, where = first.with_mount(simulated)
     faults = [outliers(error, motions) for error in (seen.position - first.predicted(simulated)).T]
     sound = registered_on & ~np.any(faults, axis=0)
     tracker, why = replace(first, rows=sound).with_orientations(seen.quaternion, simulated)
@@ -121,7 +122,7 @@ def build_scene(
         tracker=tracker,
         channels=(*channels, *axes[: tracker.observed.shape[1]]),
         observed=np.concatenate([observed, tracker.observed], axis=1),
-        remarks=(*remarks, why) if why else tuple(remarks),
+        remarks=(*remarks, *(words for words in (where, why) if words)),
     )
     return replace(scene, slack=_slack(scene, tracker, noises))
 

@@ -24,6 +24,7 @@ from gpcorrect.sim.body import Body
 from gpcorrect.types import BoolArray, FloatArray
 
 STEP = 1e-5  # rad or m, for slopes
+MOUNT_STEPS, MOUNT_FOUND = 8, 1e-8  # of a fit; m, of its last step
 ENOUGH = 2000  # rows to tell by: a mixed-up joint is no matter of noise
 ROW_TERMS = {"alpha": NOISE.table_angle, "a": NOISE.table_length, "d": NOISE.table_length, "theta": NOISE.table_angle}
 
@@ -36,8 +37,32 @@ class Tracker:
     rows: BoolArray  # (n,) on which an open frame is registered
     base_known: bool  # in the tracker's frame
     marker_known: bool  # on the tip
+    mount: FloatArray | None = (
+        None  # (3,) m, marker from the tip, where it has to be fitted; None is as the model states
+    )
     rotation: FloatArray | None = None  # (n, 3, 3) measured orientations; None where only positions are compared
     reference: FloatArray | None = None  # the nominal model's: turns are written down about them, and so stay small
+
+    def with_mount(self, T: FloatArray) -> tuple[Tracker, str]:
+        """Return the tracker with a marker that is fitted away from the tip, and in words, where that explains the log.
+
+        Nobody mounts a marker in the tip itself. Where the model is silent, a place that leaves less than half of the
+        residual, farther off than a tool's table errs, is the marker's: then a tool's length cannot be told from it.
+
+        Parameters
+        ----------
+        T : (n, 4, 4) array, marker poses of the nominal model
+        """
+        if self.marker_known:
+            return self, ""
+        moved = replace(self, mount=np.zeros(3))
+        mount = moved._fitted_mount(T)
+        left, before = (float(np.nanmean((self.position - t._position(T)[0])[self.rows] ** 2)) for t in (moved, self))
+        if np.linalg.norm(mount) < NOISE.mounted or left > NOISE.by_mount**2 * before:
+            return self, ""
+        x, y, z = 1e3 * mount
+        words = f"the tracker's marker sits {x:.1f}, {y:.1f}, {z:.1f} mm from the tip, along the tip's axes: as it fits best"
+        return replace(self, mount=mount), f"{words}, for the model has no T_tip_marker; the tool's own length is open"
 
     def with_orientations(self, quaternion: FloatArray | None, T: FloatArray) -> tuple[Tracker, str]:
         """Return the tracker with orientations compared about simulated ones, and why not, where they cannot be.
@@ -77,8 +102,13 @@ class Tracker:
         return self._with_turns(*self._placed(T, self.rotation))
 
     def _position(self, T: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Positions of the marker in the tracker's frame, and by which rotation the model's was turned onto that."""
+        if self.mount is None:
+            return self._registered(T[:, :3, 3])
+        return self._registered(T[:, :3, 3] + T[:, :3, :3] @ self._fitted_mount(T))
+
+    def _registered(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Positions moved rigidly onto the tracker's where its frame is open (Arun 1987), and by which rotation."""
-        position = T[:, :3, 3]
         if self.base_known:
             return position, np.eye(3)
         rows = self.rows & np.isfinite(self.position).all(axis=1) & np.isfinite(position).all(axis=1)
@@ -86,6 +116,31 @@ class Tracker:
         middle, centre = a.mean(axis=0), b.mean(axis=0)
         turn = se3.nearest_rotation((b - centre).T @ (a - middle))
         return np.asarray((position - middle) @ turn.T + centre), turn
+
+    def _fitted_mount(self, T: FloatArray) -> FloatArray:
+        """Where on the tip `(3,)` a marker fits best, by Gauss-Newton steps beside a registration that moves along.
+
+        In directions of which the recorded turns of the tip show too little it stays where it was.
+        """
+        assert self.mount is not None
+        mount = self.mount
+        rows = self.rows & np.isfinite(self.position).all(axis=1) & np.isfinite(T[:, :3, 3]).all(axis=1)
+        for _ in range(MOUNT_STEPS):
+            position, turn = self._registered(T[:, :3, 3] + T[:, :3, :3] @ mount)
+            moved = (turn @ T[rows, :3, :3]).reshape(-1, 3)
+            if not self.base_known:  # what a turn and a shift of the base would do is not the mount's
+                arm = (position[rows] - position[rows].mean(axis=0))[:, None, :]
+                turned = np.cross(np.eye(3), arm).swapaxes(1, 2)
+                base = np.concatenate([turned, np.broadcast_to(np.eye(3), turned.shape)], axis=2).reshape(-1, 6)
+                moved = moved - base @ (np.linalg.pinv(base.T @ base, hermitian=True) @ (base.T @ moved))
+            squares, axes = np.linalg.eigh(moved.T @ moved / rows.sum())
+            seen = axes[:, squares > NOISE.mount_seen**2]
+            error = (self.position - position)[rows].ravel()
+            step = seen @ np.linalg.solve(seen.T @ (moved.T @ moved) @ seen, seen.T @ (moved.T @ error))
+            mount = mount + step
+            if np.linalg.norm(step) < MOUNT_FOUND:
+                break
+        return mount
 
     def _placed(self, T: FloatArray, measured: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Positions and orientations in the tracker's frame, the marker turned on the tip as it fits best."""
@@ -189,6 +244,8 @@ def refuse_mixed_joints(tracker: Tracker, body: Body, q: FloatArray, T_tracker_b
     seen = np.flatnonzero(tracker.rows & np.isfinite(tracker.position).all(axis=1))
     some, k = seen[:: max(1, len(seen) // ENOUGH)], q.shape[1]
     tracker, q = replace(tracker, position=tracker.position[some], rows=tracker.rows[some]), q[some]
+    if not tracker.marker_known:
+        tracker = replace(tracker, mount=np.zeros(3))  # wherever it sits in each of them
 
     def left(columns: FloatArray) -> float:
         poses = body.forward(columns)
