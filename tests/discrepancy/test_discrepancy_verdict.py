@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -11,6 +12,7 @@ from gpcorrect.discrepancy.evidence.localise import Equivalence, Finding, Locali
 from gpcorrect.discrepancy.naming.posterior import Level, Named
 from gpcorrect.discrepancy.outcome.result import ChannelGap, NamedEffect, PlaceVerdict
 from gpcorrect.discrepancy.outcome.verdict import headline, is_plain, place_verdicts
+from gpcorrect.discrepancy.recording.scene import Channel
 from gpcorrect.discrepancy.settings import SETTINGS
 
 THRESHOLD = 10.0
@@ -63,3 +65,21 @@ def test_what_is_plainly_left_at_a_joint_is_as_large_as_its_largest_finding(size
     (place,) = place_verdicts([effect], [gap], localisation(1600.0, size=size))
     assert (place.level, place.remaining) == (level, pytest.approx(size))
     assert headline(Level.EXACT, [effect], (), [place]) == level
+
+
+def test_a_place_with_a_name_shows_the_channel_that_the_name_closes() -> None:
+    """A table error of joint 2 was shown beside joint 2's own sensor, before as after."""
+    effect = NamedEffect("dh_error", 2, "geometry", Level.EXACT, 1.0, 9e3, {}, (), (), size=3.0)
+    same, closed = ((3.0, 3.0), (3.0, 1.0))
+    quiet, tracker = (
+        ChannelGap(before, after, noise, (6.0, 2.4), (9.0, 5.0), 0.95, (0.9, 1.0), channel, 1.0, 0.0)
+        for (before, after), noise, channel in (
+            (same, 2.9, B),
+            (closed, 1.0, Channel("tracker_cp_x", "tracker_cp", 0, 0, "m")),
+        )
+    )
+    shown = {place.place: place.gap for place in place_verdicts([effect], [quiet, tracker], localisation(0.0))}
+    assert shown == {2: tracker, "tool": tracker}
+    own = replace(quiet, after=1.0)
+    shown = {place.place: place.gap for place in place_verdicts([effect], [own, tracker], localisation(0.0))}
+    assert shown[2] == own
