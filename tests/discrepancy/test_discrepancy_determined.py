@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from discrepancy_support import nominal
 
 from gpcorrect.arms import arm_named
 from gpcorrect.discrepancy import Level, find_discrepancy
+from gpcorrect.discrepancy.naming import numbers
 from gpcorrect.discrepancy.naming.intervals import half_widths, interval_ends, undetermined
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import refine
@@ -105,6 +108,17 @@ def test_homings_of_which_a_tracker_knows_only_the_difference_are_not_nothing() 
     log = replace(simulate(machine_of(model).with_effects(*hidden), plan_of(segments, 100.0), seed=1), external_jp=None)
     found = find_discrepancy(model, log)
     assert {(e.name, e.joint) for e in found.effects if e.level == Level.EXACT} == {("drift", 1), ("homing_offset", 1)}
+
+
+@pytest.mark.parametrize(("names", "unsure"), [(("x", "y"), True), (("offset", "offset"), False), (("mass",), True)])
+def test_what_has_no_number_that_is_clear_of_nothing_has_no_name(names, unsure, monkeypatch) -> None:
+    """A link's centre of mass, along an axis along which its neighbour's does the same, was EXACT; homings are."""
+    monkeypatch.setattr(numbers, "away_from_nothing", lambda state, fit: True)
+    several = tuple(SimpleNamespace(identity=0.0, parameter=SimpleNamespace(name=name)) for name in names)
+    fit: Any = SimpleNamespace(candidate=SimpleNamespace(sizes=range(len(names)), coordinates=several))
+    state: Any = None
+    assert numbers._may_be_nothing(state, fit, dict.fromkeys(range(len(names)), (-1.0, 2.0))) is unsure
+    assert not numbers._may_be_nothing(state, fit, dict.fromkeys(range(len(names)), (0.5, 2.0)))
 
 
 def test_a_place_is_at_the_edge_by_the_range_it_may_take_not_by_how_far_it_is_from_zero() -> None:

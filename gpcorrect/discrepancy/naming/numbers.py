@@ -86,8 +86,9 @@ def _groups(state: Search, fitted: Sequence[FittedEffect]) -> list[list[int]]:
 
 
 def _may_be_nothing(state: Search, fit: FittedEffect, ends: Mapping[int, tuple[float, float]]) -> bool:
-    """Whether every size's interval holds that of none; of several, only the difference may be known: all together."""
+    """Whether every size's interval holds that of none; of homings only the difference may be known: all together."""
     sizes, coordinates = fit.candidate.sizes, fit.candidate.coordinates
     if not all(ends[k][0] <= coordinates[k].identity <= ends[k][1] for k in sizes):
         return False
-    return len(sizes) == 1 or not away_from_nothing(state, fit)
+    of_sessions = len(sizes) > 1 and len({coordinates[k].parameter.name for k in sizes}) == 1
+    return not (of_sessions and away_from_nothing(state, fit))
