@@ -43,7 +43,8 @@ class NoiseSettings:
 
     noisier: float = 1.25  # times the stated noise: from there on the recording's own is believed
     dense: float = 0.06  # s between samples at most: beyond, neighbouring samples differ by motion, not by noise
-    mixed_up: float = 0.25  # of the tracker's residual, that is left with joints turned or exchanged; a definition
+    mixed_up: float = 0.25  # of a residual, that is left with joints turned or exchanged; a definition
+    perhaps_mixed: float = 0.7  # of a rough one, below which it is worth a closer look; for time
     rounded_for: float = 0.5  # s that a rounding error stays the same: about a joint's time from count to count
     min_pairs: int = 200  # samples in holds, without which the whole recording is used
     longest_lag: float = 0.8  # s; beyond, motion and noise can no longer be separated

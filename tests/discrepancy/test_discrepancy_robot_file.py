@@ -1,3 +1,4 @@
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -181,6 +182,23 @@ def test_joints_in_degrees_are_refused_by_the_range_of_the_robot_file(nominal):
     degrees = {name: np.rad2deg(getattr(log, name)) for name in ("setpoint_jp", "measured_jp", "external_jp")}
     with pytest.raises(DataError, match=r"measured_jp: joint 1 goes .* not in the same unit.*0\.0174533"):
         build_scene(replace(log, **degrees), nominal, np.ones(len(log), dtype=np.bool_))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda q: q[:, ::-1], "joints 1 and 2 are exchanged"),
+        (lambda q: q * [1.0, -1.0], "joint 2 moves the other way"),
+        (lambda q: q, ""),
+    ],
+)
+def test_joints_that_are_mixed_up_in_all_signals_are_known_by_what_their_servo_carries(nominal, change, said):
+    """As ROS lists them, by the alphabet: nothing refused it, and no answer came in five minutes."""
+    log = recorded(nominal, {"name": "coulomb_friction", "joint": 1, "torque": 2.0})
+    names = ("setpoint_jp", "measured_jp", "external_jp")
+    mixed = replace(log, measured_jv=None, measured_jf=None, **{name: change(getattr(log, name)) for name in names})
+    with pytest.raises(DataError, match=said) if said else nullcontext():
+        build_scene(mixed, nominal, np.ones(len(log), dtype=np.bool_))
 
 
 def test_an_arm_that_never_moves_is_refused(nominal):

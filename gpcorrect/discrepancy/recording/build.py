@@ -12,13 +12,22 @@ from gpcorrect.discrepancy.recording.layout import Layout, layout_of
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, estimate_noise, outliers
 from gpcorrect.discrepancy.recording.scene import Channel, Scene
 from gpcorrect.discrepancy.recording.servo_clock import RUN_OUT, commanded_plan, holes, settled_stamps
-from gpcorrect.discrepancy.recording.tracker import Slack, Tracker, refuse_mixed_joints, slack_of, table_slopes
+from gpcorrect.discrepancy.recording.tracker import (
+    Misfit,
+    Slack,
+    Tracker,
+    refuse_mixed_joints,
+    slack_of,
+    table_slopes,
+    tracker_misfit,
+)
 from gpcorrect.discrepancy.settings import CLOCK, NOISE
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion
+from gpcorrect.sim.plant import Command, follow_command
 from gpcorrect.sim.resolve import has_controller, machine_of
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 from gpcorrect.velocity import derivative
@@ -27,6 +36,7 @@ PIECE, WARM_UP = 200, 400  # rows; pieces of long motions are replayed after a w
 MOVES = 1e-3  # rad, or a tenth of it in m, that some joint goes at least
 SMOOTHED = 0.015  # s, a quarter of the window of an acceleration: what is beyond 10 Hz, no arm's load is known for
 TOLD = 1e-3  # ms by which stamps must move for the report to say so
+FEW_RUNS = 4  # to tell joints apart by
 FAR = 10.0  # half ranges from the middle: degrees of a joint that uses a fifth of its range are eleven
 
 
@@ -102,6 +112,10 @@ def build_scene(
         measured=source == "measured_jp",
         remarks=tuple(remarks),
     )
+    if plan is not None and source == "measured_jp":
+        off = "the motors' distance from where their servo holds them"
+        roughly, exactly = (_servo_misfit(scene, exactly=e) for e in (False, True))
+        refuse_mixed_joints(machine.body, f"setpoint_jp and {source}", roughly, exactly, off)
     if _begun_elsewhere(scene, of_motor, label, settling):
         observed[settling[:, None] & of_motor] = np.nan
     if log.tracker_cp is None or machine.body.chain is None:
@@ -110,7 +124,8 @@ def build_scene(
     known = model.T_tracker_base is not None, model.T_tip_marker is not None
     simulated, motions = scene.marker_poses(), np.unique(log.trajectory, return_inverse=True)[1]
     first = Tracker(seen.position, registered_on, *known)  # with faults of the tracker, which move it
-    refuse_mixed_joints(first, _up_to_marker(machine), scene.motor_path(), machine.T_tracker_base, source)
+    misfit = tracker_misfit(first, _up_to_marker(machine), scene.motor_path(), machine.T_tracker_base)
+    refuse_mixed_joints(machine.body, source, misfit, misfit, "the tracker's residual")
     first, where = first.with_mount(simulated)
     faults = [outliers(error, motions) for error in (seen.position - first.predicted(simulated)).T]
     sound = registered_on & ~np.any(faults, axis=0)
@@ -125,6 +140,32 @@ def build_scene(
         remarks=(*remarks, *(words for words in (where, why) if words)),
     )
     return replace(scene, slack=_slack(scene, tracker, noises))
+
+
+def _servo_misfit(scene: Scene, *, exactly: bool) -> Misfit:
+    """Return by how much motors are off from where the servo holds the nominal arm, rad and m RMS.
+
+    Of a few runs, by the signs and the order of the joints; roughly without simulating the servo, which takes as long
+    as all of them, but for a delay of each joint.
+    """
+    assert scene.plan is not None
+    runs = np.arange(len(scene.payload))[:: max(1, len(scene.payload) // FEW_RUNS)]
+    machine, plan, measured = scene.machine, scene.plan.of_runs(runs), scene.motion.position[:, runs]
+    stamps = None if scene.stamps is None else scene.stamps.of_runs(runs)
+
+    def left(signs: FloatArray, order: IntArray) -> float:
+        command = Command.of(machine, replace(plan, q=signs * plan.q[..., order]))
+        held = follow_command(machine, command).motion.position if exactly else command.guess.q
+        velocity = command.desired.velocity
+        if stamps is not None:
+            held, velocity = stamps.sampled(held), stamps.sampled(velocity)
+        off = signs * measured[..., order] - held
+        known = np.isfinite(off)
+        late = np.sum(velocity * np.where(known, off, 0.0), (0, 1))
+        late /= np.maximum(np.sum(known * velocity**2, (0, 1)), 1e-300)
+        return float(np.sqrt(np.nanmean((off - late * velocity) ** 2)))
+
+    return left
 
 
 def _up_to_marker(machine: Machine) -> Body:

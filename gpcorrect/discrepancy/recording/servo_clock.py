@@ -55,14 +55,20 @@ class Stamps:
         """Return what a loop did at these stamps."""
         motion = replace(
             driven.motion,
-            position=self._read(driven.motion.position),
-            velocity=self._read(driven.motion.velocity),
-            load=self._read(driven.motion.load),
-            gravity_load=self._read(driven.motion.gravity_load),
+            position=self.sampled(driven.motion.position),
+            velocity=self.sampled(driven.motion.velocity),
+            load=self.sampled(driven.motion.load),
+            gravity_load=self.sampled(driven.motion.gravity_load),
         )
-        return Driven(motion, self._read(driven.torque), self._read(driven.q))
+        return Driven(motion, self.sampled(driven.torque), self.sampled(driven.q))
 
-    def _read(self, grid: FloatArray) -> FloatArray:
+    def sampled(self, grid: FloatArray) -> FloatArray:
+        """Return values `(n, N, k)` at these stamps of values on the servo's clock.
+
+        Parameters
+        ----------
+        grid : (m, N, k) array
+        """
         runs = np.arange(grid.shape[1])
         parts = (w[..., None] * grid[self.first + i, runs] for i, w in enumerate(self.weight))
         return np.asarray(sum(parts))

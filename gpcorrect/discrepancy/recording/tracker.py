@@ -9,6 +9,7 @@ larger ones what is beyond it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -21,11 +22,12 @@ from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.settings import NOISE
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body
-from gpcorrect.types import BoolArray, FloatArray
+from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 STEP = 1e-5  # rad or m, for slopes
 MOUNT_STEPS, MOUNT_FOUND = 8, 1e-8  # of a fit; m, of its last step
 ENOUGH = 2000  # rows to tell by: a mixed-up joint is no matter of noise
+Misfit = Callable[[FloatArray, IntArray], float]  # by the signs and the order of joints
 ROW_TERMS = {"alpha": NOISE.table_angle, "a": NOISE.table_length, "d": NOISE.table_length, "theta": NOISE.table_angle}
 
 
@@ -227,10 +229,8 @@ def table_slopes(chain: Chain, q: FloatArray, T_tracker_base: FloatArray, tracke
     return np.stack(columns, axis=2)
 
 
-def refuse_mixed_joints(tracker: Tracker, body: Body, q: FloatArray, T_tracker_base: FloatArray, signal: str) -> None:
-    """Refuse joints of another sign or order than the model's, which no effect of the catalogue is.
-
-    Turned, or exchanged, they leave a small part of the residual.
+def tracker_misfit(tracker: Tracker, body: Body, q: FloatArray, T_tracker_base: FloatArray) -> Misfit:
+    """Return how far a tracker's positions are from an arm's, m RMS, by the signs and the order of its joints.
 
     Parameters
     ----------
@@ -238,33 +238,53 @@ def refuse_mixed_joints(tracker: Tracker, body: Body, q: FloatArray, T_tracker_b
     body : Body, whose chain goes up to the marker
     q : (n, k) array, its moving joints
     T_tracker_base : (4, 4) array, as the model states it, or the identity
+    """
+    seen = np.flatnonzero(tracker.rows & np.isfinite(tracker.position).all(axis=1))
+    some = seen[:: max(1, len(seen) // ENOUGH)]
+    tracker, q = replace(tracker, position=tracker.position[some], rows=tracker.rows[some]), q[some]
+    if not tracker.marker_known:
+        tracker = replace(tracker, mount=np.zeros(3))  # wherever it sits in each of them
+
+    def left(signs: FloatArray, order: IntArray) -> float:
+        poses = body.forward(signs * q[:, order])
+        assert poses is not None
+        error = tracker.position - tracker.predicted(T_tracker_base @ poses)
+        return float(np.sqrt(np.nanmean(error**2)))
+
+    return left
+
+
+def refuse_mixed_joints(body: Body, signal: str, roughly: Misfit, exactly: Misfit, residual: str) -> None:
+    """Refuse joints of another sign or order than the model's, which no effect of the catalogue is.
+
+    Turned, or exchanged, they leave a small part of the residual.
+
+    Parameters
+    ----------
+    body : Body, whose joints they are
     signal : str, that the joints are taken from
+    roughly, exactly : callables
+        What is left, of any unit, by the signs `(k,)` and the order `(k,)` of the joints: roughly for all of them, and
+        exactly where that looks better by far.
+    residual : str, of what
 
     Raises
     ------
     DataError
         There are such joints.
     """
-    seen = np.flatnonzero(tracker.rows & np.isfinite(tracker.position).all(axis=1))
-    some, k = seen[:: max(1, len(seen) // ENOUGH)], q.shape[1]
-    tracker, q = replace(tracker, position=tracker.position[some], rows=tracker.rows[some]), q[some]
-    if not tracker.marker_known:
-        tracker = replace(tracker, mount=np.zeros(3))  # wherever it sits in each of them
-
-    def left(columns: FloatArray) -> float:
-        poses = body.forward(columns)
-        assert poses is not None
-        error = tracker.position - tracker.predicted(T_tracker_base @ poses)
-        return float(np.sqrt(np.nanmean(error**2)))
-
-    ways = {f"joint {j} moves the other way": q * np.where(np.arange(k) == i, -1, 1) for i, j in enumerate(body.joints)}
+    k = len(body.joints)
+    plain, here = np.ones(k), np.arange(k)
+    ways = {f"joint {j} moves the other way": (np.where(here == i, -1.0, 1.0), here) for i, j in enumerate(body.joints)}
     for a, b in combinations(range(k), 2):
         if body.types[a] == body.types[b]:
-            order = [{a: b, b: a}.get(c, c) for c in range(k)]
-            ways[f"joints {body.joints[a]} and {body.joints[b]} are exchanged"] = q[:, order]
-    best, what = min((left(columns), what) for what, columns in ways.items())
-    if best < NOISE.mixed_up * left(q):
+            order = np.where(here == a, b, np.where(here == b, a, here))
+            ways[f"joints {body.joints[a]} and {body.joints[b]} are exchanged"] = plain, order
+    best, what = min((roughly(*way), what) for what, way in ways.items())
+    if best > NOISE.perhaps_mixed * roughly(plain, here):
+        return
+    if exactly(*ways[what]) < NOISE.mixed_up * exactly(plain, here):
         raise DataError(
-            f"{signal}: {what}. Put right, less than {100 * NOISE.mixed_up:.0f} % of the tracker's residual is left.",
+            f"{signal}: {what}. Put right, less than {100 * NOISE.mixed_up:.0f} % of {residual} is left.",
             hint="A mapping file gives a column scale = -1, or another joint's number. Or turn the axis in the model.",
         )
