@@ -126,10 +126,10 @@ def build_scene(
     first = Tracker(seen.position, registered_on, *known)  # with faults of the tracker, which move it
     misfit = tracker_misfit(first, _up_to_marker(machine), scene.motor_path(), machine.T_tracker_base)
     refuse_mixed_joints(machine.body, source, misfit, misfit, "the tracker's residual")
-    first, where = first.with_mount(simulated)
     faults = [outliers(error, motions) for error in (seen.position - first.predicted(simulated)).T]
     sound = registered_on & ~np.any(faults, axis=0)
-    tracker, why = replace(first, rows=sound).with_orientations(seen.quaternion, simulated)
+    mounted, where = replace(first, rows=sound).with_mount(simulated)
+    tracker, why = mounted.with_orientations(seen.quaternion, simulated)
     kinds = (("tracker_cp", "m"), ("tracker_rotation", "rad"))
     axes = [Channel(f"{signal}_{axis}", signal, i, 0, unit) for signal, unit in kinds for i, axis in enumerate("xyz")]
     scene = replace(

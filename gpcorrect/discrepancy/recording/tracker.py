@@ -63,12 +63,9 @@ class Tracker:
         if np.linalg.norm(mount) < NOISE.mounted or left > NOISE.by_mount**2 * before:
             return self, ""
         x, y, z = 1e3 * mount
-        words = (
-            f"the tracker's marker sits {x:.1f}, {y:.1f}, {z:.1f} mm from the tip, along the tip's axes: where it fits"
-        )
-        return replace(
-            self, mount=mount
-        ), f"{words} best, for the model has no T_tip_marker; the tool's length stays open"
+        words = f"the tracker's marker is taken to sit {x:.1f}, {y:.1f}, {z:.1f} mm from the tip, along the tip's axes"
+        why = "where it fits best, for the model has no T_tip_marker; the length of the tool itself stays open"
+        return replace(self, mount=mount), f"{words}: {why}"
 
     def with_orientations(self, quaternion: FloatArray | None, T: FloatArray) -> tuple[Tracker, str]:
         """Return the tracker with orientations compared about simulated ones, and why not, where they cannot be.
