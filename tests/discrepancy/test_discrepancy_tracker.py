@@ -79,6 +79,13 @@ def test_a_short_lever_or_one_that_hardly_turns_stays_where_it_was(length: float
     assert bool(where) == (tracker.mount is not None) == fitted
 
 
+def test_a_tracker_that_saw_nothing_mounts_no_marker() -> None:
+    """An eigenvalue of no numbers ended the run, where positions were all missing."""
+    T = poses()
+    blind = Tracker(np.full((len(T), 3), np.nan), np.ones(len(T), dtype=np.bool_), base_known=True, marker_known=False)
+    assert blind.with_mount(T) == (blind, "")
+
+
 @pytest.mark.parametrize("quaternion", [None, "fixed", "missing"])
 def test_orientations_that_are_none_are_left_out(quaternion: str | None) -> None:
     """Without orientations, with one that never follows the arm, or all missing: positions alone, and it is said."""

@@ -39,9 +39,7 @@ class Tracker:
     rows: BoolArray  # (n,) on which an open frame is registered
     base_known: bool  # in the tracker's frame
     marker_known: bool  # on the tip
-    mount: FloatArray | None = (
-        None  # (3,) m, marker from the tip, where it has to be fitted; None is as the model states
-    )
+    mount: FloatArray | None = None  # (3,) m, where the marker is fitted from; None is where the model has it
     rotation: FloatArray | None = None  # (n, 3, 3) measured orientations; None where only positions are compared
     reference: FloatArray | None = None  # the nominal model's: turns are written down about them, and so stay small
 
@@ -59,8 +57,10 @@ class Tracker:
             return self, ""
         moved = replace(self, mount=np.zeros(3))
         mount = moved._fitted_mount(T)
+        if np.linalg.norm(mount) < NOISE.mounted:
+            return self, ""
         left, before = (float(np.nanmean((self.position - t._position(T)[0])[self.rows] ** 2)) for t in (moved, self))
-        if np.linalg.norm(mount) < NOISE.mounted or left > NOISE.by_mount**2 * before:
+        if left > NOISE.by_mount**2 * before:
             return self, ""
         x, y, z = 1e3 * mount
         words = f"the tracker's marker is taken to sit {x:.1f}, {y:.1f}, {z:.1f} mm from the tip, along the tip's axes"
@@ -128,7 +128,7 @@ class Tracker:
         assert self.mount is not None
         mount = self.mount
         rows = self.rows & np.isfinite(self.position).all(axis=1) & np.isfinite(T[:, :3, 3]).all(axis=1)
-        for _ in range(MOUNT_STEPS):
+        for _ in range(MOUNT_STEPS if rows.any() else 0):
             position, turn = self._registered(T[:, :3, 3] + T[:, :3, :3] @ mount)
             moved = (turn @ T[rows, :3, :3]).reshape(-1, 3)
             if not self.base_known:  # what a turn and a shift of the base would do is not the mount's
