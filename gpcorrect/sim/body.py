@@ -147,6 +147,8 @@ class Drive:
     known_inertia : (dof,) array or None, motor inertia that the controller feeds forward; the motors' own when None
     latency : (dof,) array or None
         Seconds by which commands reach each controller late; below 0 where the log's are stamped late.
+    filtered : (dof,) array or None
+        Time constants of the low-pass filters through which the controllers see their motors' speed, s; none when None.
     """
 
     kp: FloatArray
@@ -163,6 +165,7 @@ class Drive:
     beyond: FloatArray = field(default_factory=lambda: np.zeros((3, 1)))
     known_inertia: FloatArray | None = None
     latency: FloatArray | None = None
+    filtered: FloatArray | None = None
 
     @property
     def feeds(self) -> bool:

@@ -96,7 +96,7 @@ class LiveArm:
         still = np.zeros(self._desired.shape)
         self._position, self._q = self._desired, self._desired
         self._rate, self._velocity, self._acceleration = still, still, still
-        self._bent = still[0].copy()  # force of the frictions' bristles
+        self._seen, self._bent = still[0].copy(), still[0].copy()  # speed as controllers see it, force of bristles
         late = np.zeros(self._desired.shape[-1]) if self._drive.latency is None else self._drive.latency
         if (late < 0).any():
             raise DataError(
@@ -153,7 +153,7 @@ class LiveArm:
         inertia = self._drive.motor_inertia + self._mass
         reference = Reference(path[None, 1:], rate[None], fed * flat, beyond * flat, inertia, carried * flat)
         position, velocity = self._position[0].copy(), self._velocity[0].copy()
-        servo = self._loop.run(reference, Clock(self.step, 1), position, velocity, self._bent)
+        servo = self._loop.run(reference, Clock(self.step, 1), position, velocity, self._seen, self._bent)
         self._acceleration = (velocity[None] - self._velocity) / (m * self.step)
         self._position, self._velocity = position[None], velocity[None]
         self._desired, self._rate, self._time = path[None, -1:], last, self._time + m * self.step

@@ -121,16 +121,17 @@ class Loop:
         DataError
             A joint has no inertia, or the gains, or a stop's stiffness, make its sampled loop unstable.
         """
-        held, stiffness = self._held(step), self._drive.kp + self._stops
+        held, kept, stiffness = self._held(step), _kept(self._drive, step), self._drive.kp + self._stops
         for j, (kp, kd, mass) in enumerate(zip(stiffness, self._drive.speed_gains[0], inertia, strict=True)):
             if not mass > 0.0:
                 raise DataError(
                     f"column {j + 1} has no inertia: nothing says how its motor moves.",
                     hint="Give motor_inertia (armature in a robot file), or links that weigh something.",
                 )
-            speed = np.array([-step * kp / mass, 1.0 - step * kd / mass])
-            moved = np.array([1.0, held[j] * step]) + (1.0 - held[j]) * step * speed
-            loop = np.array([moved, speed])
+            seen = np.array([0.0, 1.0 - kept[j], kept[j]])
+            speed = np.array([-step * kp / mass, 1.0, 0.0]) - step * kd / mass * seen
+            moved = np.array([1.0, held[j] * step, 0.0]) + (1.0 - held[j]) * step * speed
+            loop = np.array([moved, speed, seen])
             if np.abs(np.linalg.eigvals(loop)).max() > 1.0 + 1e-9:
                 raise DataError(
                     f"the controller of column {j + 1} is unstable at a step of {step:.3g} s: kp (with the joint's "
@@ -181,7 +182,13 @@ class Loop:
         return at
 
     def run(
-        self, reference: Reference, clock: Clock, position: FloatArray, velocity: FloatArray, bent: FloatArray
+        self,
+        reference: Reference,
+        clock: Clock,
+        position: FloatArray,
+        velocity: FloatArray,
+        seen: FloatArray,
+        bent: FloatArray,
     ) -> ServoPath:
         """Go over a reference.
 
@@ -189,15 +196,16 @@ class Loop:
         ----------
         reference : Reference, of N runs
         clock : Clock, of the loop
-        position, velocity, bent : (N, dof) arrays
-            State of the motors and force of their frictions' bristles, which are moved on in place.
+        position, velocity, seen, bent : (N, dof) arrays
+            State of the motors, speed that their controllers see, and force of their frictions' bristles, which are
+            moved on in place.
         """
         given, laws = _given(self._drive, reference, clock, self._held(clock.step)), self._laws
         samples = np.empty((4, *given.load.shape))
         bends = laws.friction[:, FrictionLaw._fields.index("bristle")].any()
 
         def move(first: int, last: int) -> None:
-            advance(first, last, given, laws, position, velocity, bent if bends else None, samples)
+            advance(first, last, given, laws, position, velocity, seen, bent if bends else None, samples)
 
         in_parts(len(given.position), given.position.size, move)
         return ServoPath(*np.ascontiguousarray(samples.swapaxes(1, 2)))
@@ -223,7 +231,8 @@ def follow(
     loop = Loop(drive, joints, effects)
     loop.check_stable(reference.inertia, clock.step)
     start = loop.balanced(reference.position[:, 0], reference.feedforward[0] - reference.load[0])
-    return loop.run(reference, clock, start, np.array(reference.velocity[:, 0]), np.zeros(start.shape))
+    velocity = reference.velocity[:, 0]
+    return loop.run(reference, clock, start, np.array(velocity), np.array(velocity), np.zeros(start.shape))
 
 
 def _own_laws(drive: Drive) -> tuple[list[tuple[int, int, FrictionLaw]], list[tuple[int, TorqueLaw]]]:
@@ -248,4 +257,11 @@ def _given(drive: Drive, reference: Reference, clock: Clock, held: FloatArray) -
     position, velocity = (np.ascontiguousarray(p) for p in (reference.position, pace))
     sampled = (reference.feedforward, reference.load, carried)
     feedforward, load, carried = (np.ascontiguousarray(p.swapaxes(0, 1)) for p in sampled)
-    return Given(kp, kd, kv, gain, held, clock.step, clock.stride, position, velocity, feedforward, load, carried)
+    kept = _kept(drive, clock.step)
+    return Given(kp, kd, kv, gain, held, kept, clock.step, clock.stride, position, velocity, feedforward, load, carried)
+
+
+def _kept(drive: Drive, step: float) -> FloatArray:
+    """Share `(dof,)` of a step ago in what the filters show of the motors' speed."""
+    filtered = np.zeros(len(drive.kp)) if drive.filtered is None else drive.filtered
+    return np.exp(-step / np.maximum(filtered, TINY))

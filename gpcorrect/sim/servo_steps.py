@@ -23,8 +23,8 @@ class Given(NamedTuple):
 
     `position` and `velocity` are given at the m steps `(N, m, dof)`, `feedforward`, `load` and `carried` at every
     `stride`-th of them `(N, n, dof)` and are linear between. `gain` is the speed won in a step for each unit of torque,
-    `held` the share that the speed before a step has in where it leads; `load` goes against the motion, `carried` is
-    what the frictions see.
+    `held` the share that the speed before a step has in where it leads, `kept` the share that what a controller saw of
+    the speed a step ago has in what it sees; `load` goes against the motion, `carried` is what the frictions see.
     """
 
     kp: FloatArray
@@ -32,6 +32,7 @@ class Given(NamedTuple):
     kv: FloatArray
     gain: FloatArray
     held: FloatArray
+    kept: FloatArray
     step: float
     stride: int
     position: FloatArray
@@ -63,10 +64,11 @@ def advance(  # noqa: C901 -- in two functions the loop takes two to three times
     laws: Laws,
     position: FloatArray,
     velocity: FloatArray,
+    seen: FloatArray,
     bent: FloatArray | None,
     samples: FloatArray,
 ) -> None:
-    """Move `position`, `velocity` and `bent` `(N, dof)` of the runs `first` to `last` through the steps, in place.
+    """Move the states `(N, dof)` of the runs `first` to `last` through the steps, in place.
 
     Every `stride`-th step leaves its position, velocity, commanded torque and torque behind the transmission in
     `samples` `(4, N, n, dof)`.
@@ -77,6 +79,7 @@ def advance(  # noqa: C901 -- in two functions the loop takes two to three times
     given : Given
     laws : Laws
     position, velocity : (N, dof) arrays
+    seen : (N, dof) array, speed that the controllers see
     bent : (N, dof) array or None
         Force of the bristles; None where no friction has any, for which a loop of its own is compiled.
     samples : (4, N, n, dof) array, result
@@ -90,7 +93,8 @@ def advance(  # noqa: C901 -- in two functions the loop takes two to three times
             part, after = beyond / given.stride, min(k + 1, end)
             for j in range(position.shape[1]):
                 q, v = position[r, j], velocity[r, j]
-                torque = given.kp[j] * (wanted[i, j] - q) + given.kd[j] * (pace[i, j] - v)
+                seen[r, j] = v + given.kept[j] * (seen[r, j] - v)
+                torque = given.kp[j] * (wanted[i, j] - q) + given.kd[j] * (pace[i, j] - seen[r, j])
                 torque += _between(fed, k, after, part, j)
                 load, felt = _between(loads, k, after, part, j), _between(loads_felt, k, after, part, j)
                 frictions = _frictions(laws, j, q, v, felt, given.gain[j], given.step, given.kv[j])

@@ -27,6 +27,7 @@ from gpcorrect.sim.effects import (
     Effect,
     GainError,
     InertiaError,
+    VelocityFilter,
     ViscousFriction,
 )
 from gpcorrect.sim.effects.base import SIDES
@@ -258,6 +259,18 @@ def test_an_inertia_is_named_unless_it_is_a_matter_of_steps(inertia: float, name
     assert (heavy.name, heavy.joint, heavy in found.effects) == ("inertia_error", 1, named)
     assert heavy.parameters["inertia"].value == pytest.approx(inertia, rel=0.05)
     assert any("steps its servos" in sentence for sentence in verdict_sentences(found)) != named
+
+
+@pytest.mark.parametrize(("constant", "named"), [(0.0006, False), (0.006, True)])
+def test_one_filter_is_named_in_place_of_inertias(constant: float, named: bool) -> None:
+    """Speeds seen through a filter look like motors of less inertia, joint by joint: one number says all of it."""
+    log = fine((VelocityFilter("all", constant),), runs=12, hz=50.0)
+    noise = np.random.default_rng(6).normal(0.0, [1e-4, 1e-4, 1e-5], log.external_jp.shape)
+    found = find_discrepancy(MODEL, replace(log, external_jp=log.external_jp + noise, tracker_cp=None))
+    assert found.level in (("EXACT",) if named else ("NONE", "INCONCLUSIVE"))
+    assert [(e.name, e.joint) for e in found.effects] == ([("velocity_filter", "all")] if named else [])
+    if named:
+        assert found.effects[0].parameters["time_constant"].value == pytest.approx(constant, rel=0.05)
 
 
 @pytest.mark.parametrize("hidden", [CommandDelay(2, 0.0015), ViscousFriction(2, damping=0.18)])

@@ -48,6 +48,7 @@ from gpcorrect.sim.effects import (
     StribeckFriction,
     TorqueSaturation,
     TransmissionRatio,
+    VelocityFilter,
     ViscousFriction,
     in_order,
 )
@@ -96,6 +97,7 @@ NEUTRAL = (
     JointSpring(1, 0.0, 0.0),
     MissingFriction(1, 0.0),
     MissingFriction(1, 0.0, "viscous"),
+    VelocityFilter("all", 0.0),
 )
 ACTIVE = (
     HomingOffset(1, 0.02),
@@ -137,6 +139,7 @@ ACTIVE = (
     MissingFriction(1, 0.4),
     LinkMassError(2, 0.3),
     GravityError("base", 0.5, -0.3, 0.1),
+    VelocityFilter("all", 0.005),
 )
 ids = [e.about.name for e in ACTIVE]
 PATH_EFFECTS = [e for e in ACTIVE if isinstance(e, PathEffect) and e.joint != "all"]

@@ -38,6 +38,7 @@ OF_THE_MACHINE = {
     "gain_error": "gains of the controller",
     "inertia_error": "inertia of the motors",
     "missing_friction": "friction of the drives",
+    "velocity_filter": "what the controllers see",
     "command_delay": "when commands reach the controller",
 }
 # Where live and recorded differ, and why.
@@ -98,7 +99,7 @@ def loop_in(effect, whole: Motion, parts) -> np.ndarray:
     """Motors that follow the motion through the servo loop, one reference after the other."""
     path = moves(runs=1, seconds=SAMPLES / 100.0).q[:SAMPLES]
     loop, clock, zero = Loop(drive(), (1, 2, 3), (effect,)), Clock(1e-3, 1), np.zeros(path.shape)
-    state = path[0].copy(), zero[0].copy(), zero[0].copy()
+    state = path[0].copy(), *(zero[0].copy() for _ in range(3))
     load = 0.5 * whole.load
     done = []
     for part in parts:

@@ -156,6 +156,7 @@ def test_the_catalogues_are_the_same() -> None:
         "gravity_error",
         "joint_spring",
         "missing_friction",
+        "velocity_filter",
     }
 
 

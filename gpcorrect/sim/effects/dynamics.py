@@ -10,7 +10,7 @@ import numpy as np
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Drive
 from gpcorrect.sim.effects.base import DriveEffect, JointEffect
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory, ring
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
@@ -171,7 +171,7 @@ class InertiaError(DriveEffect):
             ),
         ),
         needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
-        neighbours=("feedforward_error",),
+        neighbours=("feedforward_error", "velocity_filter"),
         separating_runs=(Run.POSE_SPREAD, Run.SPEED_LADDER),
     )
 
@@ -194,6 +194,39 @@ class InertiaError(DriveEffect):
         inertia[j] = max(0.0, inertia[j] + self.inertia)
         known = drive.motor_inertia if drive.known_inertia is None else drive.known_inertia
         return replace(drive, motor_inertia=inertia, known_inertia=known)
+
+
+@dataclass(frozen=True)
+class VelocityFilter(DriveEffect):
+    """Controllers see their motors' speed through a low-pass filter, as where encoders are differentiated.
+
+    On slow motion kd brakes what was, which is as if the motors had `kd time_constant` less inertia.
+    """
+
+    time_constant: float
+
+    about = Description(
+        name="velocity_filter",
+        number=40,
+        family=Family.DYNAMICS,
+        equation="tau = kp (q_d - q) + kd (v_d - s), time_constant s' + s = v",
+        source="filtered derivative; Astrom and Hagglund 1995, PID Controllers, Sec. 3.3",
+        parameters=(Parameter("time_constant", "of the filter", Range("s", 0.0, 0.1, 0.002)),),
+        needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
+        neighbours=("inertia_error", "feedforward_error"),
+        separating_runs=(Run.SPEED_LADDER, Run.GAIN_CHANGE),
+        sites=(Site.ALL, Site.JOINT),
+    )
+
+    def is_a_matter_of_steps(self, drive: Drive, joints: tuple[int, ...]) -> bool:
+        """Up to a step: half by a difference of positions, half by when in a step they are read."""
+        return self.time_constant <= 1.0 / drive.rate_hz
+
+    def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
+        """Filter the speeds; a filter that was there already has its time constant added."""
+        filtered = np.zeros(len(joints)) if drive.filtered is None else np.array(drive.filtered)
+        filtered[slice(None) if self.joint == "all" else self.column(joints)] += self.time_constant
+        return replace(drive, filtered=filtered)
 
 
 FRICTIONS = ("dry", "viscous")
