@@ -20,8 +20,9 @@ from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.discrepancy.search.prepared import PreparedData
 from gpcorrect.discrepancy.search.state import Search, Step
 from gpcorrect.discrepancy.search.stepwise import search
+from gpcorrect.discrepancy.settings import SETTINGS
 from gpcorrect.sim import model_from_dict
-from gpcorrect.sim.effects import HomingOffset, NoiseChange, TransmissionRatio
+from gpcorrect.sim.effects import EFFECTS, HomingOffset, NoiseChange, TransmissionRatio
 from gpcorrect.types import Progress
 
 
@@ -34,6 +35,16 @@ def test_a_stage_comes_back_for_the_same_inputs_only(tmp_path: Path) -> None:
     assert StageStore(tmp_path / "stages", inputs_key("hash", 1)).load("search") is None
     (tmp_path / "stages" / "search.json").write_text('{"key": "')
     assert store.load("search") is None
+
+
+def test_a_stage_is_of_its_thresholds_and_catalogue(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who changes a number that decides, or drops an effect in, gets no answer from before."""
+    usual = inputs_key("hash", 0)
+    tighter = replace(SETTINGS, naming=replace(SETTINGS.naming, exact=0.99))
+    monkeypatch.setattr("gpcorrect.discrepancy.outcome.store.SETTINGS", tighter)
+    other = inputs_key("hash", 0)
+    monkeypatch.setattr("gpcorrect.discrepancy.outcome.store.EFFECTS", {"backlash": EFFECTS["backlash"]})
+    assert len({usual, other, inputs_key("hash", 0)}) == 3
 
 
 def test_evidence_comes_back_as_it_was(tmp_path: Path) -> None:

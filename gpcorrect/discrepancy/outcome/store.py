@@ -20,6 +20,8 @@ from gpcorrect.discrepancy.naming.posterior import Alternative, Level, Named
 from gpcorrect.discrepancy.outcome.result import DiscrepancyResult, Evidence
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.state import Search, Step
+from gpcorrect.discrepancy.settings import SETTINGS
+from gpcorrect.sim.effects import EFFECTS
 from gpcorrect.sim.model import model_from_dict
 
 FORM = 4  # of what is stored: stages of another one are of other inputs
@@ -29,13 +31,14 @@ Names = tuple[Search, tuple[Named, ...], tuple[Named, ...]]  # with the named ef
 
 
 def inputs_key(*parts: object) -> str:
-    """Return the SHA-256 over what a run depends on.
+    """Return the SHA-256 over what a run depends on: thresholds and catalogue, and what is given.
 
     Parameters
     ----------
     *parts : object, hashes of the data, the model, seed, versions; each as its text
     """
-    text = json.dumps([str(p) for p in (FORM, *parts)])
+    catalogue = [kind.about for kind in EFFECTS.values()]
+    text = json.dumps([str(p) for p in (FORM, SETTINGS, catalogue, *parts)])
     return hashlib.sha256(text.encode()).hexdigest()
 
 
