@@ -168,17 +168,19 @@ class RobotEdit:
             servo.forcerange = np.array([-least, least]) / abs(servo.gear[0])
         return bool(servos)
 
-    def add_payload(self, mass: float) -> bool:
-        """Hang a point mass at the tip; return whether the file keeps masses as they are written.
+    def add_payload(self, mass: float, place: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> bool:
+        """Hang a point mass on the tool; return whether the file keeps masses as they are written.
 
         Parameters
         ----------
         mass : float, kg
+        place : tuple of three floats, m, in the tip's frame
         """
         if self._spec.site(self.robot.tool) is None:
-            return self._hang(self._spec.body(self.robot.tool), mass, np.zeros(3))
+            return self._hang(self._spec.body(self.robot.tool), mass, np.array(place))
         site = self._model.site(self.robot.tool)
-        return self._hang(self._spec.body(self._model.body(site.bodyid[0]).name), mass, site.pos)
+        at = site.pos + se3.matrix_from_quaternion(site.quat) @ place
+        return self._hang(self._spec.body(self._model.body(site.bodyid[0]).name), mass, at)
 
     def add_link_mass(self, joint: int, mass: float) -> bool:
         """Put a point mass at the centre of mass of a joint's link; return whether the file keeps masses as written.

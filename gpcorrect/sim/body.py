@@ -44,6 +44,31 @@ class Links:
         if (self.mass < 0).any() or (self.inertia_diagonal < 0).any() or (self.payload < -self.mass.sum()).any():
             raise DataError("masses and moments of inertia must be >= 0, a payload no less than what it hangs at.")
 
+    def with_point(self, link: int, mass: float, place: FloatArray) -> Links:
+        """Return the same with a point mass on a link.
+
+        Parameters
+        ----------
+        link : int, number of the link, from 1
+        mass : float, kg, taken away where it is below 0
+        place : (3,) array, m, in the link's frame
+        """
+        i, more = link - 1, max(link - len(self.mass), 0)
+        masses, com = np.pad(self.mass, (0, more)), np.pad(self.com, ((0, more), (0, 0)))
+        diagonal = np.pad(self.inertia_diagonal, ((0, more), (0, 0)))
+        products = np.zeros_like(diagonal)
+        if self.inertia_products is not None:
+            products = np.pad(self.inertia_products, ((0, more), (0, 0)))
+        together = masses[i] + mass
+        # Two points about the centre of mass of both weigh as one of the reduced mass, the distance between them away.
+        x, y, z = apart = place - com[i]
+        reduced = masses[i] * mass / together if together > 0.0 else 0.0
+        diagonal[i] = np.maximum(diagonal[i] + reduced * (apart @ apart - apart**2), 0.0)
+        products[i] -= reduced * np.array([x * y, x * z, y * z])
+        com[i] += mass / together * apart if together > 0.0 else 0.0
+        masses[i] = together
+        return Links(masses, com, diagonal, self.payload, products)
+
     @classmethod
     def none(cls) -> Links:
         """Return the masses of an arm that weighs nothing."""

@@ -308,8 +308,8 @@ def _in_own_words(edit: RobotEdit, effect: Effect, model: Model) -> bool:
     match effect:
         case InertiaError(joint=int(joint), inertia=inertia) if weighs and model.transmission is None:
             return edit.add_inertia(joint, inertia)
-        case Payload(mass=mass) if mass > 0.0 and weighs and model.links is None:
-            return edit.add_payload(mass)
+        case Payload(mass=mass, x=x, y=y, z=z, place=where) if mass > 0.0 and weighs and model.links is None:
+            return edit.add_payload(mass, (x, y, z) if where == "beside" else (0.0, 0.0, 0.0))
         case LinkMassError(joint=int(joint), mass=mass) if mass > 0.0 and weighs and model.links is None:
             return edit.add_link_mass(joint, mass)
         case GravityError(x=x, y=y, z=z) if weighs and model.gravity is None:

@@ -174,6 +174,7 @@ FOUND = [
     {"name": "gravity_error", "joint": "base", "x": 0.4, "y": -0.6, "z": 0.1},
     {"name": "backlash", "joint": 1, "radius": 0.003},
     {"name": "coulomb_friction", "joint": 2, "torque": 1.0, "rest": "soft", "onset": 0.01},
+    {"name": "payload", "joint": "all", "mass": 0.3, "x": 0.12, "y": -0.08, "z": 0.1, "place": "beside"},
 ]
 
 

@@ -157,14 +157,21 @@ class GravitySag(JointEffect):
         return q[..., j] - motion.gravity_load[..., j] / self.stiffness
 
 
+PLACES = ("tip", "beside")
+
+
 @dataclass(frozen=True)
 class Payload(LoadEffect):
-    """A point mass at the tip, beyond the payload that is known; it weighs and it resists acceleration.
+    """A point mass at the tip or beside it, beyond the payload that is known; it weighs and it resists acceleration.
 
     Below zero where the model's tool weighs more than the machine's, by as much as the last link at most.
     """
 
     mass: float
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    place: str = "tip"
 
     about = Description(
         name="payload",
@@ -174,18 +181,35 @@ class Payload(LoadEffect):
         source="Featherstone 2008, Rigid Body Dynamics Algorithms, Ch. 5",
         parameters=(
             Parameter("mass", "mass at the tip beyond the known", Range("kg", -3.0, 3.0, 0.1), positive=False),
+            *(
+                Parameter(
+                    axis,
+                    f"from the tip, along its frame's {axis} axis",
+                    Range("m", -0.5, 0.5, 0.05),
+                    positive=False,
+                    only=("place", "beside"),
+                )
+                for axis in "xyz"
+            ),
         ),
         needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
         neighbours=("gravity_sag", "length_dependent_stiffness"),
         separating_runs=(Run.LOAD_SWAP, Run.TWO_INSERTIONS, Run.POSE_SPREAD),
         sites=(Site.ALL,),
+        choices=(("place", PLACES),),
     )
 
     def act(self, body: Body) -> Body:
-        """Put more at the tip."""
+        """Put more at the tip, or hang it on the last link."""
         links = body.links
         most = float(links.mass[-1]) if len(links.mass) else 0.0
-        return replace(body, links=replace(links, payload=np.maximum(links.payload + self.mass, -most)))
+        if self.place == "tip":
+            return replace(body, links=replace(links, payload=np.maximum(links.payload + self.mass, -most)))
+        if body.chain is None:
+            raise DataError("effect payload: a mass beside the tip needs an arm, the model has bare joints.")
+        tip = body.chain.tool
+        at = tip[:3, :3] @ np.array([self.x, self.y, self.z]) + tip[:3, 3]
+        return replace(body, links=links.with_point(body.chain.dof, max(self.mass, -most), at))
 
 
 @dataclass(frozen=True)
