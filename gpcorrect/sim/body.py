@@ -172,6 +172,7 @@ class Drive:
     known_inertia : (dof,) array or None, motor inertia that the controller feeds forward; the motors' own when None
     latency : (dof,) array or None
         Seconds by which commands reach each controller late; below 0 where the log's are stamped late.
+    ki : (dof,) array or None, gains on the sum of errors, N m/(rad s) or N/(m s); none when None
     filtered : (dof,) array or None
         Time constants of the low-pass filters through which the controllers see their motors' speed, s; none when None.
     """
@@ -190,6 +191,7 @@ class Drive:
     beyond: FloatArray = field(default_factory=lambda: np.zeros((3, 1)))
     known_inertia: FloatArray | None = None
     latency: FloatArray | None = None
+    ki: FloatArray | None = None
     filtered: FloatArray | None = None
 
     @property

@@ -96,7 +96,6 @@ class LiveArm:
         still = np.zeros(self._desired.shape)
         self._position, self._q = self._desired, self._desired
         self._rate, self._velocity, self._acceleration = still, still, still
-        self._seen, self._bent = still[0].copy(), still[0].copy()  # speed as controllers see it, force of bristles
         late = np.zeros(self._desired.shape[-1]) if self._drive.latency is None else self._drive.latency
         if (late < 0).any():
             raise DataError(
@@ -136,7 +135,8 @@ class LiveArm:
         """Let the motors stand where their controllers and the load balance, and forget the past."""
         still = np.zeros(self._desired.shape)
         torque = self._fed(JointPath(self._desired, still, still)) - self._load().total
-        self._position = self._loop.balanced(self._desired[0], torque[0])[None]
+        self._state = self._loop.balanced(self._desired[0], torque[0], still[0])
+        self._position = self._state.position.copy()[None]
         effects = of_kind(self.machine.effects, PathEffect)
         self._mechanical = [e.operator() for e in effects if e.stage != Stage.CLOCK]
         clock = [e for e in effects if e.stage == Stage.CLOCK]
@@ -152,10 +152,10 @@ class LiveArm:
         beyond = carried - self._mass * self._acceleration
         inertia = self._drive.motor_inertia + self._mass
         reference = Reference(path[None, 1:], rate[None], fed * flat, beyond * flat, inertia, carried * flat)
-        position, velocity = self._position[0].copy(), self._velocity[0].copy()
-        servo = self._loop.run(reference, Clock(self.step, 1), position, velocity, self._seen, self._bent)
-        self._acceleration = (velocity[None] - self._velocity) / (m * self.step)
-        self._position, self._velocity = position[None], velocity[None]
+        servo = self._loop.run(reference, Clock(self.step, 1), self._state)
+        velocity = self._state.velocity.copy()[None]
+        self._acceleration = (velocity - self._velocity) / (m * self.step)
+        self._position, self._velocity = self._state.position.copy()[None], velocity
         self._desired, self._rate, self._time = path[None, -1:], last, self._time + m * self.step
         self.moment = self._look(servo.torque[-1:], servo.joint_friction[-1:])
 

@@ -42,10 +42,11 @@ class Pose(Settings):
 
 
 class Controller(Settings):
-    """Motor-side PD control; gains in joint units."""
+    """Motor-side PD or PID control; gains in joint units."""
 
     kp: tuple[Positive, ...]
     kd: tuple[NonNegative, ...]
+    ki: tuple[NonNegative, ...] | None = None
     rate_hz: Positive = 1000.0
     feedback: Literal["motor"] = "motor"
     feedforward: Feedforward = "none"

@@ -136,7 +136,8 @@ def _drive(model: Model, body: Body, robot: Robot | None) -> Drive:
     if controller is not None:
         kp = _check_length("controller.kp", controller.kp, dof)
         kd = _check_length("controller.kd", controller.kd, dof)
-        drive = Drive(kp, kd, inertia, controller.rate_hz, controller.feedforward)
+        ki = None if controller.ki is None else _check_length("controller.ki", controller.ki, dof)
+        drive = Drive(kp, kd, inertia, controller.rate_hz, controller.feedforward, ki=ki)
     else:
         omega = 2 * np.pi * BANDWIDTH_HZ
         moved = inertia if robot is None else inertia + mean_inertia(body, robot.arm.home[columns][None, None])

@@ -20,7 +20,7 @@ from gpcorrect.sim.dynamics import in_parts
 from gpcorrect.sim.effects.base import SIDES, Effect, FrictionEffect, TorqueEffect
 from gpcorrect.sim.effects.catalogue import of_kind
 from gpcorrect.sim.effects.laws import FrictionLaw, TorqueLaw
-from gpcorrect.sim.servo_steps import MOTOR, TINY, Given, Laws, advance
+from gpcorrect.sim.servo_steps import MOTOR, TINY, Given, Laws, State, advance
 from gpcorrect.types import FloatArray
 
 SETTLING = 3  # times that it is looked which stops are pressed: once more than one joint's two
@@ -122,21 +122,23 @@ class Loop:
             A joint has no inertia, or the gains, or a stop's stiffness, make its sampled loop unstable.
         """
         held, kept, stiffness = self._held(step), _kept(self._drive, step), self._drive.kp + self._stops
-        for j, (kp, kd, mass) in enumerate(zip(stiffness, self._drive.speed_gains[0], inertia, strict=True)):
+        for j, (kp, kd, ki, mass) in enumerate(
+            zip(stiffness, self._drive.speed_gains[0], _summing(self._drive), inertia, strict=True)
+        ):
             if not mass > 0.0:
                 raise DataError(
                     f"column {j + 1} has no inertia: nothing says how its motor moves.",
                     hint="Give motor_inertia (armature in a robot file), or links that weigh something.",
                 )
-            seen = np.array([0.0, 1.0 - kept[j], kept[j]])
-            speed = np.array([-step * kp / mass, 1.0, 0.0]) - step * kd / mass * seen
-            moved = np.array([1.0, held[j] * step, 0.0]) + (1.0 - held[j]) * step * speed
-            loop = np.array([moved, speed, seen])
+            seen, summed = np.array([0.0, 1.0 - kept[j], kept[j], 0.0]), np.array([-step * ki, 0.0, 0.0, 1.0])
+            speed = np.array([-step * kp / mass, 1.0, 0.0, 0.0]) + step / mass * (summed - kd * seen)
+            moved = np.array([1.0, held[j] * step, 0.0, 0.0]) + (1.0 - held[j]) * step * speed
+            loop = np.array([moved, speed, seen, summed])
             if np.abs(np.linalg.eigvals(loop)).max() > 1.0 + 1e-9:
                 raise DataError(
                     f"the controller of column {j + 1} is unstable at a step of {step:.3g} s: kp (with the joint's "
-                    f"stops) {kp:.4g}, kd {kd:.4g}, inertia {mass:.4g}.",
-                    hint="Lower kp, kd or the stops' stiffness, or raise motor_inertia or rate_hz.",
+                    f"stops) {kp:.4g}, kd {kd:.4g}, ki {ki:.4g}, inertia {mass:.4g}.",
+                    hint="Lower kp, kd, ki or the stops' stiffness, or raise motor_inertia or rate_hz.",
                 )
 
     @property
@@ -159,53 +161,46 @@ class Loop:
             return np.zeros(len(self._drive.kp))
         return np.minimum(0.5, self._drive.kd / (step * (self._drive.kp + self._stops)))
 
-    def balanced(self, desired: FloatArray, torque: FloatArray) -> FloatArray:
-        """Return where motors `(N, dof)` stand that are held by their controllers, and by springs and stops.
+    def balanced(self, desired: FloatArray, torque: FloatArray, velocity: FloatArray) -> State:
+        """Return the state of motors that are held by their controllers, and by springs and stops.
 
         Parameters
         ----------
         desired : (N, dof) array, rad or m
         torque : (N, dof) array, what else moves them, N m or N
+        velocity : (N, dof) array, at which they move all the same
         """
         kp, law = self._drive.kp, self._laws.torque
-        column = np.repeat(np.arange(len(kp)), np.diff(self._laws.torque_of))
-        at = desired + torque / kp
+        column, sums = np.repeat(np.arange(len(kp)), np.diff(self._laws.torque_of)), _summing(self._drive) > 0.0
+        at = np.where(sums, desired, desired + torque / kp)
+        stiffness, pushed = np.zeros(at.shape), np.zeros(at.shape)
         for _ in range(SETTLING if law[:, [1, 4]].any() else 0):
-            stiffness, pushed = np.zeros(at.shape), np.zeros(at.shape)
+            stiffness[:], pushed[:] = 0.0, 0.0
             for j, (_, k, upper, lower, push) in zip(column, law, strict=True):
                 pushed[:, j] -= push
                 if k != 0.0:
                     above, below = at[:, j] > upper, at[:, j] < lower
                     stiffness[:, j] += k * (above | below)
                     pushed[:, j] += np.where(above, k * upper, 0.0) + np.where(below, k * lower, 0.0)
-            at = (kp * desired + torque + pushed) / (kp + stiffness)
-        return at
+            at = np.where(sums, desired, (kp * desired + torque + pushed) / (kp + stiffness))
+        summed = np.where(sums, stiffness * at - torque - pushed, 0.0)
+        return State(at, np.array(velocity), np.array(velocity), summed, np.zeros(at.shape))
 
-    def run(
-        self,
-        reference: Reference,
-        clock: Clock,
-        position: FloatArray,
-        velocity: FloatArray,
-        seen: FloatArray,
-        bent: FloatArray,
-    ) -> ServoPath:
+    def run(self, reference: Reference, clock: Clock, state: State) -> ServoPath:
         """Go over a reference.
 
         Parameters
         ----------
         reference : Reference, of N runs
         clock : Clock, of the loop
-        position, velocity, seen, bent : (N, dof) arrays
-            State of the motors, speed that their controllers see, and force of their frictions' bristles, which are
-            moved on in place.
+        state : State, which is moved on in place
         """
         given, laws = _given(self._drive, reference, clock, self._held(clock.step)), self._laws
         samples = np.empty((4, *given.load.shape))
         bends = laws.friction[:, FrictionLaw._fields.index("bristle")].any()
 
         def move(first: int, last: int) -> None:
-            advance(first, last, given, laws, position, velocity, seen, bent if bends else None, samples)
+            advance(first, last, given, laws, state, state.bent if bends else None, samples)
 
         in_parts(len(given.position), given.position.size, move)
         return ServoPath(*np.ascontiguousarray(samples.swapaxes(1, 2)))
@@ -230,9 +225,8 @@ def follow(
     """
     loop = Loop(drive, joints, effects)
     loop.check_stable(reference.inertia, clock.step)
-    start = loop.balanced(reference.position[:, 0], reference.feedforward[0] - reference.load[0])
-    velocity = reference.velocity[:, 0]
-    return loop.run(reference, clock, start, np.array(velocity), np.array(velocity), np.zeros(start.shape))
+    pulled = reference.feedforward[0] - reference.load[0]
+    return loop.run(reference, clock, loop.balanced(reference.position[:, 0], pulled, reference.velocity[:, 0]))
 
 
 def _own_laws(drive: Drive) -> tuple[list[tuple[int, int, FrictionLaw]], list[tuple[int, TorqueLaw]]]:
@@ -257,8 +251,13 @@ def _given(drive: Drive, reference: Reference, clock: Clock, held: FloatArray) -
     position, velocity = (np.ascontiguousarray(p) for p in (reference.position, pace))
     sampled = (reference.feedforward, reference.load, carried)
     feedforward, load, carried = (np.ascontiguousarray(p.swapaxes(0, 1)) for p in sampled)
-    kept = _kept(drive, clock.step)
-    return Given(kp, kd, kv, gain, held, kept, clock.step, clock.stride, position, velocity, feedforward, load, carried)
+    kept, ki, step, stride = _kept(drive, clock.step), _summing(drive), clock.step, clock.stride
+    return Given(kp, kd, kv, ki, gain, held, kept, step, stride, position, velocity, feedforward, load, carried)
+
+
+def _summing(drive: Drive) -> FloatArray:
+    """Gains `(dof,)` on the sum of errors."""
+    return np.zeros(len(drive.kp)) if drive.ki is None else drive.ki
 
 
 def _kept(drive: Drive, step: float) -> FloatArray:

@@ -21,6 +21,9 @@ TINY = 1e-300  # N m or N: keeps the ratio of two frictions defined where there 
 class Given(NamedTuple):
     """What the compiled steps are given: constants `(dof,)`, and references runs first, read along the memory.
 
+    A controller's gains on the error, on that of the speed before a step (`kd`) and behind it (`kv`), and on the sum of
+    errors (`ki`).
+
     `position` and `velocity` are given at the m steps `(N, m, dof)`, `feedforward`, `load` and `carried` at every
     `stride`-th of them `(N, n, dof)` and are linear between. `gain` is the speed won in a step for each unit of torque,
     `held` the share that the speed before a step has in where it leads, `kept` the share that what a controller saw of
@@ -30,6 +33,7 @@ class Given(NamedTuple):
     kp: FloatArray
     kd: FloatArray
     kv: FloatArray
+    ki: FloatArray
     gain: FloatArray
     held: FloatArray
     kept: FloatArray
@@ -40,6 +44,24 @@ class Given(NamedTuple):
     feedforward: FloatArray
     load: FloatArray
     carried: FloatArray
+
+
+class State(NamedTuple):
+    """Where a loop is, `(N, dof)` each: its steps move it on in place.
+
+    Parameters
+    ----------
+    position, velocity : arrays, of the motors
+    seen : array, speed that the controllers see
+    summed : array, torque of their integral actions
+    bent : array, force of the frictions' bristles
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    seen: FloatArray
+    summed: FloatArray
+    bent: FloatArray
 
 
 class Laws(NamedTuple):
@@ -62,13 +84,11 @@ def advance(  # noqa: C901 -- in two functions the loop takes two to three times
     last: int,
     given: Given,
     laws: Laws,
-    position: FloatArray,
-    velocity: FloatArray,
-    seen: FloatArray,
+    state: State,
     bent: FloatArray | None,
     samples: FloatArray,
 ) -> None:
-    """Move the states `(N, dof)` of the runs `first` to `last` through the steps, in place.
+    """Move the states of the runs `first` to `last` through the steps, in place.
 
     Every `stride`-th step leaves its position, velocity, commanded torque and torque behind the transmission in
     `samples` `(4, N, n, dof)`.
@@ -78,12 +98,12 @@ def advance(  # noqa: C901 -- in two functions the loop takes two to three times
     first, last : int, of the N runs
     given : Given
     laws : Laws
-    position, velocity : (N, dof) arrays
-    seen : (N, dof) array, speed that the controllers see
+    state : State
     bent : (N, dof) array or None
-        Force of the bristles; None where no friction has any, for which a loop of its own is compiled.
+        That of the state; None where no friction has bristles, for which a loop of its own is compiled.
     samples : (4, N, n, dof) array, result
     """
+    position, velocity, seen, summed, _ = state
     end = given.load.shape[1] - 1
     for r in range(first, last):
         k, beyond = 0, 0
@@ -94,8 +114,9 @@ def advance(  # noqa: C901 -- in two functions the loop takes two to three times
             for j in range(position.shape[1]):
                 q, v = position[r, j], velocity[r, j]
                 seen[r, j] = v + given.kept[j] * (seen[r, j] - v)
+                summed[r, j] += given.step * given.ki[j] * (wanted[i, j] - q)
                 torque = given.kp[j] * (wanted[i, j] - q) + given.kd[j] * (pace[i, j] - seen[r, j])
-                torque += _between(fed, k, after, part, j)
+                torque += summed[r, j] + _between(fed, k, after, part, j)
                 load, felt = _between(loads, k, after, part, j), _between(loads_felt, k, after, part, j)
                 frictions = _frictions(laws, j, q, v, felt, given.gain[j], given.step, given.kv[j])
                 limit, fraction, held, rate = 0.0, 0.0, 0.0, 0.0

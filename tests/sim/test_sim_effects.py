@@ -29,6 +29,7 @@ from gpcorrect.sim.effects import (
     HomingOffset,
     Hysteresis,
     InertiaError,
+    IntegralAction,
     JointSpring,
     JointStop,
     LengthDependentStiffness,
@@ -99,6 +100,7 @@ NEUTRAL = (
     MissingFriction(1, 0.0),
     MissingFriction(1, 0.0, "viscous"),
     VelocityFilter("all", 0.0),
+    IntegralAction("all", 0.0),
 )
 ACTIVE = (
     HomingOffset(1, 0.02),
@@ -141,6 +143,7 @@ ACTIVE = (
     LinkMassError(2, 0.3),
     GravityError("base", 0.5, -0.3, 0.1),
     VelocityFilter("all", 0.005),
+    IntegralAction("all", 2.0),
 )
 ids = [e.about.name for e in ACTIVE]
 PATH_EFFECTS = [e for e in ACTIVE if isinstance(e, PathEffect) and e.joint != "all"]

@@ -26,6 +26,7 @@ from gpcorrect.sim.live import LiveArm
 from gpcorrect.sim.motion import Motion, Readings
 from gpcorrect.sim.reaches import debridement_plan
 from gpcorrect.sim.servo import Clock, Loop, Reference
+from gpcorrect.sim.servo_steps import State
 
 # Effects that hold no matter when the arm is looked at: they change the machine itself, before it moves.
 OF_THE_MACHINE = {
@@ -39,6 +40,7 @@ OF_THE_MACHINE = {
     "inertia_error": "inertia of the motors",
     "missing_friction": "friction of the drives",
     "velocity_filter": "what the controllers see",
+    "integral_action": "gains of the controller",
     "command_delay": "when commands reach the controller",
 }
 # Where live and recorded differ, and why.
@@ -99,13 +101,13 @@ def loop_in(effect, whole: Motion, parts) -> np.ndarray:
     """Motors that follow the motion through the servo loop, one reference after the other."""
     path = moves(runs=1, seconds=SAMPLES / 100.0).q[:SAMPLES]
     loop, clock, zero = Loop(drive(), (1, 2, 3), (effect,)), Clock(1e-3, 1), np.zeros(path.shape)
-    state = path[0].copy(), *(zero[0].copy() for _ in range(3))
+    state = State(path[0].copy(), *(zero[0].copy() for _ in range(4)))
     load = 0.5 * whole.load
     done = []
     for part in parts:
         wanted = np.ascontiguousarray((path + 0.3)[part].swapaxes(0, 1))
         given = Reference(wanted, np.zeros(wanted.shape), zero[part], load[part], drive().motor_inertia)
-        done.append(np.stack(loop.run(given, clock, *state)))
+        done.append(np.stack(loop.run(given, clock, state)))
     return np.concatenate(done, axis=1)
 
 

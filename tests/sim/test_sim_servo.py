@@ -7,9 +7,17 @@ from sim_machines import INERTIA, RATE_HZ, constant_speed, drive, hold, moves, r
 from gpcorrect.errors import DataError
 from gpcorrect.sim import Segment, plan_of, run
 from gpcorrect.sim.body import Drive
-from gpcorrect.sim.effects import CableStretch, CoulombFriction, StribeckFriction, VelocityFilter, ViscousFriction
+from gpcorrect.sim.effects import (
+    CableStretch,
+    CoulombFriction,
+    IntegralAction,
+    StribeckFriction,
+    VelocityFilter,
+    ViscousFriction,
+)
 from gpcorrect.sim.plan import minimum_jerk
 from gpcorrect.sim.servo import Clock, Loop, Reference, ServoPath, follow
+from gpcorrect.sim.servo_steps import State
 
 SPEED = np.array([0.1, -0.2, 0.01])
 ALL = (1, 2, 3)
@@ -29,22 +37,24 @@ def released(*effects, kd=0.0, seconds=4.0, rate_hz=1000.0, amplitude=0.1):
     return ServoPath(*(values[::stride] for values in path))
 
 
-@pytest.mark.parametrize("filtered", [0.0, 0.01])
-def test_linear_loop_agrees_with_an_exact_solver(filtered):
-    """Without friction the loop, and a filter of the speed, is a linear system: so scipy's solver has the same path."""
+@pytest.mark.parametrize(("filtered", "rate"), [(0.0, 0.0), (0.01, 0.0), (0.0, 3.0)])
+def test_linear_loop_agrees_with_an_exact_solver(filtered, rate):
+    """Without friction the loop, its filter and its integral are a linear system: scipy's solver has the same path."""
     plan, machine = moves(runs=1), weightless(drive=drive(rate_hz=4000.0))
-    outcome, d = run(machine.with_effects(VelocityFilter("all", filtered)), plan), machine.drive
+    hidden = VelocityFilter("all", filtered), IntegralAction("all", rate)
+    outcome, d = run(machine.with_effects(*hidden), plan), machine.drive
     spline = plan.spline()
     t = np.arange(len(plan.q) * 40) / (RATE_HZ * 40)
     t = t[t <= (len(plan.q) - 1) / RATE_HZ]
     for j in range(3):
         kp, kd = d.kp[j] / INERTIA[j], d.kd[j] / INERTIA[j]
         late = 1.0 / filtered if filtered else 0.0
-        motion = [[0, 1, 0], [-kp, -kd * (late == 0.0), -kd * (late > 0.0)], [0, late, -late]]
-        system = StateSpace(motion, [[0], [1 / INERTIA[j]], [0]], np.eye(3), np.zeros((3, 1)))
-        force = d.kp[j] * spline(t)[:, 0, j] + d.kd[j] * spline(t, 1)[:, 0, j]
-        first = spline(0.0, 1)[0, j]
-        _, exact, _ = lsim(system, force, t, X0=[plan.q[0, 0, j], first, first])
+        motion = [[0, 1, 0, 0], [-kp, -kd * (late == 0.0), -kd * (late > 0.0), 1], [0, late, -late, 0]]
+        motion.append([-kp * rate, 0, 0, 0])
+        system = StateSpace(motion, [[0, 0], [1, 0], [0, 0], [0, 1]], np.eye(4), np.zeros((4, 2)))
+        wanted, first = spline(t)[:, 0, j], spline(0.0, 1)[0, j]
+        given = np.stack([kp * wanted + kd * spline(t, 1)[:, 0, j], kp * rate * wanted], axis=1)
+        _, exact, _ = lsim(system, given, t, X0=[plan.q[0, 0, j], first, first, 0.0])
         scale = np.ptp(plan.q[..., j])
         np.testing.assert_allclose(outcome.q[:, 0, j], exact[::40, 0][: len(plan.q)], atol=2e-4 * scale)
 
@@ -167,7 +177,7 @@ def pushed(push, *effects, seconds=2.0):
     still, zero = np.zeros((1, n, 3)), np.zeros((n, 1, 3))
     loop = Loop(Drive(np.full(3, 1e-9), np.zeros(3), np.full(3, 0.1)), ALL, effects)
     reference = Reference(still, still, zero, zero - push, np.full(3, 0.1))
-    return loop.run(reference, Clock(1e-3, 1), *np.zeros((4, 1, 3))).velocity[:, 0, 0]
+    return loop.run(reference, Clock(1e-3, 1), State(*np.zeros((5, 1, 3)))).velocity[:, 0, 0]
 
 
 @pytest.mark.parametrize("onset_time", [0.0, 0.0095])

@@ -157,6 +157,7 @@ def test_the_catalogues_are_the_same() -> None:
         "joint_spring",
         "missing_friction",
         "velocity_filter",
+        "integral_action",
     }
 
 

@@ -229,6 +229,36 @@ class VelocityFilter(DriveEffect):
         return replace(drive, filtered=filtered)
 
 
+@dataclass(frozen=True)
+class IntegralAction(DriveEffect):
+    """Controllers add up their errors beyond what the model says: what holds a joint off fades.
+
+    A motion begins in balance.
+    """
+
+    rate: float
+
+    about = Description(
+        name="integral_action",
+        number=41,
+        family=Family.DYNAMICS,
+        equation="tau = tau_nominal + kp rate integral of (q_d - q)",
+        source="PID control; Astrom and Hagglund 1995, PID Controllers, Sec. 3.2",
+        parameters=(Parameter("rate", "ki over kp, beyond the model's", Range("1/s", 0.0, 100.0, 2.0)),),
+        needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
+        neighbours=("gain_error", "feedforward_error"),
+        separating_runs=(Run.SPEED_LADDER, Run.POSE_SPREAD),
+        sites=(Site.ALL, Site.JOINT),
+    )
+
+    def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
+        """Add to the gains."""
+        ki = np.zeros(len(joints)) if drive.ki is None else np.array(drive.ki)
+        which = slice(None) if self.joint == "all" else self.column(joints)
+        ki[which] += self.rate * drive.kp[which]
+        return replace(drive, ki=ki)
+
+
 FRICTIONS = ("dry", "viscous")
 
 
