@@ -27,6 +27,8 @@ from gpcorrect.sim.effects import (
     Effect,
     GainError,
     InertiaError,
+    IntegralAction,
+    Payload,
     VelocityFilter,
     ViscousFriction,
 )
@@ -261,16 +263,31 @@ def test_an_inertia_is_named_unless_it_is_a_matter_of_steps(inertia: float, name
     assert any("steps its servos" in sentence for sentence in verdict_sentences(found)) != named
 
 
-@pytest.mark.parametrize(("constant", "named"), [(0.0006, False), (0.006, True)])
-def test_one_filter_is_named_in_place_of_inertias(constant: float, named: bool) -> None:
-    """Speeds seen through a filter look like motors of less inertia, joint by joint: one number says all of it."""
-    log = fine((VelocityFilter("all", constant),), runs=12, hz=50.0)
+WHOLE = (
+    VelocityFilter("all", 0.006),  # else an inertia too little of each motor
+    IntegralAction("all", 3.0),
+    Payload("all", 0.4, 0.05, -0.03, 0.06, place="beside"),  # else a heavier link with its weight elsewhere
+)
+
+
+@pytest.mark.parametrize("hidden", WHOLE, ids=[e.about.name for e in WHOLE])
+def test_what_is_of_the_whole_machine_is_named_once(hidden: Effect) -> None:
+    """One effect with the true numbers in its intervals, not one for each joint that feels it."""
+    log = fine((hidden,), runs=12, hz=50.0)
     noise = np.random.default_rng(6).normal(0.0, [1e-4, 1e-4, 1e-5], log.external_jp.shape)
     found = find_discrepancy(MODEL, replace(log, external_jp=log.external_jp + noise, tracker_cp=None))
-    assert found.level in (("EXACT",) if named else ("NONE", "INCONCLUSIVE"))
-    assert [(e.name, e.joint) for e in found.effects] == ([("velocity_filter", "all")] if named else [])
-    if named:
-        assert found.effects[0].parameters["time_constant"].value == pytest.approx(constant, rel=0.05)
+    assert [(e.level, e.name, e.joint) for e in found.effects] == [("EXACT", hidden.about.name, "all")]
+    for name, estimate in found.effects[0].parameters.items():
+        if estimate.ci95 is not None:
+            assert estimate.ci95[0] <= getattr(hidden, name) <= estimate.ci95[1]
+
+
+def test_a_filter_of_half_a_step_is_a_matter_of_steps() -> None:
+    """As a controller has that differentiates its encoder: it is in the model and has no name."""
+    log = fine((VelocityFilter("all", 0.0006),), runs=12, hz=50.0)
+    noise = np.random.default_rng(6).normal(0.0, [1e-4, 1e-4, 1e-5], log.external_jp.shape)
+    found = find_discrepancy(MODEL, replace(log, external_jp=log.external_jp + noise, tracker_cp=None))
+    assert (found.level in ("NONE", "INCONCLUSIVE"), found.effects) == (True, ())
 
 
 @pytest.mark.parametrize("hidden", [CommandDelay(2, 0.0015), ViscousFriction(2, damping=0.18)])

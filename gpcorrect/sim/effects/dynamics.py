@@ -67,7 +67,7 @@ TERMS = ("gravity", "inertia", "velocity")  # in the order of `Drive.beyond`
 
 @dataclass(frozen=True)
 class FeedforwardError(DriveEffect):
-    """The controller feeds a further fraction of one term forward; -1 is a term that the machine lacks.
+    """A joint's controller, or all, feeds a further fraction of one term forward; -1 is a term that the machine lacks.
 
     Terms are "gravity", what holds the nominal arm, "inertia", what accelerates it and its motors, and "velocity", kd
     times the commanded velocity.
@@ -89,15 +89,17 @@ class FeedforwardError(DriveEffect):
             ),
         ),
         needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
-        neighbours=("gain_error", "payload", "viscous_friction", "inertia_error"),
+        neighbours=("gain_error", "payload", "viscous_friction", "inertia_error", "gravity_error"),
         separating_runs=(Run.SPEED_LADDER, Run.POSE_SPREAD, Run.GAIN_CHANGE),
+        sites=(Site.JOINT, Site.ALL),
         choices=(("term", TERMS),),
     )
 
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
         """Add the fraction to what is fed forward."""
         beyond = np.array(np.broadcast_to(drive.beyond, (3, len(joints))))
-        beyond[TERMS.index(self.term), self.column(joints)] += self.fraction
+        which = slice(None) if self.joint == "all" else self.column(joints)
+        beyond[TERMS.index(self.term), which] += self.fraction
         return replace(drive, beyond=beyond)
 
 
