@@ -29,7 +29,7 @@ NOT_COMPARED = "loads, friction and gains in the servo loop are not compared (th
 VISIBLE = 1.15  # of the noise: a residual below shows nothing
 ALTERNATIVES = 3  # names for one thing, its own among them
 LONG_UNIT = 8  # letters, beyond which a number is left to the table
-SHOWN = 3  # places in the sentence; what is elsewhere is counted
+SHOWN = 3  # places in the sentence, and numbers of an effect; what is elsewhere is counted
 
 
 def next_step(result: DiscrepancyResult) -> str:
@@ -178,8 +178,12 @@ def _named(effect: NamedEffect, *, interval: bool, sized: bool = True) -> str:
     name = f"{effect.name.replace('_', ' ')}{''.join(source)}"
     if not sizes:
         return name
-    which = next(n for n, e in effect.parameters.items() if e is sizes[0]) + " " if len(sizes) > 1 else ""
-    return f"{name}{',' if interval else ''} {which}{estimate_words(sizes[0], interval=interval)}"
+    if len(sizes) == 1:
+        return f"{name}{',' if interval else ''} {estimate_words(sizes[0], interval=interval)}"
+    called = {id(e): n for n, e in effect.parameters.items()}
+    beside = [e for e in sizes[1:] if e.is_clear][: SHOWN - 1] if interval else []
+    words = [f"{called[id(e)]} {estimate_words(e, interval=e is sizes[0] and interval)}" for e in (sizes[0], *beside)]
+    return f"{name}{',' if interval else ''} {', '.join(words)}"
 
 
 def _sizes(effect: NamedEffect) -> list[Estimate]:
