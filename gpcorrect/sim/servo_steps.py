@@ -113,10 +113,14 @@ def advance(  # noqa: C901 -- in two functions the loop takes two to three times
             part, after = beyond / given.stride, min(k + 1, end)
             for j in range(position.shape[1]):
                 q, v = position[r, j], velocity[r, j]
-                seen[r, j] = v + given.kept[j] * (seen[r, j] - v)
-                summed[r, j] += given.step * given.ki[j] * (wanted[i, j] - q)
-                torque = given.kp[j] * (wanted[i, j] - q) + given.kd[j] * (pace[i, j] - seen[r, j])
-                torque += summed[r, j] + _between(fed, k, after, part, j)
+                speed = v
+                if given.kept[j] > 0.0:
+                    speed = seen[r, j] = v + given.kept[j] * (seen[r, j] - v)
+                torque = given.kp[j] * (wanted[i, j] - q) + given.kd[j] * (pace[i, j] - speed)
+                torque += _between(fed, k, after, part, j)
+                if given.ki[j] > 0.0:
+                    summed[r, j] += given.step * given.ki[j] * (wanted[i, j] - q)
+                    torque += summed[r, j]
                 load, felt = _between(loads, k, after, part, j), _between(loads_felt, k, after, part, j)
                 frictions = _frictions(laws, j, q, v, felt, given.gain[j], given.step, given.kv[j])
                 limit, fraction, held, rate = 0.0, 0.0, 0.0, 0.0
