@@ -129,6 +129,20 @@ def test_a_finished_run_is_not_made_again(gpcorrect: CommandLine, finished: Path
     assert WRITTEN.split(page.read_text()) == before
 
 
+def test_what_reading_left_out_is_said(gpcorrect: CommandLine, blind: Path) -> None:
+    """A column that is missing takes its signal out of account: that is printed, not on the page alone."""
+    log = read_log(blind / "case_000.parquet")
+    path = written(log, blind / "holed.csv")
+    lines = [line.split(",") for line in path.read_text().splitlines()]
+    gone = lines[0].index('"measured_jf_1"')
+    path.write_text("\n".join(",".join(words[:gone] + words[gone + 1 :]) for words in lines))
+    output = blind / "out"
+    done = gpcorrect("discrepancy", "run", "--model", blind / "nominal.toml", "--log", path, "--output", output)
+    assert done.code == 0
+    assert "measured_jf is left out: it lacks measured_jf_1" in done.err
+    assert "homing offset" in done.out.splitlines()[0]
+
+
 TRACKED = """
 arm = "raven2_left"
 joints = [1, 2, 3]

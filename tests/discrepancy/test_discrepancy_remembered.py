@@ -131,6 +131,19 @@ def test_what_differs_little_from_a_set_is_seen_in_one_pass(
     assert np.linalg.norm(change - exact) < 0.05 * np.linalg.norm(exact)
 
 
+def test_loops_are_remembered_up_to_their_bytes(raven: Dataset) -> None:
+    """A loop counts what it made; with room for two and a half the third takes the first one's place."""
+    first = ReplayMemory()
+    replace(raven, scene=replace(raven.scene, memory=first), memory=SignalMemory()).predict((GainError(1, 0.1),))
+    driven = next(iter(first.loops._known.values()))
+    assert driven.nbytes >= 6 * driven.q.nbytes
+    memory = ReplayMemory(loops=Remembered(int(2.5 * driven.nbytes)))
+    dataset = replace(raven, scene=replace(raven.scene, memory=memory), memory=SignalMemory())
+    for gain in (0.1, 0.2, 0.3, 0.4):
+        dataset.predict((GainError(1, gain),))
+    assert len(memory.loops._known) == 2
+
+
 def test_a_tracker_sees_in_one_pass_what_differs_little_from_a_set() -> None:
     dataset = swung(tracked=True)
     base, moved = ((Payload("all", mass), CableStretch(2, 300.0)) for mass in (0.1, 0.102))
