@@ -50,7 +50,7 @@ class Links:
         Parameters
         ----------
         link : int, number of the link, from 1
-        mass : float, kg, taken away where it is below 0
+        mass : float, kg; below 0 it is taken away, as far as there is any
         place : (3,) array, m, in the link's frame
         """
         i, more = link - 1, max(link - len(self.mass), 0)
@@ -59,6 +59,7 @@ class Links:
         products = np.zeros_like(diagonal)
         if self.inertia_products is not None:
             products = np.pad(self.inertia_products, ((0, more), (0, 0)))
+        mass = max(mass, -float(masses[i]))
         together = masses[i] + mass
         # Two points about the centre of mass of both weigh as one of the reduced mass, the distance between them away.
         x, y, z = apart = place - com[i]

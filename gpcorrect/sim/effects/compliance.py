@@ -202,14 +202,14 @@ class Payload(LoadEffect):
     def act(self, body: Body) -> Body:
         """Put more at the tip, or hang it on the last link."""
         links = body.links
-        most = float(links.mass[-1]) if len(links.mass) else 0.0
         if self.place == "tip":
+            most = float(links.mass[-1]) if len(links.mass) else 0.0
             return replace(body, links=replace(links, payload=np.maximum(links.payload + self.mass, -most)))
         if body.chain is None:
             raise DataError("effect payload: a mass beside the tip needs an arm, the model has bare joints.")
         tip = body.chain.tool
         at = tip[:3, :3] @ np.array([self.x, self.y, self.z]) + tip[:3, 3]
-        return replace(body, links=links.with_point(body.chain.dof, max(self.mass, -most), at))
+        return replace(body, links=links.with_point(body.chain.dof, self.mass, at))
 
 
 @dataclass(frozen=True)
