@@ -267,7 +267,7 @@ def _more_general(search: Search, own: Own, fit: FittedEffect, price: float) -> 
 
 
 def _is_linear(candidate: Candidate) -> bool:
-    return all(c.amplitude and c.identity == 0.0 for c in candidate.coordinates)
+    return all(c.amplitude and c.identity == 0.0 and not c.parameter.shaped_by for c in candidate.coordinates)
 
 
 def _strongest_channels(view: View, fit: FittedEffect) -> BoolArray:

@@ -188,6 +188,7 @@ class Payload(LoadEffect):
                     Range("m", -0.5, 0.5, 0.05),
                     positive=False,
                     only=("place", "beside"),
+                    shaped_by="mass",
                 )
                 for axis in "xyz"
             ),
