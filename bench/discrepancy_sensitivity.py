@@ -2,6 +2,8 @@
 
     python bench/discrepancy_sensitivity.py one:237 one:261 null:10            # cases as in discrepancy_one.py
     python bench/discrepancy_sensitivity.py one:237 --only naming search --results found.jsonl
+    python bench/discrepancy_sensitivity.py one:237 null:12 --marker 20 -10 50 --only noise.mounted
+    python bench/discrepancy_sensitivity.py null:16 --order 2 1 3 --only noise.perhaps_mixed
 
 One number at a time. Numbers a little above one, or between a half and one, are taken by their distance from one (0.95
 becomes 0.975 and 0.9); of the split's parts, the two small ones are halved and doubled. A row is printed where any case
@@ -35,6 +37,7 @@ from threadpoolctl import threadpool_limits
 from truth.spec import Case
 
 import gpcorrect.discrepancy.run as workflow
+from gpcorrect import se3
 from gpcorrect.discrepancy import find_discrepancy
 from gpcorrect.discrepancy.protocol.outcomes import case_outcome
 from gpcorrect.discrepancy.settings import SETTINGS
@@ -54,8 +57,8 @@ Field = tuple[str, str]
 def fields_of(groups: list[str] | None) -> Iterator[Field]:
     """Yield every number that decides, as group and name."""
     for group in dataclasses.fields(SETTINGS):
-        if groups is None or group.name in groups:
-            yield from ((group.name, f.name) for f in dataclasses.fields(getattr(SETTINGS, group.name)))
+        names = [f.name for f in dataclasses.fields(getattr(SETTINGS, group.name))]
+        yield from ((group.name, n) for n in names if groups is None or {group.name, f"{group.name}.{n}"} & {*groups})
 
 
 def scaled(value: Any, factor: float) -> Any:
@@ -182,12 +185,41 @@ def answer(job: Job, case: Case) -> dict[str, Any]:
     return {"level": report["verdict"]["level"], "names": names, "exact": outcome.exact, "wrong": outcome.wrong}
 
 
-def tried(job: Job, fields: list[Field], known: set[tuple[str, str, str]]) -> Iterator[dict[str, Any]]:
+@dataclass(frozen=True)
+class Handling:
+    """What a lab does to a recording: it mounts the marker away from the tip (mm), or logs joints in another order."""
+
+    marker: tuple[float, ...] = ()
+    order: tuple[int, ...] = ()
+
+    def of(self, case: Case) -> Case:
+        """Return the case so handled."""
+        log, seen = case.log, case.log.tracker_cp
+        if self.marker and seen is not None and seen.quaternion is not None:
+            mount = se3.pose(np.eye(3), 1e-3 * np.array(self.marker))
+            T = se3.from_parts(seen.position, seen.quaternion) @ mount
+            log = dataclasses.replace(log, tracker_cp=dataclasses.replace(seen, position=T[:, :3, 3]))
+        if self.order:
+            columns = [number - 1 for number in self.order]
+            joints = {s: getattr(log, s)[:, columns] for s in log.JOINTS if getattr(log, s) is not None}
+            log = dataclasses.replace(log, **joints)
+        return dataclasses.replace(case, log=log)
+
+    @property
+    def words(self) -> str:
+        """Part of a case's name."""
+        return "".join(f"@{','.join(f'{v:g}' for v in part)}" for part in (self.marker, self.order) if part)
+
+
+def tried(
+    job: Job, fields: list[Field], known: set[tuple[str, str, str]], handling: Handling
+) -> Iterator[dict[str, Any]]:
     """Yield what a case comes to with the usual settings, and with each number changed."""
-    todo = [(f, x) for f in fields for x in FACTORS if (job.key, ".".join(f), str(x)) not in known]
+    key = job.key + handling.words
+    todo = [(f, x) for f in fields for x in FACTORS if (key, ".".join(f), str(x)) not in known]
     if not todo:
         return
-    case, memory = case_of(job), Memory(READS)
+    case, memory = handling.of(case_of(job)), Memory(READS)
     for field, factor in [(None, 1.0), *todo]:
         begun = time.process_time()
         with memory.used(field):
@@ -198,7 +230,7 @@ def tried(job: Job, fields: list[Field], known: set[tuple[str, str, str]]) -> It
                     found = answer(job, case)
         seconds = time.process_time() - begun + memory.saved
         name = "usual" if field is None else ".".join(field)
-        yield {"case": job.key, "field": name, "factor": factor, "seconds": seconds} | found
+        yield {"case": key, "field": name, "factor": factor, "seconds": seconds} | found
 
 
 def show(entries: list[dict[str, Any]]) -> None:
@@ -238,17 +270,19 @@ def main() -> None:
     parser.add_argument("cases", nargs="+", help="set:seed or set:first-last")
     parser.add_argument("--truth", choices=TRUTHS, default="mujoco")
     parser.add_argument("--full", dest="short", action="store_false", help="24 trajectories of 20 s, not 12 of 10 s")
-    parser.add_argument("--only", nargs="+", choices=[f.name for f in dataclasses.fields(SETTINGS)])
+    parser.add_argument("--marker", nargs=3, type=float, default=(), help="mm from the tip, along its axes")
+    parser.add_argument("--order", nargs="+", type=int, default=(), help="numbers of the joints, as they are logged")
+    parser.add_argument("--only", nargs="+", metavar="NUMBER", help="groups, or group.number")
     parser.add_argument("--results", type=Path, default=RESULTS / "discrepancy_sensitivity.jsonl")
     arguments = parser.parse_args()
-    path: Path = arguments.results
+    handling, path = Handling(tuple(arguments.marker), tuple(arguments.order)), arguments.results
     path.parent.mkdir(parents=True, exist_ok=True)
     entries = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     known = {(e["case"], e["field"], str(e["factor"])) for e in entries}
     with path.open("a", encoding="utf-8") as file, threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for job in jobs_of(arguments):
-            for entry in tried(job, list(fields_of(arguments.only)), known):
+            for entry in tried(job, list(fields_of(arguments.only)), known, handling):
                 entries.append(entry)
                 file.write(json.dumps(entry) + "\n")
                 file.flush()

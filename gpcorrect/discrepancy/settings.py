@@ -62,10 +62,11 @@ class NoiseSettings:
     # is no body fixed to the tool. Half a radian is ten times what any effect of the catalogue turns a tool.
     most_turned: float = 0.5
     # m from the tip: a marker fitted farther off than any table errs sits elsewhere on the tool, if it leaves less than
-    # this fraction of the residual; it is not moved in a direction of which turns of the tip show less than a tenth.
+    # this fraction of the residual. It is not moved in a direction of which turns of the tip show less than a fiftieth:
+    # a tenth of a millimetre of the table would move it by five there, half of what counts.
     mounted: float = 0.01
     by_mount: float = 0.5
-    mount_seen: float = 0.1
+    mount_seen: float = 0.02
     # m between a marker's fiducials at most: an orientation is no better than the position's noise over it.
     marker_size: float = 0.1
 
