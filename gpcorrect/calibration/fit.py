@@ -176,7 +176,7 @@ def _learn_law(samples: Samples, layout: Layout, settings: FitSettings, progress
     worth = np.where(intervals.factor > 0.0, uncorrected / np.maximum(intervals.factor, np.finfo(float).tiny), 1.0)
     domain = replace(domain, spread=domain.spread * worth)
     if layout.penalties is not None:  # what a linear law says has no novelty
-        domain = replace(domain, near=Surroundings.of(bounded, samples.trajectory[rows]))
+        domain = replace(domain, near=Surroundings.of(bounded, samples.trajectory[rows], layout.place))
     law = Law(
         learned=fitted.learned,
         intervals=intervals.widened(samples.widening),

@@ -81,6 +81,22 @@ def test_what_no_training_sample_was_near_is_outside() -> None:
     assert not near.hold(far).any()
 
 
+def test_a_place_that_no_training_sample_was_near_is_outside_however_many_other_inputs_are_usual() -> None:
+    """Two joints beyond the training are not lost among forty inputs that are as ever."""
+    rng = np.random.default_rng(4)
+    X, number, place = rng.uniform(-1.0, 1.0, (3000, 42)), np.arange(3000) // 300, np.arange(2)
+    near = Surroundings.of(X, number, place)
+    assert near.hold(X).mean() > 0.98
+    away = X.copy()
+    away[:, place] = 1.4 * np.sign(away[:, place])
+    assert Surroundings.of(X, number).hold(away).any()
+    assert not near.hold(away).any()
+    joined = near.joined(away)
+    assert joined.hold(away).mean() > 0.5
+    with pytest.raises(DataError, match="places"):
+        replace(near, place=np.array([42]))
+
+
 def test_points_that_do_not_fit_the_inputs_are_refused() -> None:
     """A damaged file compares no inputs with points of another size."""
     near = Surroundings.of(np.random.default_rng(0).standard_normal((100, 2)), np.arange(100) // 10)
