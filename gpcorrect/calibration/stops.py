@@ -17,9 +17,9 @@ from gpcorrect.errors import DataError
 from gpcorrect.robust import robust_scale
 from gpcorrect.types import BoolArray, FloatArray, frozen_array
 
-TOP = 0.4
-"""Of a joint's range, next to its end: a stop is looked for in its upper half, and judged by as much below. Half and
-double find the stop of the tests too."""
+TOP = 0.6
+"""Of a joint's range, next to its end: a stop is looked for in its upper half, and judged by as much below. With 0.4 a
+stop was missed that lay a quarter of the range inside; with 0.8 a slack as wide as a stroke is taken for one."""
 CANDIDATES = 200  # places that are tried; chosen by hand
 FEWEST_BEYOND, FEWEST_VISITS, FEWEST_BELOW = 4, 3, 8
 """Samples beyond a stop, arrivals of a joint that had left it (one that sticks in its slack, or a tracker that hung, is

@@ -121,3 +121,14 @@ def test_stops_that_cannot_be_are_refused() -> None:
         Stops(np.array([0.2]), np.array([0.1]))
     with pytest.raises(DataError):
         Stops(np.array([np.nan]), np.array([0.1]))
+
+
+def test_a_stop_far_inside_the_range_that_joints_were_sent_to_is_found() -> None:
+    """A slide that was sent beyond its stop by a quarter of its range, in a third of the samples, ends there."""
+    rng = np.random.default_rng(5)
+    sent = 0.15 + 0.04 * np.sin(np.linspace(0.0, 60.0, 3000))[:, None]
+    ended = np.minimum(sent + 4e-4 * np.sin(200.0 * sent), 0.168) + 2e-5 * rng.standard_normal(sent.shape)
+    stops = Stops.of(sent, ended)
+    assert stops is not None
+    assert stops.high[0] == pytest.approx(0.168, abs=1e-3)
+    assert not np.isfinite(stops.low[0])
