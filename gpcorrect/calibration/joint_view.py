@@ -13,6 +13,7 @@ from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.joint_features import JointFeatures, law_penalties
 from gpcorrect.calibration.joint_path import JointPath, joint_path, logged_path, refuse_other_columns, state_columns
 from gpcorrect.calibration.law import Prediction
+from gpcorrect.calibration.leaps import Apart, Pace
 from gpcorrect.calibration.memory import spans
 from gpcorrect.calibration.settings import Direction, InputSignal
 from gpcorrect.calibration.stops import Stops
@@ -159,6 +160,11 @@ class ViewCorrector(Corrector):
     usual_step: float
     shortest_step: float
 
+    @property
+    def pace(self) -> Pace:
+        """How far the arm can get from one sample to the next."""
+        return Pace(self.trained, self.usual_step)
+
     def correct_log(self, log: CalibrationLog) -> Correction:
         """Return the answers to a recorded path, n rows.
 
@@ -172,8 +178,10 @@ class ViewCorrector(Corrector):
             A signal is missing or cannot be right, or the log has other joints or state than the training's.
         """
         self.refuse_misread(log)
+        log, apart = self._apart(log)
         reported, samples = self.view.of_log(log, np.ones(len(log), dtype=bool), needs_truth=False)
-        return self.view.answer(reported, self.law.predict(samples))
+        answer = self.view.answer(reported, self.predicted(samples, apart))
+        return answer if apart is None else answer[apart.back]
 
     def samples(self, log: CalibrationLog, keep: BoolArray) -> Samples:
         """See :class:`Corrector`."""
@@ -181,17 +189,35 @@ class ViewCorrector(Corrector):
 
     def measure(self, log: CalibrationLog, keep: BoolArray) -> Measured:
         """See :class:`Corrector`."""
-        given, samples = self.view.of_log(log, keep)
-        prediction = self.law.predict(samples)
+        log, apart = self._apart(log)
+        order = np.arange(len(log)) if apart is None else apart.order
+        given, samples = self.view.of_log(log, keep[order])
+        prediction = self.predicted(samples, apart)
         answer = self.view.answer(given, prediction)
         rows = np.flatnonzero(samples.usable & np.isfinite(prediction.residual).all(axis=1))
         if rows.size == 0:
             raise LogError("no sample has both positions and their truth.", path=log.name)
         raw, registered, corrected = self._errors(log, given, samples, prediction)
-        speed, every = np.full(len(log), np.nan), np.arange(len(log))
+        speed = np.full(len(log), np.nan)
         return Measured(
-            raw, registered, corrected, answer.interval95, answer.in_domain, speed, every, log.time, log.trajectory
-        ).at(rows)
+            raw, registered, corrected, answer.interval95, answer.in_domain, speed, order, log.time, log.trajectory
+        ).at(rows[np.argsort(order[rows])])
+
+    def predicted(self, samples: Samples, apart: Apart | None) -> Prediction:
+        """Return what the law says of samples; of leaps, as of paths of their own, outside.
+
+        Parameters
+        ----------
+        samples : Samples, n samples
+        apart : Apart or None, how leaps were put behind the others
+        """
+        prediction = self.law.predict(samples)
+        return prediction if apart is None else self.law.outside(prediction, apart.leap)
+
+    def _apart(self, log: CalibrationLog) -> tuple[CalibrationLog, Apart | None]:
+        """Return a log with its leaps behind all other samples, and how; as it is where it has none."""
+        apart = None if log.static else Apart.of(self.pace, self.query_path(log), log.time, log.session)
+        return (log, None) if apart is None else (replace(log.select(apart.order), session=apart.session), apart)
 
     @abstractmethod
     def _errors(

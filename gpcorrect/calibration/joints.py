@@ -14,6 +14,7 @@ from gpcorrect.calibration.joint_features import JointFeatures
 from gpcorrect.calibration.joint_path import effort_kind, joint_path, state_columns, usual_steps
 from gpcorrect.calibration.joint_view import JointView, ViewCorrector, directed, joint_layout, path_and_error
 from gpcorrect.calibration.law import Prediction
+from gpcorrect.calibration.leaps import Apart
 from gpcorrect.calibration.metrics import joint_units, spread
 from gpcorrect.calibration.queries import checked_times, numbers
 from gpcorrect.calibration.settings import LIMITS, FitSettings, InputSignal
@@ -122,12 +123,18 @@ class JointCorrector(ViewCorrector):
         if homed.shape != (n,) or (effort is not None and effort.shape != joints.shape):
             raise DataError(f"a path of {n} samples needs {n} sessions and as many rows of efforts as of joints.")
         seconds = checked_times(times, n, homed)
-        effort = None if effort is None else effort[:, moving]
         self.trained.refuse_far(joints, UNITS)
         self.trained.refuse_slow(joints, seconds, homed)
+        apart = Apart.of(self.pace, joints, seconds, homed)
+        if apart is not None:
+            joints, seconds, homed = joints[apart.order], seconds[apart.order], apart.session
+            effort = None if effort is None else effort[apart.order]
+        effort = None if effort is None else effort[:, moving]
         path = joint_path(seconds, homed, self.view.reached(joints)[:, moving], effort)
         samples = self.view.samples(path, homed, np.full(path.q.shape, np.nan), np.zeros(n, dtype=bool))
-        return self.view.answer(joints, self.law.predict(replace(samples, unsure=None) if from_middle else samples))
+        samples = replace(samples, unsure=None) if from_middle else samples
+        answer = self.view.answer(joints, self.predicted(samples, apart))
+        return answer if apart is None else answer[apart.back]
 
     def stream(self) -> JointStream:
         """Return a stream, which answers sample after sample and remembers where in its slack the arm is."""

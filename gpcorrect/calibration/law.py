@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -114,6 +114,18 @@ class Law:
         """Return the prediction of one row that lacks a number."""
         nothing = np.full((1, len(self.zero)), np.nan)
         return Prediction(nothing, nothing, nothing, np.array([int(Reason.MISSING)]))
+
+    def outside(self, prediction: Prediction, rows: BoolArray | bool = True) -> Prediction:
+        """Return a prediction that is outside the training region at some rows, whatever its inputs say.
+
+        Parameters
+        ----------
+        prediction : Prediction, n samples
+        rows : (n,) mask, optional
+        """
+        std = self.domain.widen(prediction.std, ~np.asarray(rows))
+        reasons = np.where(rows, prediction.reasons | int(Reason.OUTSIDE), prediction.reasons)
+        return replace(prediction, std=std, interval95=self.intervals.interval95(std), reasons=reasons)
 
     def inputs(self, X: FloatArray) -> FloatArray:
         """Return inputs `(..., d)` as the learner reads them: clipped to the region where the learner extrapolates.

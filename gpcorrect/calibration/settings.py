@@ -115,6 +115,10 @@ class Limits:
     slow_step: float = 0.5
     slow_ratio: float = 100.0
     slow_travel: float = 0.01
+    # steps of joints so many times faster than nine tenths of the training's are none that an arm makes. Those of the
+    # real recordings reach 5; an encoder's spike of 0.3 rad at 100 Hz is 30. Chosen by hand between.
+    leap_speeds: float = 10.0
+    leap_least: float = 1e-4  # m or rad: of a joint that moved less in training, the range says nothing of its steps
 
 
 LIMITS = Limits()

@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike
 from gpcorrect import se3
 from gpcorrect.calibration.joint_path import JOINT_SIGNALS, refuse_other_columns
 from gpcorrect.calibration.joint_view import ViewCorrector
+from gpcorrect.calibration.law import Prediction
+from gpcorrect.calibration.leaps import Follower, Step
 from gpcorrect.calibration.learners import CableModel
 from gpcorrect.calibration.learners.ukf import follow
 from gpcorrect.calibration.memory import advance, lag_step
@@ -41,14 +43,14 @@ class _ViewStream:
 
     def __init__(self, corrector: ViewCorrector) -> None:
         self._corrector, self._features = corrector, corrector.view.features
-        self._pause = max(LIMITS.pause_steps * corrector.usual_step, LIMITS.pause_seconds)
         self._window = ALMOST * corrector.shortest_step
-        self._guard = StreamGuard(corrector.trained, UNITS)
+        self._guard, self._follower = StreamGuard(corrector.trained, UNITS), Follower(corrector.pace)
         self.reset()
 
     def reset(self) -> None:
         """Forget the past, as after a homing or after the arm was moved by hand."""
         self._guard.reset()
+        self._follower.reset()
         self._begin()
 
     def _begin(self) -> None:
@@ -58,11 +60,31 @@ class _ViewStream:
         self._ends: tuple[FloatArray, FloatArray] | None = None  # of what the path has covered
         self._followed: dict[str, tuple[FloatArray, FloatArray]] = {}  # signals where last known, and lags behind them
 
-    def _arrive(self, time: float, joints: FloatArray) -> None:
-        """Refuse a sample that cannot be of this arm and follow the one before; forget the path after a pause."""
+    def _arrive(self, time: float, joints: FloatArray) -> bool:
+        """Refuse a sample that cannot be of this arm and follow the one before; return whether it is a leap.
+
+        The path is forgotten after a pause, and where the arm is at the place of a leap after all.
+        """
         self._guard.admit(time, joints)
-        if self._past and time - self._past[-1][0] > self._pause:
+        step = self._follower.step(time, joints)
+        if step is Step.ANEW or (self._past and time - self._past[-1][0] > self._corrector.pace.pause):
             self._begin()
+        return step is Step.LEAP
+
+    def _predict(
+        self, time: float, q: FloatArray, effort: FloatArray | None, state: FloatArray | None, leap: bool
+    ) -> Prediction:
+        """Return what the law says of a sample; of a leap, as of the only sample of a path, outside."""
+        if not leap:
+            return self._next(time, q, effort, state)
+        alone = type(self)(self._corrector)
+        return self._corrector.law.outside(alone._next(time, q, effort, state))
+
+    def _next(self, time: float, q: FloatArray, effort: FloatArray | None, state: FloatArray | None) -> Prediction:
+        """Return what the law says of the path's next sample."""
+        law = self._corrector.law
+        x, unsure = self._inputs(time, q, effort, state)
+        return law.predict_one(x, np.zeros(len(law.zero)), unsure)
 
     def _inputs(
         self, time: float, q: FloatArray, effort: FloatArray | None, state: FloatArray | None
@@ -170,21 +192,23 @@ class JointStream(_ViewStream):
         joints = _numbers(q, len(view.types), "joints")
         efforts = None if effort is None else _numbers(effort, len(view.types), "efforts")[view.moving]
         rest = None if state is None else _numbers(state, view.features.n_state, "state columns")
-        self._arrive(time, joints)
+        leap = self._arrive(time, joints)
         moving = view.reached(joints)[view.moving]
         if not np.isfinite(moving).all():
             self._begin()
             return view.answer(joints[None], law.unknown())[0]
-        new = not self._past
-        x, unsure = self._inputs(time, moving, efforts, rest)
-        if isinstance(law.learned, CableModel):
-            motor, stretch = law.learned.inputs(moving[None], None if efforts is None else efforts[None])
-            mean, std = follow(self._cable, motor[0], stretch[0], new, law.learned.noises)
-            std, known = np.hypot(std, law.learned.motor.std), np.array([np.isfinite(mean).all()])
-            prediction = law.guarded(mean[None] - moving, std[None], np.zeros(1), x[None], known)
-        else:
-            prediction = law.predict_one(x, moving if view.end_to_end else np.zeros(len(moving)), unsure)
-        return view.answer(joints[None], prediction)[0]
+        return view.answer(joints[None], self._predict(time, moving, efforts, rest, leap))[0]
+
+    def _next(self, time: float, q: FloatArray, effort: FloatArray | None, state: FloatArray | None) -> Prediction:
+        """See :class:`_ViewStream`; a learner that filters the path follows it."""
+        law, new = self._corrector.law, not self._past
+        x, unsure = self._inputs(time, q, effort, state)
+        if not isinstance(law.learned, CableModel):
+            return law.predict_one(x, q if self._corrector.view.end_to_end else np.zeros(len(q)), unsure)
+        motor, stretch = law.learned.inputs(q[None], None if effort is None else effort[None])
+        mean, std = follow(self._cable, motor[0], stretch[0], new, law.learned.noises)
+        std, known = np.hypot(std, law.learned.motor.std), np.array([np.isfinite(mean).all()])
+        return law.guarded(mean[None] - q, std[None], np.zeros(1), x[None], known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +261,7 @@ class ToolStream(_ViewStream):
             The sample lacks what the model was trained with, or is in other units, or time does not advance; the past
             stays.
         """
-        view, law = self._corrector.view, self._corrector.law
+        view = self._corrector.view
         q = _numbers(state.measured_jp, len(view.features.centre), "joints")
         effort = None if state.measured_jf is None else _numbers(state.measured_jf, len(q), "efforts")
         whole = _whole_state(state, view.state_names) if "state" in view.features.kinds else None
@@ -253,9 +277,8 @@ class ToolStream(_ViewStream):
                 "the sample lacks a number that the model needs, or holds one that is not finite.",
                 hint="Hand over the same signals as in the training log.",
             )
-        self._arrive(state.time, q)
-        x, unsure = self._inputs(state.time, q, effort, whole)
-        return view.answer(position[None], law.predict_one(x, np.zeros(3), unsure))[0]
+        leap = self._arrive(state.time, q)
+        return view.answer(position[None], self._predict(state.time, q, effort, whole, leap))[0]
 
 
 def _whole_state(state: RobotState, expected: Sequence[str]) -> FloatArray:
