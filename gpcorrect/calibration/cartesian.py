@@ -237,6 +237,7 @@ def _pose_layout(features: FeatureMap, states: MemoryMap | None) -> Layout:
         slack=features.slack,
         inducing=INDUCING,
         fading=np.array(features.groups[-1] if features.uses_velocity else (), dtype=np.int64),
+        place=np.array(features.groups[0]),
     )
 
 

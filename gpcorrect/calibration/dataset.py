@@ -92,7 +92,7 @@ class Layout:
     slack: FloatArray  # (d,) how far outside its training range an input may always be
     inducing: int  # points of the Gaussian process where the settings say nothing
     fading: IntArray  # (f,) columns, velocities, whose linear effect fades outside the training range
-    # columns of joints' positions; of those and of efforts: all that is not of the past
+    # columns that say where the arm is, as joints or as a pose; of those and of efforts: all that is not of the past
     place: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     present: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 

@@ -127,7 +127,7 @@ class Domain:
     # (f,) how far from the middle of the region, in halves of it, each of them is left as it is: as far as training
     # went, in files that say so
     kept: FloatArray = field(default_factory=lambda: np.zeros(0))
-    # training inputs near which a query must lie; None where novelty says it, or older files
+    # training inputs near which a query must lie; None in older files
     near: Surroundings | None = None
 
     def __post_init__(self) -> None:
@@ -216,9 +216,18 @@ class Domain:
         """
         bounded = X[:, : len(self.low)]
         inside = ((bounded >= self.low) & (bounded <= self.high)).all(axis=1) & (novelty <= self.novelty)
-        if self.near is not None and inside.any():
-            inside[inside] = self.near.hold(bounded[inside])
+        if inside.any():
+            inside[inside] = self.surrounded(bounded[inside])
         return inside
+
+    def surrounded(self, X: FloatArray) -> BoolArray:
+        """Return which inputs `(n, D)` lie near training samples; all, where these are not known.
+
+        Parameters
+        ----------
+        X : (n, D) array, inputs
+        """
+        return np.ones(len(X), dtype=bool) if self.near is None else self.near.hold(X[:, : len(self.low)])
 
     def widen(self, std: FloatArray, inside: BoolArray | bool) -> FloatArray:
         """Return standard deviations `(..., m)`, outside the region no smaller than :attr:`spread`.

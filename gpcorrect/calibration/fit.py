@@ -174,9 +174,8 @@ def _learn_law(samples: Samples, layout: Layout, settings: FitSettings, progress
     raw = np.broadcast_to(np.maximum(domain.spread, np.finfo(float).tiny), errors.shape)
     uncorrected = IntervalCalibration.fit(correction[known], raw, trajectory, parts).factor
     worth = np.where(intervals.factor > 0.0, uncorrected / np.maximum(intervals.factor, np.finfo(float).tiny), 1.0)
-    domain = replace(domain, spread=domain.spread * worth)
-    if layout.penalties is not None:  # what a linear law says has no novelty
-        domain = replace(domain, near=Surroundings.of(bounded, samples.trajectory[rows], layout.place))
+    near = Surroundings.of(bounded, samples.trajectory[rows], layout.place)
+    domain = replace(domain, spread=domain.spread * worth, near=near)
     law = Law(
         learned=fitted.learned,
         intervals=intervals.widened(samples.widening),

@@ -123,7 +123,7 @@ class PoseAnswers(Corrector):
             raise queries.bad_query(query, twist)
         mean, std, novelty = law.unguarded_one(x)
         position, quaternion, limited = command(position, rotation, mean, law.bounds.largest)
-        in_domain = near and novelty <= law.domain.novelty
+        in_domain = near and novelty <= law.domain.novelty and bool(law.domain.surrounded(x[None])[0])
         if not in_domain:
             self.trained.refuse_far(query[:POSITION])
             std, reasons = law.domain.widen(std, in_domain), reasons | int(Reason.OUTSIDE)

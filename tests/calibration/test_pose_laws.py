@@ -194,3 +194,22 @@ def test_the_way_the_tool_is_held_does_not_matter(
     here = evaluate_model(small_corrector, small_log(seed=1)).dirty_errors["corrected"]
     for part in ("position_mm", "rotation_deg"):
         assert there[part]["norm"]["rmse"] < 1.2 * here[part]["norm"]["rmse"]
+
+
+def test_a_turn_that_no_training_pose_was_near_is_outside(small_corrector: CommandCorrector) -> None:
+    """Alone and along a path, within the margin of every range and with a variance that says nothing of it."""
+    poses, _ = path_of_poses()
+    domain = replace(small_corrector.law.domain, novelty=np.inf)
+    blind = replace(small_corrector, law=replace(small_corrector.law, domain=domain))
+    log = small_log(noise=0.0)
+    assert log.tracker_cp is not None
+    assert log.tracker_cp.quaternion is not None
+    R = se3.matrix_from_quaternion(log.tracker_cp.quaternion)
+    mean = se3.rotation_mean(R)
+    farthest = np.abs(se3.rotvec_from_matrix(np.swapaxes(mean[None], -1, -2) @ R)).max(axis=0)
+    corner, turn = log.tracker_cp.position.max(axis=0), se3.matrix_from_rotvec(1.6 * farthest)
+    turned = np.hstack([corner, se3.quaternion_from_matrix((mean @ turn)[None])[0]])[None]
+    assert replace(blind, law=replace(blind.law, domain=replace(domain, near=None))).correct(turned[0]).in_domain
+    assert not blind.correct(turned[0]).in_domain
+    assert not blind.correct_path(turned, [0.0]).in_domain[0]
+    assert blind.correct_path(poses, np.arange(60) * 0.1).in_domain.mean() > 0.9
