@@ -147,7 +147,7 @@ class Experiment:
 
     def to_dict(self) -> dict[str, Any]:
         """Return counts, what was dropped, seconds, errors and coverage, JSON-able."""
-        dropped = Counter(self.fit.cleaning.counts)
+        dropped = Counter(self.corrector.summary["fit"]["dropped"])
         if self.evaluation is not None:
             dropped.update(self.evaluation.cleaning.counts)
         measured = (

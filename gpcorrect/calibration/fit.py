@@ -109,6 +109,7 @@ def fit_model(
     )
     progress.step("clean", 1.0)
     keep = cleaning.keep if settings.clean else cleaning.reason != Reason.MANUAL
+    left_out = set(Reason) if settings.clean else {Reason.INVALID, Reason.MANUAL}
     learn_law = partial(_learn_law, settings=settings, progress=progress)
     outcome = task.learn(log, keep, cleaner, settings, learn_law)
     remarks = [*log.remarks, *outcome.remarks, *_too_little(outcome.samples), *clocks.notes]
@@ -122,7 +123,7 @@ def fit_model(
         "fit": {
             "n_train": n_train,
             "n_trajectories": len(np.unique(outcome.samples.trajectory[outcome.samples.rows])),
-            "dropped": dict(cleaning.counts),
+            "dropped": {reason: count for reason, count in cleaning.counts.items() if reason in left_out},
             **({} if registration is None else {"registration": registration.to_dict()}),
             "tracker_shift": clocks.applied,
             "seed": settings.seed,

@@ -151,7 +151,7 @@ def _show(experiment: Experiment, result: dict[str, Any], output: Path, page: Pa
         console.show_errors(f"Held-out error, {result['n_test']} samples that pass cleaning", result["errors"])
         console.show_errors("All held-out samples as they came", result["errors_dirty"])
         console.out.print(console.certainty(result))
-    dropped = console.dropped_words(result["dropped"])
+    dropped = console.dropped_words(result["model"]["fit"]["dropped"])
     console.out.print(f"trained on {result['n_train']} samples in {result['seconds']:.1f} s; dropped: {dropped}")
     console.out.print(f"model: {output}" + (f"   report: {page}" if page else ""))
 

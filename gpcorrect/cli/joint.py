@@ -91,7 +91,7 @@ def fit(
         return
     console.note(*result.get("cautions", ()))
     show_joint_errors(f"Held-out errors, {experiment.n_test} samples that pass cleaning", result["errors"])
-    dropped = console.dropped_words(result["dropped"])
+    dropped = console.dropped_words(result["model"]["fit"]["dropped"])
     console.out.print(
         f"trained on {result['n_train']} samples in {experiment.seconds:.1f} s; dropped: {dropped} -> {output}"
     )

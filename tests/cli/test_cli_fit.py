@@ -61,6 +61,20 @@ def test_the_model_says_by_how_much_the_tracker_was_shifted(gpcorrect: CommandLi
     assert load(model).info()["fit"]["tracker_shift"] == 0.02
 
 
+def test_what_is_not_cleaned_away_is_not_said_to_be_dropped(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """Without cleaning nothing is left out of the training, whatever the rules find."""
+    log = few_samples()
+    assert log.tracker_cp is not None
+    position = np.array(log.tracker_cp.position)
+    position[30:60:7] += 0.2
+    path = written(replace(log, tracker_cp=replace(log.tracker_cp, position=position)), tmp_path / "log.csv")
+    command = ("fit", path, "--output", tmp_path / "m.gpc", "--method", "offset", *QUICK)
+    assert sum(gpcorrect(*command, "--json").json["model"]["fit"]["dropped"].values()) >= 5
+    result = gpcorrect(*command, "--no-clean", "--json").json
+    assert result["model"]["fit"]["dropped"] == {}
+    assert "dropped: none" in gpcorrect(*command, "--no-clean").out
+
+
 def test_correct_asks_the_model_file(gpcorrect: CommandLine, fitted: Fitted) -> None:
     """The command for a desired pose lies within a millimetre of where the planted miss says."""
     log = small_log(noise=0.0)
