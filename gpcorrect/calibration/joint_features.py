@@ -106,6 +106,11 @@ class JointFeatures:
             used=np.zeros(0, dtype=np.int64),
             rates=np.array(RATES) * usual,
         )
+        if "effort" in kinds and path.effort is None:
+            raise DataError(
+                "effort is among the features, but the log has no efforts (measured_jf) for this direction.",
+                hint="Leave effort out: --features position,velocity,memory",
+            )
         features._check(path)
         scaled = features.scaled(path.q)
         turning = _turns_back(scaled, path.new)
@@ -290,8 +295,8 @@ class JointFeatures:
             raise DataError(f"the model knows {len(self.centre)} joints, the log has {path.q.shape[1]}.")
         if "effort" in self.kinds and (path.effort is None or not np.isfinite(path.effort).any()):
             raise DataError(
-                "effort is among the features, but the log has no efforts (measured_jf) for this direction.",
-                hint="Leave effort out: --features position,velocity,memory",
+                "the model looks at efforts (measured_jf), and none came with the joints.",
+                hint="Send the effort of every joint, or ask for a model that was fitted without them.",
             )
         if "state" in self.kinds and (0 if path.state is None else path.state.shape[1]) != self.n_state:
             raise DataError("the log's state has other columns than the model was trained with.")

@@ -91,3 +91,10 @@ def test_every_session_has_a_clock_of_its_own(gp: JointCorrector) -> None:
     np.testing.assert_allclose(answer.joints[:50], answer.joints[50:], atol=1e-12)
     with pytest.raises(DataError, match="increasing"):
         gp.correct_path(twice, time, efforts=efforts)
+
+
+def test_a_planner_that_sends_no_efforts_is_told_what_it_can_do(gp: JointCorrector) -> None:
+    """It sends them, or asks for another model: features are the business of who fits."""
+    with pytest.raises(DataError, match="none came with the joints") as refused:
+        gp.correct_path(Q[:5], LOG.time[:5])
+    assert "Send the effort of every joint, or ask for a model" in str(refused.value.hint)
