@@ -216,6 +216,8 @@ def _shift(robot: CalibrationLog, seen: Stream, ahead: float | None) -> tuple[Fl
     if doubt:
         raise LogError(f"the motion does not tell how the clocks lie: {doubt}", hint=_HINT, path=seen.source)
     remark = f"the tracker's clock runs {found.offset:.4f} s ahead, found by {name}."
+    if name == "measured_cp":
+        remark += " Slack between the motors and the tool makes it late, too; give --time-offset if it is known."
     if name == "setpoint_cp":
         remark += (
             " What the robot lags behind its commands is taken for clock with it, and is not learned or measured: "

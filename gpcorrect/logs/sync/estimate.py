@@ -7,13 +7,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
-from scipy.special import stdtrit  # scipy.stats has it too, and takes half a second to import
 
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs.streams import Stream, default_max_gap
 from gpcorrect.logs.sync.correlation import LagCurve, lag_curve, peaks, slower_step
+from gpcorrect.logs.sync.drift import ClockDrift, with_drift
 from gpcorrect.logs.sync.motion import REFERENCES, MotionPair, pairs_of, stream_pair, stretches
-from gpcorrect.logs.sync.refine import MIN_INFORMATION, Refinement, Timing, block_sums
+from gpcorrect.logs.sync.refine import MIN_INFORMATION, MIN_SHARE, Refinement, Timing, block_sums
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, frozen_array
 
 Verdict = Literal["found", "too_few", "still", "steady", "unrelated", "edge", "ambiguous", "imprecise"]
@@ -30,7 +30,6 @@ MIN_VARIATION = 0.05  # of the speed: below it the speed is constant as far as a
 MIN_CORRELATION = 0.3  # two unrelated speeds of some tens of strokes stay below
 MIN_EXPLAINED = 0.5  # a reference that explains less than half of the spread is not the same motion
 MAX_RIVALS = 8  # a reason names no more
-MIN_SHARE = 1e-3  # of the usual information: a trajectory with less says nothing by itself
 PEAK_WIDTH = 0.2  # s; a peak, blurred by noise and by strokes of a second, lies this close to the offset
 PEAK_STEPS = 3.0  # or this many samples of the slower signal, if that is more
 DISTINCT_STEPS = 1.0  # optima within a slow sample step of each other are the same
@@ -41,25 +40,6 @@ MAX_HALF_WIDTH = 0.1  # of the searched lag: a wider interval is no answer
 MIN_OVERLAP = 0.2  # of the samples must be common to two rivals to compare them sample by sample
 RIVAL_LEVEL = 3.0  # standard errors by which the best fit must beat a rival
 RIVAL_RATIO = 1.10  # and its loss must be better by this factor: a model error can be significant as well
-MIN_DRIFT_SPAN = 60.0  # s; a shorter recording cannot show a drift of parts in a million
-DRIFT_LEVEL = 0.999  # confidence at which a drift is reported: asked of every log, so rarely wrong
-MIN_DRIFT_SHIFT = 1e-3  # s over the recording; less does not matter at any sample rate here
-
-
-@dataclass(frozen=True)
-class ClockDrift:
-    """How the offset changes: one clock runs fast.
-
-    Parameters
-    ----------
-    ppm : float, parts in a million that the observer's clock runs fast against the reference's
-    ci95 : (float, float), 95 % confidence interval, ppm
-    epoch : float, observer's time at which the offset is quoted, s
-    """
-
-    ppm: float
-    ci95: tuple[float, float]
-    epoch: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,7 +271,7 @@ def _refined(
     equals = [first, *(fit for fit in rest if _as_good(fit, first))]
     best, *others = sorted(equals, key=lambda fit: abs(float(fit.timing[0])))
     rivals = tuple(float(f.timing[0]) for f in others)
-    drift, best = _with_drift(timing, best, pieces, reach)
+    drift, best = with_drift(timing, best, pieces, reach)
     offset, width = float(best.timing[0]), float(best.half_width()[0])
     return TimeOffset(
         offset,
@@ -374,22 +354,3 @@ def _as_good(rival: Refinement, best: Refinement) -> bool:
     sums = block_sums((a - b)[:, None])[:, 0]
     error = float(np.sqrt(len(sums)) * sums.std(ddof=1))
     return float(sums.sum()) < RIVAL_LEVEL * error or float(a.sum()) < RIVAL_RATIO * float(b.sum())
-
-
-def _with_drift(
-    timing: Timing, fit: Refinement, pieces: Sequence[MotionPair], reach: float
-) -> tuple[ClockDrift | None, Refinement]:
-    """Fit a drift too where one clock runs throughout; take it when it is significant and matters."""
-    starts = np.array([p.observed.time[0] for p in pieces])
-    span = float(pieces[-1].observed.time[-1] - starts[0])
-    if span < MIN_DRIFT_SPAN or (np.diff(starts) <= 0).any():  # the clock starts anew between pieces
-        return None, fit
-    both = timing.refine(np.array([fit.timing[0], 0.0]), bracket=reach)
-    if both is None:
-        return None, fit
-    rate, error = float(both.timing[1]), float(np.sqrt(both.covariance[1, 1]))
-    level = float(stdtrit(max(both.dof, 1), 0.5 + DRIFT_LEVEL / 2))
-    if abs(rate) <= level * error or abs(rate) * span < MIN_DRIFT_SHIFT:
-        return None, fit
-    width = float(both.half_width()[1])
-    return ClockDrift(1e6 * rate, (1e6 * (rate - width), 1e6 * (rate + width)), timing.epoch), both

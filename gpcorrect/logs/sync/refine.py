@@ -24,6 +24,7 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 HUBER = 2.0  # robust standard deviations up to which a residual counts in full
 MAX_STEPS = 40  # of Gauss and Newton; converging takes about ten
 MIN_INFORMATION = 1e-3  # of the velocity must be out of the reach of a constant registration
+MIN_SHARE = 1e-3  # of the usual information: a part of a recording with less says nothing by itself
 FREE_STEPS = 8  # then the noise scale and the samples compared are held, or they and the shift could cycle
 TOLERANCE = 0.02  # standard errors (of white noise); a smaller step changes nothing
 FLOOR = 1e-9  # s; the same for noise-free data
