@@ -21,6 +21,7 @@ IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".ppm", ".pgm"}
 VIDEOS = {".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm"}
 TIMES = "times.csv"  # beside videos: when each picture was taken, s; a column a camera
 STAMP = re.compile(r"\d+\.\d+")  # a file name that is a time in seconds, as recorders of ROS write them
+FEW_MISSING = 0.1  # of a folder's pictures: more numbers that its names leave out are no lost pictures (dates, exports)
 USUAL_FPS = 30.0  # frames a second where nothing says it: what webcams do
 
 
@@ -249,6 +250,32 @@ def pair_by_time(sources: Sequence[Source]) -> list[str]:
                 f"{len(files)} frames."
             )
         source.files, source.times, source.count = tuple(files), times, len(files)
+    return remarks
+
+
+def keep_numbers(sources: Sequence[Source]) -> list[str]:
+    """Leave places empty whose numbers the names of a folder's images skip; return in words where that was done.
+
+    Taken one after the other, one picture that a recorder lost would put its camera a frame behind from there on.
+
+    Parameters
+    ----------
+    sources : sequence of Source, changed in place; those with times of their own stay as they are
+    """
+    remarks = []
+    for source in sources:
+        if not source.files or source.times is not None:
+            continue
+        found = [re.findall(r"\d+", file.stem) if file else [] for file in source.files]
+        numbers = [int(parts[-1]) if parts else 0 for parts in found]
+        lacking = numbers[-1] - numbers[0] + 1 - source.count
+        if 0 < lacking <= FEW_MISSING * source.count and (np.diff(numbers) > 0).all():
+            named = dict(zip(numbers, source.files, strict=True))
+            source.files = tuple(named.get(number) for number in range(numbers[0], numbers[-1] + 1))
+            source.count = len(source.files)
+            first = numbers[0] + source.files.index(None)
+            words = f"lacks {lacking} of {source.count} pictures; the first is number {first}."
+            remarks.append(f"{source.path.name} {words}")
     return remarks
 
 

@@ -21,7 +21,7 @@ from gpcorrect.vision.filtering import STATUSES, Status
 from gpcorrect.vision.opencv import Image
 from gpcorrect.vision.search import REASONS, Reason
 from gpcorrect.vision.settings import DEFAULT, VisionSettings
-from gpcorrect.vision.sources import Source, frame_times, pair_by_time
+from gpcorrect.vision.sources import Source, frame_times, keep_numbers, pair_by_time
 from gpcorrect.vision.target import Target
 from gpcorrect.vision.tracker import Frame, Tracker
 
@@ -180,7 +180,7 @@ def track(
             hint="Give one video or folder for each camera, in this order.",
         )
     begun = time.perf_counter()
-    unpaired = pair_by_time(sources) if settings.fps is None else []
+    unpaired = keep_numbers(sources) + (pair_by_time(sources) if settings.fps is None else [])
     count, names = max(source.count for source in sources), [source.path.name for source in sources]
     times, rows = frame_times(sources, settings.fps, count), []
     if settings.first_look:

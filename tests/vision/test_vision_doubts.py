@@ -75,6 +75,24 @@ def test_images_named_by_their_times_are_paired_by_them(
         assert f"view{k} has no picture within 17 ms of view0's in 1 of 16 frames." in outcome.json["remarks"]
 
 
+def test_a_number_that_names_skip_is_a_lost_picture(
+    gpcorrect: CommandLine, views: list[Path], poses: FloatArray, tmp_path: Path
+) -> None:
+    """Two cameras, of which one has no picture under one number: those after it keep their moments, and it is named."""
+    pair = [Path(shutil.copytree(view, tmp_path / view.name)) for view in views[:2]]
+    sorted(pair[1].iterdir())[4].unlink()
+    write_cameras(read_cameras(views[0].parent / "cameras.json")[:2], tmp_path / "pair.json")
+    outcome = _track(gpcorrect, pair, tmp_path / "log.csv", "--cameras", tmp_path / "pair.json", "--json")
+    assert outcome.code == 0, outcome.err
+    log = read_log(tmp_path / "log.csv")
+    assert log.tracker_cp is not None
+    measured = log.extra["tracking_status"] == 0
+    assert measured[[*range(4), *range(8, FRAMES)]].all()
+    error = np.linalg.norm(log.tracker_cp.position - poses[:, :3, 3], axis=1)
+    assert error[measured].max() < 1e-3
+    assert "view1 lacks 1 of 16 pictures; the first is number" in " ".join(outcome.json["remarks"])
+
+
 def test_times_that_say_nothing_are_refused(gpcorrect: CommandLine, views: list[Path], tmp_path: Path) -> None:
     """Two clocks that have nothing in common, videos of different rates, a table of too few times, no rate at all."""
     cameras = ("--cameras", views[0].parent / "cameras.json")
