@@ -22,6 +22,11 @@ VIDEOS = {".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm"}
 TIMES = "times.csv"  # beside videos: when each picture was taken, s; a column a camera
 STAMP = re.compile(r"\d+\.\d+")  # a file name that is a time in seconds, as recorders of ROS write them
 FEW_MISSING = 0.1  # of a folder's pictures: more numbers that its names leave out are no lost pictures (dates, exports)
+EPOCH = {
+    13: 1e-3,
+    16: 1e-6,
+    19: 1e-9,
+}  # s of a unit where a file name is a time since 1970 of so many digits, no number
 USUAL_FPS = 30.0  # frames a second where nothing says it: what webcams do
 
 
@@ -119,9 +124,10 @@ def open_source(path: str | Path) -> Source:
         if not files:
             hint = f"Known endings: {', '.join(sorted(IMAGES))}."
             raise LogError("the folder holds no images.", path=str(path), hint=hint)
-        if all(STAMP.fullmatch(file.stem) for file in files):
-            files.sort(key=lambda file: (float(file.stem), file.name))
-            return Source(path, len(files), times=np.array([float(file.stem) for file in files]), files=tuple(files))
+        times = {file: seconds for file in files if (seconds := _seconds(file.stem)) is not None}
+        if len(times) == len(files):
+            files.sort(key=lambda file: (times[file], file.name))
+            return Source(path, len(files), times=np.array([times[file] for file in files]), files=tuple(files))
         files.sort(key=_in_order)
         return Source(path, len(files), files=tuple(files))
     if not path.is_file():
@@ -133,6 +139,13 @@ def open_source(path: str | Path) -> Source:
         raise LogError("it cannot be opened as a video: truncated, or of another kind.", path=str(path), hint=hint)
     fps = float(video.get(cv2.CAP_PROP_FPS))
     return Source(path, count, fps if np.isfinite(fps) and fps > 0 else None, _video=video)
+
+
+def _seconds(name: str) -> float | None:
+    """Return the time that a file name says, s."""
+    if STAMP.fullmatch(name):
+        return float(name)
+    return int(name) * EPOCH[len(name)] if name.isdecimal() and len(name) in EPOCH else None
 
 
 def open_sources(paths: Sequence[str | Path], names: Sequence[str], *, timed: bool = True) -> list[Source]:

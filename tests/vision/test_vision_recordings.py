@@ -108,6 +108,18 @@ def test_tables_of_times_of_other_recordings_are_refused(videos: Sequence[str], 
     assert sources[1].times[1] == pytest.approx(1.0 / RATE + 0.01)
 
 
+def test_names_of_whole_milli_micro_and_nanoseconds_are_times(tmp_path: Path) -> None:
+    """Recorders name pictures 1551939954927515000.png too; five digits are a number, and say no time."""
+    for digits in (19, 16, 13, 5):
+        folder = tmp_path / str(digits)
+        folder.mkdir()
+        for i in range(3):
+            name = f"{i:05d}" if digits == 5 else str((15_519_399_540 + 2 * i) * 10 ** (digits - 11))
+            cv2.imwrite(str(folder / f"{name}.png"), np.zeros((4, 4, 3), np.uint8))
+        times = open_source(folder).times
+        assert times is None if digits == 5 else times is not None and np.allclose(np.diff(times), 0.2)
+
+
 def test_videos_in_a_folder_are_in_the_cameras_order(tmp_path: Path) -> None:
     """Names count whatever their case; without names of cameras, 2 comes before 10."""
     for k in (10, 2, 1):
