@@ -8,6 +8,7 @@ centre of a ball's outline is not the image of its centre, and a distorted outli
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -16,6 +17,8 @@ from gpcorrect.types import BoolArray, FloatArray
 from gpcorrect.vision.camera import Intrinsics
 from gpcorrect.vision.opencv import Image, cv2
 from gpcorrect.vision.settings import DEFAULT, BallSettings
+
+TINY = 1e-9  # keeps the division finite where ball and background are alike; contrast leaves such rays out
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,10 +89,12 @@ def _rim_points(image: Image, circle: FloatArray, reach: float, settings: BallSe
     half = max(reach * radius, 2.5)
     r = np.arange(max(radius - half - 1.0, 0.5), radius + half + 1.0, settings.step_px)
     where = (u + r * cos).astype(np.float32), (v + r * sin).astype(np.float32)
-    colours = cv2.remap(image, *where, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float32)
+    colours = cv2.remap(image, *where, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     end_u, end_v = where[0][:, -1], where[1][:, -1]  # the outer ends lie farthest out
     inside = (end_u > 0) & (end_u < image.shape[1] - 1) & (end_v > 0) & (end_v < image.shape[0] - 1)
-    along, contrast = _towards_ball(colours, r, radius, half)
+    inner, outer = np.searchsorted(r, (max(radius - 0.4 * half, r[0]), radius + 0.4 * half), side="right")
+    contrast = np.linalg.norm(np.subtract(*_sides(colours, inner, outer)), axis=1)
+    along = _towards_ball(_light(settings.gamma)[colours], inner, outer)
     slope = -np.diff(along, axis=1)
     slope[:, 1:-1] = 0.25 * slope[:, :-2] + 0.5 * slope[:, 1:-1] + 0.25 * slope[:, 2:]
     peak = np.argmax(slope[:, 1:-1], axis=1) + 1
@@ -102,15 +107,23 @@ def _rim_points(image: Image, circle: FloatArray, reach: float, settings: BallSe
     return np.asarray(np.stack([u + at * cos[:, 0], v + at * sin[:, 0]], axis=1)[good], dtype=np.float64)
 
 
-def _towards_ball(colours: FloatArray, r: FloatArray, radius: float, half: float) -> tuple[FloatArray, FloatArray]:
-    """Colours along each ray, measured from the background (0) to the ball (1), and the contrast of the two."""
-    inside, outside = np.searchsorted(r, (max(radius - 0.4 * half, r[0]), radius + 0.4 * half), side="right")
-    ball, ground = colours[:, :inside].mean(axis=1), colours[:, outside:].mean(axis=1)
+def _sides(colours: Image, inner: int, outer: int) -> tuple[FloatArray, FloatArray]:
+    """Mean colours `(rays, 3)` of the ball, the first `inner` samples of each ray, and of what is behind it."""
+    return colours[:, :inner].mean(axis=1), colours[:, outer:].mean(axis=1)
+
+
+def _towards_ball(colours: FloatArray, inner: int, outer: int) -> FloatArray:
+    """Colours along each ray, measured from the background (0) to the ball (1)."""
+    ball, ground = _sides(colours, inner, outer)
     difference = ball - ground
-    length2 = (difference**2).sum(axis=1)
     above = np.einsum("ijk,ik->ij", colours, difference) - (ground * difference).sum(axis=1)[:, None]
-    along = above / np.maximum(length2, 1.0)[:, None]
-    return along, np.sqrt(length2)
+    return np.asarray(above / np.maximum((difference**2).sum(axis=1), TINY)[:, None])
+
+
+@cache
+def _light(gamma: float) -> FloatArray:
+    """How much light each of 256 grey levels stands for, 0 to 1."""
+    return np.asarray((np.arange(256) / 255.0) ** gamma, dtype=np.float32)
 
 
 def fit_cone(points: FloatArray, lens: Intrinsics, settings: BallSettings = DEFAULT.balls) -> Outline | None:

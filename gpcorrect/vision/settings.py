@@ -19,6 +19,7 @@ class BallSettings:
 
     # Outline: the point on each ray at which the colour changes fastest, then a cone through those points.
     rays: int = 64  # around the rim
+    gamma: float = 2.2  # light is grey level to this power (IEC 61966-2-1, sRGB); 1 for cameras that give raw light
     step_px: float = 0.5  # between samples along a ray; bilinear pictures hold nothing finer
     reaches: tuple[float, ...] = (0.45, 0.25)  # how far in and out to sample: first pass, second pass
     least_outline_px: float = 2.0  # radius below which a rim has too few pixels

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,8 @@ from gpcorrect.vision import END_EFFECTOR, BallSpec, Target, colour_of, outline,
 from gpcorrect.vision.opencv import cv2
 from gpcorrect.vision.rim import fit_cone
 from gpcorrect.vision.search import Window, detect_everywhere, find_circle
-from gpcorrect_studies.rendering import Card, Lens, Stage, looking_at
+from gpcorrect.vision.settings import DEFAULT, BallSettings
+from gpcorrect_studies.rendering import Card, Lens, Light, Stage, looking_at
 
 SEED = 402
 
@@ -62,6 +64,28 @@ def test_centres_are_found_within_eight_hundredths_of_a_pixel() -> None:
                 reported.append(camera.intrinsics.focal * np.sqrt(np.trace(found.covariance) / 2))
     assert np.sqrt(np.mean(np.square(errors))) < 0.08
     assert np.median(reported) > 0.5 * np.sqrt(np.mean(np.square(errors)))
+
+
+def test_the_side_that_light_comes_from_moves_no_centre() -> None:
+    """A lens blurs light, and grey levels are its 2.2th root: the steepest change of these lies beside the rim."""
+    stage = Stage.standard(SEED, pieces=0, light=Light((0.3, -0.5, 1.0), 0.4), radius=0.02)
+    assert _offset_px(stage, DEFAULT.balls) < 0.06
+    assert _offset_px(stage, replace(DEFAULT.balls, gamma=1.0)) > 0.12
+
+
+def _offset_px(stage: Stage, settings: BallSettings) -> float:
+    """RMS over cameras and balls of the mean offset of the centres, px: what no averaging takes away."""
+    off = []
+    for pose in path_of(SEED, 4):
+        for ball in stage.balls(pose):
+            for lens, studio in zip(stage.lenses, stage.studios, strict=True):
+                true = lens.pixels(ball.centre)
+                size = lens.focal[0] * ball.radius / float(np.linalg.norm(ball.centre - lens.position))
+                found = outline(studio.photograph([ball]), np.array([*true, size]), intrinsics_of(lens), settings)
+                assert found is not None
+                off.append(found.pixel - true)
+    mean = np.reshape(off, (4, -1, 2)).mean(axis=0)
+    return float(np.sqrt((mean**2).sum(axis=1).mean()))
 
 
 def test_a_half_hidden_ball_is_not_drawn_to_the_side_that_is_seen() -> None:

@@ -1,4 +1,7 @@
-"""Shaded balls in front of clutter, seen through a lens with distortion: supersampled, blurred, noisy, eight bits."""
+"""Shaded balls in front of clutter, seen through a lens with distortion: supersampled, blurred, noisy, eight bits.
+
+A lens blurs light, and cameras code it afterwards: grey levels are light to the power 1 / 2.2 (IEC 61966-2-1, sRGB).
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,7 @@ from gpcorrect.types import FloatArray
 INVERSIONS = 10  # fixed-point steps: 1e-7 px for a webcam's distortion
 Picture = NDArray[np.uint8]
 Raster = NDArray[np.floating[Any]]
+GAMMA = 2.2  # of that code
 NOISE_MARGIN = 64  # px by which the stored noise field is larger than a picture: each picture cuts its own piece
 
 
@@ -128,7 +132,8 @@ class Studio:
 
     def __post_init__(self) -> None:
         self.background = np.asarray(self.background, dtype=np.float32)
-        self._blurred = _blurred(self.background, self.blur)
+        self._lit = _light(self.background)
+        self._blurred = _blurred(self._lit, self.blur)
         width, height = self.lens.size
         shape = (height + NOISE_MARGIN, width + NOISE_MARGIN, 3)
         self._field = self.rng.standard_normal(shape, dtype=np.float32) * self.noise
@@ -141,14 +146,14 @@ class Studio:
         balls : sequence of Ball
         cards : sequence of Card, that hide parts of it
         """
-        sharp, blurred = np.array(self.background), np.array(self._blurred)
+        sharp, blurred = np.array(self._lit), np.array(self._blurred)
         boxes = [box for box in (self._box(ball) for ball in balls) if box is not None]
         far_first = sorted(balls, key=lambda ball: -float(np.linalg.norm(ball.centre - self.lens.position)))
         for ball in far_first:
             self._paint(sharp, ball)
         for card in cards:
             left, top, right, bottom = card.box
-            sharp[top:bottom, left:right] = card.colour
+            sharp[top:bottom, left:right] = _light(np.asarray(card.colour))
             boxes.append((left, top, right, bottom))
         for box in boxes:
             _refresh(blurred, sharp, box, self.blur)
@@ -202,7 +207,7 @@ def _touched(ball: Ball, lens: Lens, u: NDArray[Any], v: NDArray[Any]) -> NDArra
 
 
 def _seen(ball: Ball, lens: Lens, light: Light, u: FloatArray, v: FloatArray) -> tuple[FloatArray, NDArray[Any]]:
-    """Colours `(..., 3)` of a ball along rays, black beside it, and which rays meet it."""
+    """Light `(..., 3)` of a ball along rays, none beside it, and which rays meet it."""
     d, to_centre, along = _rays(ball, lens, u, v)
     depth2 = ball.radius**2 - (np.einsum("...i,...i", to_centre, to_centre) - along**2)
     hit = depth2 > 0.0
@@ -215,13 +220,19 @@ def _seen(ball: Ball, lens: Lens, light: Light, u: FloatArray, v: FloatArray) ->
     sparkle = ball.gloss * np.maximum(-np.einsum("ni,ni->n", mirrored, d), 0.0) ** light.shine * (facing > 0)
     diffuse = light.ambient + (1.0 - light.ambient) * np.maximum(facing, 0.0)
     colours = np.zeros((*hit.shape, 3))
-    colours[hit] = diffuse[:, None] * np.asarray(ball.colour) + 255.0 * sparkle[:, None]
+    colours[hit] = diffuse[:, None] * _light(np.asarray(ball.colour)) + sparkle[:, None]
     return colours, hit
 
 
-def _blurred(image: Raster, sigma: float) -> Raster:
-    done: Raster = gaussian_filter(image, (sigma, sigma, 0.0), mode="nearest") if sigma > 0 else np.array(image)
-    return done
+def _light(levels: Raster) -> Raster:
+    """Light that grey levels stand for, 0 to 1."""
+    return np.asarray((levels / 255.0) ** GAMMA)
+
+
+def _blurred(light: Raster, sigma: float) -> Raster:
+    """Grey levels of light that a lens has blurred."""
+    seen = gaussian_filter(light, (sigma, sigma, 0.0), mode="nearest") if sigma > 0 else light
+    return np.asarray(255.0 * np.clip(seen, 0.0, 1.0) ** (1.0 / GAMMA))
 
 
 def _refresh(blurred: Raster, sharp: Raster, box: tuple[int, int, int, int], sigma: float) -> None:
