@@ -65,13 +65,7 @@ def check_fit(
     for camera, image in itertools.chain.from_iterable(zip(cameras, images, strict=True) for images in frames):
         if image is not None:
             camera.intrinsics.require_size(image, camera.name)
-    candidates: list[Candidates] = [
-        [
-            [[] if image is None else detect_everywhere(image, camera, ball, settings) for ball in target.balls]
-            for camera, image in zip(cameras, images, strict=True)
-        ]
-        for images in frames
-    ]
+    candidates = _candidates(frames, cameras, target, settings)
     missing = [n for b, n in enumerate(target.names) if not any(c[b] for frame in candidates for c in frame)]
     if missing:
         raise _no_such_colours(missing, frames)
@@ -100,6 +94,39 @@ def check_fit(
         )
     if not given.agreeing:
         raise _no_such_colours(target.names, frames)
+
+
+def check_distances(
+    frames: Sequence[Pictures], cameras: Sequence[Camera], target: Target, settings: VisionSettings = DEFAULT
+) -> None:
+    """Refuse a target whose balls are a little farther apart than in the pictures, for where nothing was tracked.
+
+    :func:`check_fit` lets distances miss by a fraction as well, which the tracker does not.
+
+    Parameters
+    ----------
+    frames, cameras, target, settings : as of :func:`check_fit`
+
+    Raises
+    ------
+    LogError
+        Two balls are farther apart, or nearer, than the target says.
+    """
+    strict = replace(settings, agreement=replace(settings.agreement, shape_fraction=0.0))
+    _check_sizes(_candidates(frames, cameras, target, settings), cameras, target, strict)
+
+
+def _candidates(
+    frames: Sequence[Pictures], cameras: Sequence[Camera], target: Target, settings: VisionSettings
+) -> list[Candidates]:
+    """Find what may be each ball in every picture."""
+    return [
+        [
+            [[] if image is None else detect_everywhere(image, camera, ball, settings) for ball in target.balls]
+            for camera, image in zip(cameras, images, strict=True)
+        ]
+        for images in frames
+    ]
 
 
 def _no_such_colours(missing: Sequence[str], frames: Sequence[Pictures]) -> LogError:

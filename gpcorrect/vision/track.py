@@ -15,7 +15,7 @@ from gpcorrect import se3
 from gpcorrect.errors import LogError
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal, Progress
 from gpcorrect.vision.camera import Camera
-from gpcorrect.vision.checks import check_fit
+from gpcorrect.vision.checks import check_distances, check_fit
 from gpcorrect.vision.clocks import Clocks
 from gpcorrect.vision.filtering import STATUSES, Status
 from gpcorrect.vision.opencv import Image
@@ -183,6 +183,7 @@ def track(
     unpaired = keep_numbers(sources) + (pair_by_time(sources) if settings.fps is None else [])
     count, names = max(source.count for source in sources), [source.path.name for source in sources]
     times, rows = frame_times(sources, settings.fps, count), []
+    pictures: list[list[Image | None]] = []
     if settings.first_look:
         last = min(source.count for source in sources) - 1
         some = np.unique(np.linspace(0, last, settings.vision.check.frames).astype(int))
@@ -217,6 +218,7 @@ def track(
     remarks += _doubts(whole, cameras, target, settings.vision.check.often)
     remarks += _misshapen(whole, target, settings.vision)
     if not (whole.status == 0).any():
+        check_distances(pictures, cameras, target, settings.vision)
         hint = (
             "Look at the pictures: every ball must be seen by two cameras at the same time. Where it is, the "
             "calibration or the target file does not fit them."

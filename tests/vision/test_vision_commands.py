@@ -123,7 +123,7 @@ def test_wrong_colours_and_wrong_sizes_are_named(vision: Vision, recorded: _Reco
     )
     rows = {"green": (0, -0.038, 0), "yellow": (0.038, 0, 0), "red": (0, 0.038, 0)}
     wrong = [(1.0, r, "has a radius of") for r in (0.004, 0.006, 0.014, 0.019)]
-    wrong += [(k, 0.0095, "apart in the pictures") for k in (0.5, 0.85, 1.15, 2.0)]
+    wrong += [(k, 0.0095, "apart in the pictures") for k in (0.5, 0.85, 0.95, 1.05, 1.15, 2.0)]
     for scale, radius, word in wrong:
         balls = [{"name": n, "place": [scale * v for v in p], "radius": radius} for n, p in rows.items()]
         (tmp_path / "target.json").write_text(json.dumps({"ball": balls}))
