@@ -205,13 +205,15 @@ def rig_text(folders: Sequence[Path], board: Chessboard, beside: Path) -> str:
             raise DataError(f"there are no pictures in {folder}.", hint=hint)
     placed = any(PLACE in one for one in pictures)  # then another picture is of other moments
     shared = {PLACE} if placed else set.intersection(*(set(one) for one in pictures))
-    for name in sorted(name for name in shared if all(name in one for one in pictures)):
-        if all(find_corners(read_image(one[name]), board) is not None for one in pictures):
+    for name in sorted(shared):
+        blind = [camera for camera, one in zip(names, pictures, strict=True) if not _shows(one.get(name), board)]
+        if not blind:
             break
     else:
+        those = f": not {', '.join(blind)}" if placed else ""
         raise DataError(
             f"there is no picture {PLACE if placed else 'of one name'} in which all of {len(folders)} cameras see the "
-            "board.",
+            f"board{those}.",
             hint="Lay the board where every camera sees it, and save that moment as place.png in each folder.",
         )
     lines = ["[board]", f"columns = {board.columns}", f"rows = {board.rows}", f"square = {board.square}"]
@@ -221,3 +223,8 @@ def rig_text(folders: Sequence[Path], board: Chessboard, beside: Path) -> str:
         at = json.dumps(f"{where}/{one[name].name}")  # a string of JSON is one of TOML
         lines += [f"board_at = {{picture = {at}, position = [0.0, 0.0, 0.0]}}"]
     return "\n".join(lines) + "\n"
+
+
+def _shows(picture: Path | None, board: Chessboard) -> bool:
+    """Whether there is a picture, and the board in it."""
+    return picture is not None and find_corners(read_image(picture), board) is not None

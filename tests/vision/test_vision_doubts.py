@@ -270,7 +270,7 @@ def test_the_picture_of_the_place_is_the_one_that_counts(gpcorrect: CommandLine,
     (tmp_path / "rig.toml").write_text(text.replace('picture = "cam1/0.png"', 'picture = "big.png"'))
     refused = gpcorrect("vision", "calibrate", tmp_path / "rig.toml", "--output", tmp_path / "c.json")
     assert_refused(refused, "camera cam1", "1280 x 960")
-    for folder in folders:
-        cv2.imwrite(str(folder / "place.png"), np.full((480, 640, 3), 90, np.uint8))
+    shutil.copy(folders[0] / "0.png", folders[0] / "place.png")
+    cv2.imwrite(str(folders[1] / "place.png"), np.full((480, 640, 3), 90, np.uint8))
     again = gpcorrect("vision", "rig", *folders, "--square", 15, "--output", tmp_path / "second.toml")
-    assert_refused(again, "no picture place in which all of 2 cameras see the board")
+    assert_refused(again, "no picture place in which all of 2 cameras see the board: not cam1.")
