@@ -30,7 +30,9 @@ class BallSettings:
     clean_px: float = 0.8  # no rim point farther off: nothing has to be left out
     converged_px: float = 0.6  # a start that was this good needs no second pass
     block: int = 4  # neighbouring rays that err alike: 10 px of a rim of 25 px radius, a block of JPEG has 8
-    floor_px: float = 0.03  # standard deviation that systematic errors leave of any centre (docs/vision.md, measured)
+    # Standard deviation that systematic errors leave of any centre: with it 95 % ellipsoids hold for cameras that code
+    # with powers of 1.8 to 2.6, taken for 2.2 (docs/vision.md, measured).
+    floor_px: float = 0.06
 
     # Circles: Peng et al. 2020, Sec. III-A: Canny edges in the enlarged colour mask, bisected Hough threshold.
     rim_colour: float = 0.25  # of the ring inside a circle must have the colour (the paper's 25 %)

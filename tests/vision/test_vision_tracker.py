@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -50,6 +51,19 @@ def test_the_end_effector_is_tracked_with_a_camera_hidden_a_third_of_the_time() 
     assert _rms(turn) < 0.2
     reported = [1e3 * np.linalg.norm(f.pose.std[:3]) for f in frames]
     assert 0.3 < _rms(position) / np.mean(reported) < 3.0
+
+
+def test_ellipsoids_hold_for_cameras_of_another_gamma() -> None:
+    """Of poses from pictures whose code is taken for another one, at least 90 % lie in their 95 % ellipsoids."""
+    stage, poses, squares = Stage.standard(900, radius=0.02), path_of(900, 10), []
+    other = replace(DEFAULT, balls=replace(DEFAULT.balls, gamma=1.8))
+    with Tracker(cameras_of(stage), END_EFFECTOR, other) as tracker:
+        for i, pose in enumerate(poses):
+            fit = tracker.step(stage.frame(pose), i / RATE).measured
+            assert fit is not None
+            error = fit.T_tracker_tool[:3, 3] - pose[:3, 3]
+            squares.append(error @ np.linalg.solve(fit.covariance[:3, :3], error))
+    assert np.mean(np.array(squares) < 7.81) >= 0.9
 
 
 def test_a_single_ball_is_tracked_as_a_position() -> None:
