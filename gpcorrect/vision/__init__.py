@@ -16,10 +16,11 @@ from gpcorrect.vision.pose import (
     pose_from_observations,
     triangulate,
 )
+from gpcorrect.vision.record import record
 from gpcorrect.vision.rim import Outline, outline
 from gpcorrect.vision.search import REASONS, Reason
 from gpcorrect.vision.settings import VisionSettings
-from gpcorrect.vision.sources import Source, open_source, open_sources, record
+from gpcorrect.vision.sources import Source, open_source, open_sources
 from gpcorrect.vision.target import END_EFFECTOR, BallSpec, Colour, Target, colour_of, single_ball
 from gpcorrect.vision.track import Track, TrackResult, TrackSettings, track
 from gpcorrect.vision.tracker import Frame, Tracker
