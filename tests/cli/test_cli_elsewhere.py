@@ -16,7 +16,7 @@ from gpcorrect.types import PoseSignal
 FEW, NARROW = "samples pass cleaning by the training's thresholds", "95 % intervals cover only"
 
 
-@pytest.mark.parametrize(("moved", "said"), [(0.0, ()), (0.0006, (NARROW,)), (0.0011, (FEW, NARROW))])
+@pytest.mark.parametrize(("moved", "said"), [(0.0, ()), (0.0006, (NARROW,)), (0.001, (FEW, NARROW))])
 def test_figures_that_hold_for_few_samples_are_not_left_alone(
     gpcorrect: CommandLine, small_model: Path, tmp_path: Path, moved: float, said: tuple[str, ...]
 ) -> None:
