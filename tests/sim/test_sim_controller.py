@@ -9,7 +9,7 @@ import pytest
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim import Model, Plan, machine_of, model_from_dict, run
-from gpcorrect.sim.effects.dynamics import TERMS, FeedforwardError, GainError, InertiaError
+from gpcorrect.sim.effects.dynamics import TERMS, FeedforwardError, GainError, InertiaError, IntegralAction
 from gpcorrect.sim.effects.geometry import TransmissionRatio
 from gpcorrect.sim.effects.operators import play, plays
 from gpcorrect.sim.effects.over_time import CommandDelay
@@ -38,6 +38,7 @@ def test_what_is_missing_is_what_another_model_has() -> None:
     """A controller that should feed gravity forward and lacks it is a controller that feeds nothing forward."""
     lacking = motors("gravity", *(FeedforwardError(j, -1.0, "gravity") for j in (1, 2, 3)))
     np.testing.assert_allclose(lacking, motors("none"), atol=1e-12)
+    np.testing.assert_array_equal(motors("gravity", FeedforwardError("all", -1.0, "gravity")), lacking)
     whole = [FeedforwardError(j, 1.0, term) for j in (1, 2, 3) for term in ("gravity", "inertia")]
     np.testing.assert_allclose(motors("none", *whole), motors("rigid-body"), atol=1e-9)
 
@@ -54,6 +55,15 @@ def test_gains_of_the_effect_are_gains_of_the_controller() -> None:
     twice = replace(machine_of(model("gravity")).drive, kp=np.array([KP, 2 * KP, 4000.0]))
     other = replace(machine_of(model("gravity")), drive=twice)
     np.testing.assert_allclose(motors("gravity", GainError(2, 1.0)), run(other, plan()).motion.position, atol=1e-12)
+
+
+def test_an_integral_that_the_model_states_is_the_one_that_the_effect_adds() -> None:
+    nominal = model("none")
+    assert nominal.controller is not None
+    stated = nominal.controller.model_copy(update={"ki": (KP, KP, 4000.0)})
+    other = run(machine_of(nominal.model_copy(update={"controller": stated})), plan()).motion.position
+    np.testing.assert_allclose(motors("none", IntegralAction("all", 1.0)), other, atol=1e-12)
+    assert np.abs(other - motors("none")).max() > 1e-4
 
 
 def test_a_motor_that_is_heavier_is_another_motor() -> None:

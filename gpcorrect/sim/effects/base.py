@@ -233,6 +233,12 @@ class DriveEffect(Effect):
 
     stage = Stage.TORQUE
 
+    def _of_each(self, value: float, joints: tuple[int, ...], known: FloatArray | None = None) -> FloatArray:
+        """Return a number `(dof,)` of each controller: what is known, and the value more at its joint, or at all."""
+        numbers = np.zeros(len(joints)) if known is None else np.array(known)
+        numbers[slice(None) if self.joint == "all" else self.column(joints)] += value
+        return numbers
+
     @abstractmethod
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
         """Return the drives as they are.

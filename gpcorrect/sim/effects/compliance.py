@@ -11,7 +11,7 @@ from gpcorrect import se3
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body
 from gpcorrect.sim.effects.base import JointEffect, LoadEffect, Stage, TipEffect, TorqueEffect
-from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
+from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site, axes
 from gpcorrect.sim.effects.laws import TorqueLaw
 from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
@@ -66,9 +66,8 @@ class NonlinearStretch(JointEffect):
                 "cubic",
                 "hardening",
                 *CUBIC,
-                ladder=Ladder(
-                    Per.PRIOR, (0.001, 0.03, 1.0, 30.0)
-                ),  # as stiff as the linear part at a milliradian, 0.1 mm
+                # as stiff as the linear part at a milliradian, 0.1 mm
+                ladder=Ladder(Per.PRIOR, (0.001, 0.03, 1.0, 30.0)),
             ),
         ),
         neighbours=("cable_stretch", "backlash"),
@@ -157,9 +156,6 @@ class GravitySag(JointEffect):
         return q[..., j] - motion.gravity_load[..., j] / self.stiffness
 
 
-PLACES = ("tip", "beside")
-
-
 @dataclass(frozen=True)
 class Payload(LoadEffect):
     """A point mass at the tip or beside it, beyond the payload that is known; it weighs and it resists acceleration.
@@ -181,23 +177,13 @@ class Payload(LoadEffect):
         source="Featherstone 2008, Rigid Body Dynamics Algorithms, Ch. 5",
         parameters=(
             Parameter("mass", "mass at the tip beyond the known", Range("kg", -3.0, 3.0, 0.1), positive=False),
-            *(
-                Parameter(
-                    axis,
-                    f"from the tip, along its frame's {axis} axis",
-                    Range("m", -0.5, 0.5, 0.05),
-                    positive=False,
-                    only=("place", "beside"),
-                    shaped_by="mass",
-                )
-                for axis in "xyz"
-            ),
+            *axes("from the tip, along its frame's", Range("m", -0.5, 0.5, 0.05), ("place", "beside"), "mass"),
         ),
         needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
         neighbours=("gravity_sag", "length_dependent_stiffness"),
         separating_runs=(Run.LOAD_SWAP, Run.TWO_INSERTIONS, Run.POSE_SPREAD),
         sites=(Site.ALL,),
-        choices=(("place", PLACES),),
+        choices=(("place", ("tip", "beside")),),
     )
 
     def act(self, body: Body) -> Body:
@@ -255,10 +241,7 @@ class CentreOfMassError(LoadEffect):
         family=Family.COMPLIANCE,
         equation="c = c_nominal + (x, y, z), in the link's frame",
         source="Atkeson, An, Hollerbach 1986, Int. J. Robotics Research 5(3): mass moments of links from motion",
-        parameters=tuple(
-            Parameter(axis, f"along the link frame's {axis} axis", Range("m", -0.5, 0.5, 0.02), positive=False)
-            for axis in "xyz"
-        ),
+        parameters=axes("along the link frame's", Range("m", -0.5, 0.5, 0.02)),
         needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
         neighbours=("link_mass_error", "joint_spring", "gravity_error"),
         separating_runs=(Run.POSE_SPREAD, Run.SPEED_LADDER),
@@ -285,10 +268,7 @@ class GravityError(LoadEffect):
         family=Family.COMPLIANCE,
         equation="g = g_nominal + (x, y, z), in the base frame",
         source="Siciliano et al. 2009, Robotics, Sec. 7.2: gravity in the base frame",
-        parameters=tuple(
-            Parameter(axis, f"along the base's {axis} axis", Range("m/s^2", -20.0, 20.0, 0.3), positive=False)
-            for axis in "xyz"  # from an arm that hangs to one that stands
-        ),
+        parameters=axes("along the base's", Range("m/s^2", -20.0, 20.0, 0.3)),  # from an arm that hangs to one upright
         needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
         neighbours=("centre_of_mass_error", "joint_spring", "payload"),
         separating_runs=(Run.POSE_SPREAD, Run.LOAD_SWAP),

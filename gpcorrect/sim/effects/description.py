@@ -174,6 +174,19 @@ class Parameter:
         return stats.norm(loc=0.0, scale=typical)
 
 
+def axes(meaning: str, span: Range, only: tuple[str, str] | None = None, shaped_by: str = "") -> tuple[Parameter, ...]:
+    """Return the parameters x, y and z of a vector, to either side of nothing.
+
+    Parameters
+    ----------
+    meaning : str, what each is along, but for the axis
+    span : Range, of each
+    only, shaped_by : as of :class:`Parameter`
+    """
+    words = {axis: f"{meaning} {axis} axis" for axis in "xyz"}
+    return tuple(Parameter(a, w, span, positive=False, only=only, shaped_by=shaped_by) for a, w in words.items())
+
+
 PHASE = Parameter(
     "phase",
     "phase at zero",

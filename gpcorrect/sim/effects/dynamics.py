@@ -98,8 +98,7 @@ class FeedforwardError(DriveEffect):
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
         """Add the fraction to what is fed forward."""
         beyond = np.array(np.broadcast_to(drive.beyond, (3, len(joints))))
-        which = slice(None) if self.joint == "all" else self.column(joints)
-        beyond[TERMS.index(self.term), which] += self.fraction
+        beyond[TERMS.index(self.term)] += self._of_each(self.fraction, joints)
         return replace(drive, beyond=beyond)
 
 
@@ -226,9 +225,7 @@ class VelocityFilter(DriveEffect):
 
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
         """Filter the speeds; a filter that was there already has its time constant added."""
-        filtered = np.zeros(len(joints)) if drive.filtered is None else np.array(drive.filtered)
-        filtered[slice(None) if self.joint == "all" else self.column(joints)] += self.time_constant
-        return replace(drive, filtered=filtered)
+        return replace(drive, filtered=self._of_each(self.time_constant, joints, drive.filtered))
 
 
 @dataclass(frozen=True)
@@ -255,10 +252,8 @@ class IntegralAction(DriveEffect):
 
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
         """Add to the gains."""
-        ki = np.zeros(len(joints)) if drive.ki is None else np.array(drive.ki)
-        which = slice(None) if self.joint == "all" else self.column(joints)
-        ki[which] += self.rate * drive.kp[which]
-        return replace(drive, ki=ki)
+        more = self._of_each(self.rate, joints) * drive.kp
+        return replace(drive, ki=more if drive.ki is None else drive.ki + more)
 
 
 FRICTIONS = ("dry", "viscous")

@@ -181,9 +181,7 @@ class CommandDelay(DriveEffect):
 
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
         """Add to the latency."""
-        late = np.zeros(len(joints)) if drive.latency is None else np.array(drive.latency)
-        late[slice(None) if self.joint == "all" else self.column(joints)] += self.delay
-        return replace(drive, latency=late)
+        return replace(drive, latency=self._of_each(self.delay, joints, drive.latency))
 
 
 @dataclass(frozen=True)
