@@ -19,6 +19,7 @@ from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, IntArray
 
 RESAMPLES = 1000  # of the bootstrap: 25 of them lie beyond each end of a 95 % interval
+FEWEST_LOGS = 3  # a line through the fit and these: one of fewer cannot be told from a step between two recordings
 ENOUGH_LOGS = 5  # from which whole logs are resampled, for trajectories of one day err together; chosen by hand
 TAIL = 2.5  # per cent on each side of a 95 % interval
 FEWEST_BASELINE = 4  # scores of the training: a rank among fewer shows little; chosen by hand
@@ -97,7 +98,9 @@ class Ageing:
 
     Parameters
     ----------
-    ageing : bool, whether the scores grow beyond chance: the 95 % interval of the slope lies above zero
+    ageing : bool or None
+        Whether the scores grow beyond chance: the 95 % interval of the slope lies above zero. None where recordings are
+        too few to tell growth from another day.
     slope, slope95 : float and pair, growth of the score in one unit of time, and its interval
     limit : float, score at which the model is called worn out
     remaining : float or None
@@ -106,7 +109,7 @@ class Ageing:
     level : float, of the line at the newest log
     """
 
-    ageing: bool
+    ageing: bool | None
     slope: float
     slope95: tuple[float, float]
     limit: float
@@ -146,7 +149,8 @@ def estimate_ageing(
     wider = float(np.sqrt(units / max(units - 1, 1)) * stdtrit(max(units - 1, 1), 1 - TAIL / 100) / Z95)
     lines = np.array([slope, level]) + wider * (drawn - drawn.mean(axis=0))
     low, high = np.percentile(lines[:, 0], [TAIL, 100 - TAIL])
-    known = Ageing(bool(low > 0), slope, (float(low), float(high)), worn, None, None, level)
+    ageing = bool(low > 0) if len(by_log) >= FEWEST_LOGS else None
+    known = Ageing(ageing, slope, (float(low), float(high)), worn, None, None, level)
     if not known.ageing:
         return known
     with np.errstate(divide="ignore"):

@@ -332,10 +332,15 @@ class Corrector(ABC):
         ----------
         log : CalibrationLog
         """
-        return tuple(said for said in (self._caution_seen(log), self._caution_arm(log)) if said)
+        return tuple(said for said in (self.learned_from(log), self._caution_arm(log)) if said)
 
-    def _caution_seen(self, log: CalibrationLog) -> str:
-        """Say where a log holds some of what was learned from: a whole recording, a part, or both in another file."""
+    def learned_from(self, log: CalibrationLog) -> str:
+        """Say where a log holds some of what was learned from: a whole recording, a part, or both in another file.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+        """
         learned = [self.summary.get("data", {}), *self.summary.get("updates", [])]
         known = {digest for entry in learned for part in ("recordings", "contents") for digest in entry.get(part, [])}
         # A file by its bytes, as models of before know it, or by what it holds.

@@ -115,7 +115,8 @@ def drift(
 ) -> None:
     """Tell from recordings, oldest first, whether a model has aged, and estimate its remaining useful time.
 
-    Motions longer than 20 s are watched in pieces, for recordings are often one long motion.
+    Motions longer than 20 s are watched in pieces, for recordings are often one long motion. Recordings that the model
+    was made from are left out; how fast it ages takes three others.
 
     Examples
     --------
@@ -140,12 +141,16 @@ def drift(
         matched, clocks = corrector.on_one_clock(log, reading.clock_left)
         for sentence in (*clocks.notes, *corrector.cautions(log)):
             note(f"{path}: {sentence}")
-        parts.append(corrector.measure(matched, corrector.clean_afresh(matched).keep).scores)
+        if corrector.learned_from(log):
+            note(f"{path}: left out")
+            parts.append(np.empty(0))
+        else:
+            parts.append(corrector.measure(matched, corrector.clean_afresh(matched).keep).scores)
         recorded += sum(float(np.ptp(log.time[rows])) for _, rows in log.trajectories()) / 3600
         ages.append(recorded if age is None else age[i])
     scores = np.concatenate(parts)
     if scores.size == 0:
-        raise DataError("no trajectory lies in the model's training region: its age cannot be estimated.")
+        raise DataError("no new trajectory lies in the model's training region: its age cannot be estimated.")
     rng = np.random.default_rng(seed)
     found = detect(baseline, scores, false_alarms, rng)
     counts = [len(part) for part in parts]
@@ -171,7 +176,7 @@ def drift(
         return
     for i, path in enumerate(logs):
         own = found.scores[where == i]
-        size = f"score {own.mean():.2f}" if own.size else "outside the training region"
+        size = f"score {own.mean():.2f}" if own.size else "of the training, or outside its region"
         out.print(f"{path}: {own.size} trajectories, {size}")
     out.print(styled((words[0], "" if found.alarm is None else "bold red")))
     out.print(words[1])
@@ -198,6 +203,10 @@ def _drift_verdict(found: Detection, where: IntArray, logs: list[Path]) -> str:
 
 
 def _ageing_words(ageing: Ageing, unit: str) -> str:
+    from gpcorrect.calibration.drift import FEWEST_LOGS
+
+    if ageing.ageing is None:
+        return f"how fast it ages cannot be told from fewer than {FEWEST_LOGS} new recordings"
     if ageing.remaining is None or ageing.remaining95 is None:
         return "not ageing: errors do not grow with time beyond chance, so no end is in sight"
     if ageing.remaining == 0:

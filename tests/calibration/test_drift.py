@@ -87,6 +87,17 @@ def test_what_is_worn_out_has_no_time_left() -> None:
     assert found.remaining == 0.0
 
 
+def test_a_step_between_two_days_is_not_called_ageing() -> None:
+    """Two recordings after the fit may differ by the day, whatever their trajectories say; a third makes a line."""
+    rng = np.random.default_rng(7)
+    baseline, scores, ages, logs = history(rng, 0.05)
+    for last, told in ((1, None), (2, None), (3, True)):
+        rows = logs < last
+        found = estimate_ageing(baseline, scores[rows] + 1.0, ages[rows], logs[rows], 3.0, rng)
+        assert found.ageing is told
+        assert (found.remaining is None) == (told is None)
+
+
 def test_bad_questions_are_refused() -> None:
     """Too few scores at the fit, a rate of every trajectory, an age of zero, a limit below the start."""
     rng = np.random.default_rng(6)

@@ -58,6 +58,16 @@ def test_drift_draws_and_answers(gpcorrect: CommandLine, model: Path, days: list
     assert "no alarm" in page
     assert page.count('class="chart"') == 1
     assert "trajectories" in gpcorrect("drift", model, *days).out
+    assert result.json["ageing"] is None  # two days make no line
+
+
+def test_drift_leaves_the_training_out(gpcorrect: CommandLine, model: Path, days: list[Path], tmp_path: Path) -> None:
+    """Scores of a recording that the model was made from are those of a model that knows the answers."""
+    training = written(small_log(), tmp_path / "training.csv")
+    alone, after = gpcorrect("drift", model, days[1], "--json"), gpcorrect("drift", model, training, days[1], "--json")
+    assert after.json["scores"] == alone.json["scores"]
+    assert "training.csv: left out" in after.said
+    assert_refused(gpcorrect("drift", model, training), "no new trajectory")
 
 
 def test_explore_writes_a_table(gpcorrect: CommandLine, model: Path, tmp_path: Path) -> None:
