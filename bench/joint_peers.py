@@ -36,8 +36,8 @@ from sklearn.preprocessing import StandardScaler
 from support import print_table, real_data, save_results
 
 from gpcorrect.calibration import FitSettings, JointCorrector, evaluate_model, fit_model
-from gpcorrect.calibration.memory import play_states
 from gpcorrect.logs import read_log
+from gpcorrect.play import play_states
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 from gpcorrect_studies.peng2024 import RavenStudy
 

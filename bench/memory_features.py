@@ -12,9 +12,10 @@ import numpy as np
 from support import print_table, real_data, save_results
 
 from gpcorrect.calibration import FitSettings, run_experiment
-from gpcorrect.calibration.memory import LADDER, SMALLEST, play_states
+from gpcorrect.calibration.memory import LADDER, SMALLEST
 from gpcorrect.gpr import SparseGPR
 from gpcorrect.logs import read_log
+from gpcorrect.play import play_states
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray
 from gpcorrect.velocity import derivative, segment_labels
 

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from gpcorrect.calibration.coupled_play import CoupledPlay, learn_coupled_play, uncoupled_play
 from gpcorrect.calibration.joint_path import JointPath, usual_steps
-from gpcorrect.calibration.memory import lagged, left_out_squares, play_states
+from gpcorrect.calibration.memory import lagged, left_out_squares
 from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.errors import DataError
+from gpcorrect.play import play_states
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 FeatureKind = Literal["position", "velocity", "acceleration", "effort", "memory", "lags", "state"]

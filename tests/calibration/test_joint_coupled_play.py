@@ -11,7 +11,7 @@ from gpcorrect.calibration.coupled_play import CoupledPlay, learn_coupled_play
 from gpcorrect.calibration.joint_features import JointFeatures
 from gpcorrect.calibration.joint_path import joint_path
 from gpcorrect.calibration.learners.gp import _gain, _levels, _local_level
-from gpcorrect.calibration.memory import play_states
+from gpcorrect.play import play_states
 
 
 def walk(seed: int = 0, n: int = 400) -> np.ndarray:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gpcorrect.calibration.dataset import path_starts
-from gpcorrect.calibration.memory import play_states
+from gpcorrect.play import play_states
 from gpcorrect.sim.effects.operators import play
 
 RADII = np.array([[0.1, 0.3], [0.5, 0.02]])

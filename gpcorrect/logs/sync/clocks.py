@@ -12,7 +12,7 @@ import numpy as np
 from gpcorrect.errors import DataError, DegenerateError, LogError
 from gpcorrect.logs.streams import Stream, interpolate
 from gpcorrect.logs.sync.estimate import TimeOffset, log_offset, regression
-from gpcorrect.logs.sync.motion import clock_runs, pairs_of
+from gpcorrect.logs.sync.motion import REFERENCES, clock_runs, pairs_of
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
 PLAUSIBLE_LAG = (0.0, 0.15)
@@ -63,7 +63,8 @@ def match_clocks(
     ----------
     log : CalibrationLog, not changed
     moving, reference : str
-        The signal that another clock may have stamped, and what it is compared with: both poses or both joints.
+        The signal that another clock may have stamped, and what it is compared with: both poses or both joints. What
+        the robot reports is taken instead of what it was commanded, where the log holds it: it lags less.
     mode : {"auto", "none"} or str, "none" leaves the stamps alone; a number shifts the signal by so many seconds
     shifts : bool, whether "auto" shifts; it only says what it found otherwise
 
@@ -91,6 +92,7 @@ def match_clocks(
         seconds = seconds_of(mode)
         remark = f"{name} was shifted by the {seconds:g} s that were given"
         return align(log, seconds, signals=(moving,)), Clocks(None, seconds, remark, to_note=seconds != 0.0)
+    reference = next(signal for signal in (*REFERENCES.get(moving, ()), reference) if signal in log.signals)
     found = log_offset(log, moving, reference)
     if not found.observable:
         return log, Clocks(found, 0.0, f"the time offset of {name} is not observable: {found.reason}")
@@ -118,14 +120,14 @@ def _left(found: TimeOffset, size: str, late: bool) -> Clocks:
 
     `late` is whether the sensor runs behind the pose that the robot reports, which no servo explains.
     """
-    align_first = "align the log first (gpcorrect.logs.align with log_offset)"
     if late:
-        remark = f"{size}: left as it was stamped. If that is the sensor's delay and not the tool's, {align_first}"
+        remark = f"{size}: left as it was stamped. If that is the sensor's delay and not the tool's, give --time-offset"
         return Clocks(found, 0.0, remark, to_note=True)
     remark = f"{size}, as a servo may: left to the velocity features"
     if found.drift is None:
         return Clocks(found, 0.0, remark)
-    return Clocks(found, 0.0, f"{remark}, which cannot follow a clock: {align_first}", to_note=True)
+    align = "align the log first (gpcorrect.logs.align with log_offset)"
+    return Clocks(found, 0.0, f"{remark}, which cannot follow a clock: {align}", to_note=True)
 
 
 def _doubt(log: CalibrationLog, found: TimeOffset, lag: float) -> str:

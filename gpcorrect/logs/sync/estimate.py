@@ -288,7 +288,7 @@ def _refined(
 
 
 def regression(pieces: Sequence[MotionPair], starts: FloatArray) -> Timing | None:
-    """Set up the regression, without lever arms where samples are few, not at all where they are fewer.
+    """Set up the regression, without slack and then lever arms where samples are few, not at all where they are fewer.
 
     Parameters
     ----------
@@ -298,7 +298,7 @@ def regression(pieces: Sequence[MotionPair], starts: FloatArray) -> Timing | Non
     stamps = np.concatenate([p.observed.time for p in pieces])
     epoch = float((stamps.min() + stamps.max()) / 2)
     plain = [replace(p, reference=replace(p.reference, lever=None)) for p in pieces]
-    for timing in (Timing(pieces, epoch), Timing(plain, epoch)):
+    for timing in (Timing(pieces, epoch), Timing(pieces, epoch, slack=False), Timing(plain, epoch, slack=False)):
         if any(timing.enough(timing.sample(np.array([s])).valid) for s in starts):
             return timing
     return None
