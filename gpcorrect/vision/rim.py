@@ -19,6 +19,7 @@ from gpcorrect.vision.opencv import Image, cv2
 from gpcorrect.vision.settings import DEFAULT, BallSettings
 
 TINY = 1e-9  # keeps the division finite where ball and background are alike; contrast leaves such rays out
+UNKNOWN = 1e3  # variance of the light of a channel that is clipped: no part in what tells ball from background
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,10 +67,10 @@ def outline(
     if not circle[2] >= settings.least_outline_px:
         return None
     for reach in settings.reaches:
-        pixels = _rim_points(image, circle, reach, settings)
+        pixels, blur_px = _rim_points(image, circle, reach, settings)
         if len(pixels) < settings.least_arc * settings.rays:
             return None
-        found = fit_cone(lens.normalised(pixels), lens, settings)
+        found = fit_cone(lens.normalised(pixels), lens, settings, blur_px)
         if found is None:
             return None
         start, circle = circle, np.array([*found.pixel, found.radius])
@@ -78,10 +79,11 @@ def outline(
     return found
 
 
-def _rim_points(image: Image, circle: FloatArray, reach: float, settings: BallSettings) -> FloatArray:
-    """Points `(n, 2)` at which the colour changes fastest from the ball's to the background's, along rays.
+def _rim_points(image: Image, circle: FloatArray, reach: float, settings: BallSettings) -> tuple[FloatArray, float]:
+    """Points `(n, 2)` at which the colour changes fastest from the ball's to the background's, and the rim's blur, px.
 
-    `reach` is how far inside and outside the circle to sample, as a fraction of its radius.
+    `reach` is how far inside and outside the circle to sample, along rays, as a fraction of its radius. The blur is a
+    standard deviation, the median of the rays.
     """
     u, v, radius = circle
     angles = np.linspace(0.0, 2.0 * np.pi, settings.rays, endpoint=False)[:, None]
@@ -93,8 +95,7 @@ def _rim_points(image: Image, circle: FloatArray, reach: float, settings: BallSe
     end_u, end_v = where[0][:, -1], where[1][:, -1]  # the outer ends lie farthest out
     inside = (end_u > 0) & (end_u < image.shape[1] - 1) & (end_v > 0) & (end_v < image.shape[0] - 1)
     inner, outer = np.searchsorted(r, (max(radius - 0.4 * half, r[0]), radius + 0.4 * half), side="right")
-    contrast = np.linalg.norm(np.subtract(*_sides(colours, inner, outer)), axis=1)
-    along = _towards_ball(_light(settings.gamma)[colours], inner, outer)
+    along, contrast = _towards_ball(colours, inner, outer, settings)
     slope = -np.diff(along, axis=1)
     slope[:, 1:-1] = 0.25 * slope[:, :-2] + 0.5 * slope[:, 1:-1] + 0.25 * slope[:, 2:]
     peak = np.argmax(slope[:, 1:-1], axis=1) + 1
@@ -104,20 +105,29 @@ def _rim_points(image: Image, circle: FloatArray, reach: float, settings: BallSe
     offset = np.where(bend < -1e-9, 0.5 * (before - after) / np.where(bend < -1e-9, bend, 1.0), 0.0)
     at = r[0] + settings.step_px * (peak + 0.5 + np.clip(offset, -1.0, 1.0))
     good = (contrast > settings.contrast) & (top > settings.least_slope) & inside
-    return np.asarray(np.stack([u + at * cos[:, 0], v + at * sin[:, 0]], axis=1)[good], dtype=np.float64)
+    blur_px = settings.step_px / np.sqrt(2.0 * np.pi) / float(np.median(top[good])) if good.any() else 0.0
+    return np.stack([u + at * cos[:, 0], v + at * sin[:, 0]], axis=1)[good].astype(np.float64), blur_px
 
 
-def _sides(colours: Image, inner: int, outer: int) -> tuple[FloatArray, FloatArray]:
-    """Mean colours `(rays, 3)` of the ball, the first `inner` samples of each ray, and of what is behind it."""
-    return colours[:, :inner].mean(axis=1), colours[:, outer:].mean(axis=1)
+def _towards_ball(colours: Image, inner: int, outer: int, settings: BallSettings) -> tuple[FloatArray, FloatArray]:
+    """Light along each ray, from the background's (0) to the ball's (1), and how many standard deviations that spans.
 
-
-def _towards_ball(colours: FloatArray, inner: int, outer: int) -> FloatArray:
-    """Colours along each ray, measured from the background (0) to the ball (1)."""
-    ball, ground = _sides(colours, inner, outer)
+    The first `inner` samples of a ray are the ball, those from `outer` on what is behind it. Of all mixtures of the
+    three channels this is the one in which they differ most against what varies along the ball (Fisher 1936): shading
+    that changes towards the rim, noise. Channels that are clipped between the two do not count: what is cut off changes
+    fastest beside the rim.
+    """
+    light = _light(settings.gamma)[colours]
+    ball, ground = light[:, :inner].mean(axis=1), light[:, outer:].mean(axis=1)
+    clipped = (colours[:, inner:outer] >= settings.clipped).any(axis=1)
+    shading = light[:, :inner] - ball[:, None]
+    scatter = shading.swapaxes(1, 2) @ shading / inner
+    scatter = scatter + (settings.least_scatter**2 + UNKNOWN * clipped)[:, None] * np.eye(3)
     difference = ball - ground
-    above = np.einsum("ijk,ik->ij", colours, difference) - (ground * difference).sum(axis=1)[:, None]
-    return np.asarray(above / np.maximum((difference**2).sum(axis=1), TINY)[:, None])
+    mixture = np.linalg.solve(scatter, difference[..., None])
+    apart = (difference * mixture[..., 0]).sum(axis=1)
+    above = ((light - ground[:, None]) @ mixture)[..., 0]
+    return above / np.maximum(apart, TINY)[:, None], np.sqrt(np.maximum(apart, 0.0))
 
 
 @cache
@@ -126,7 +136,9 @@ def _light(gamma: float) -> FloatArray:
     return np.asarray((np.arange(256) / 255.0) ** gamma, dtype=np.float32)
 
 
-def fit_cone(points: FloatArray, lens: Intrinsics, settings: BallSettings = DEFAULT.balls) -> Outline | None:
+def fit_cone(
+    points: FloatArray, lens: Intrinsics, settings: BallSettings = DEFAULT.balls, blur_px: float = 1.0
+) -> Outline | None:
     """Fit the cone of touching rays to the rim points that agree on one; None when they are too few.
 
     Parameters
@@ -134,6 +146,7 @@ def fit_cone(points: FloatArray, lens: Intrinsics, settings: BallSettings = DEFA
     points : (n, 2) array, undistorted, on the plane one unit before the lens
     lens : Intrinsics
     settings : BallSettings
+    blur_px : float, standard deviation of the rim's blur
     """
     d = np.column_stack([points, np.ones(len(points))])
     d /= np.linalg.norm(d, axis=1, keepdims=True)
@@ -154,7 +167,7 @@ def fit_cone(points: FloatArray, lens: Intrinsics, settings: BallSettings = DEFA
             if (near == used).all():
                 break
             used = near
-    return _outline(d[used], m, off[used], lens, settings)
+    return _outline(d[used], m, off[used], lens, settings, blur_px)
 
 
 def _cone(d: FloatArray, used: BoolArray, lens: Intrinsics) -> tuple[FloatArray, FloatArray]:
@@ -186,21 +199,25 @@ def _consensus(d: FloatArray, lens: Intrinsics, settings: BallSettings) -> BoolA
     return np.asarray(off[best] < 3.0 * settings.inlier_px)
 
 
-def _outline(d: FloatArray, m: FloatArray, off: FloatArray, lens: Intrinsics, settings: BallSettings) -> Outline | None:
+def _outline(
+    d: FloatArray, m: FloatArray, off: FloatArray, lens: Intrinsics, settings: BallSettings, blur_px: float
+) -> Outline | None:
     """Outline of a cone `m` fitted to rays `d`, which are `off` px from it."""
     length = float(np.linalg.norm(m))
     if length <= 1.0 or m[2] <= 0:
         return None
     half = float(np.arccos(1.0 / length))
     rms = float(np.sqrt(np.mean(off**2)))
-    # Neighbours on the rim err alike (compression, blur, what is behind): means of some of them tell how much.
-    blocks = off[: len(off) // settings.block * settings.block].reshape(-1, settings.block).mean(axis=1)
-    alike = np.sqrt(settings.block * float(blocks @ blocks) / (len(blocks) - 3)) if len(blocks) > 3 else 0.0
-    noise = max(rms, alike, 0.05) / lens.focal
+    # Errors of the rim that repeat once around it move the centre and leave nothing to see. Those that repeat k times
+    # show, and have 1 / k of the power (flicker noise) above the white noise, of which `rms` is nearly all.
+    power = np.abs(np.fft.rfft(off)[2 : settings.harmonics + 1]) ** 2 / len(off)
+    k = np.arange(2, 2 + len(power))
+    once = float(k @ power) / max(len(k) - 1, 1) - (k.mean() - 1.0) * rms**2
+    noise = np.sqrt(max(rms**2, once, 0.05**2)) / lens.focal
     # d . m = 1: a rim point that is off by an angle e misses by e |m| sin(half).
     covariance_m = (noise * length * np.sin(half)) ** 2 * np.linalg.inv(d.T @ d)
     J = np.array([[1.0, 0.0, -m[0] / m[2]], [0.0, 1.0, -m[1] / m[2]]]) / m[2]
     ray = m[:2] / m[2]
-    covariance = J @ covariance_m @ J.T + (settings.floor_px / lens.focal) ** 2 * np.eye(2)
+    covariance = J @ covariance_m @ J.T + (settings.floor_px * blur_px**2 / lens.focal) ** 2 * np.eye(2)
     pixel = lens.pixels(np.array([*ray, 1.0]))[0]
     return Outline(pixel, ray, covariance, half, lens.focal * np.tan(half), len(d) / settings.rays, rms)

@@ -23,15 +23,18 @@ class BallSettings:
     step_px: float = 0.5  # between samples along a ray; bilinear pictures hold nothing finer
     reaches: tuple[float, ...] = (0.45, 0.25)  # how far in and out to sample: first pass, second pass
     least_outline_px: float = 2.0  # radius below which a rim has too few pixels
-    contrast: float = 12.0  # grey levels (norm of three channels) from ball to background: 6 x the noise of 2 levels
+    contrast: float = 6.0  # standard deviations from ball to background, of what varies along the ball's part of a ray
+    least_scatter: float = 0.01  # of full light, standard deviation: the noise, two grey levels, of a middle grey
+    clipped: int = 250  # grey level from which a channel may be cut off at 255: 2.5 x the noise below it
     least_slope: float = 0.04  # of that contrast, per sample: below it there is no edge
     least_arc: float = 0.30  # of the rim must be visible: a third determines a cone, less is mostly its noise
     inlier_px: float = 0.35  # three times this from the cone, a rim point is another object's
     clean_px: float = 0.8  # no rim point farther off: nothing has to be left out
     converged_px: float = 0.6  # a start that was this good needs no second pass
-    block: int = 4  # neighbouring rays that err alike: 10 px of a rim of 25 px radius, a block of JPEG has 8
-    # Standard deviation that systematic errors leave of any centre: with it 95 % ellipsoids hold for cameras that code
-    # with powers of 1.8 to 2.6, taken for 2.2 (docs/vision.md, measured).
+    harmonics: int = 8  # of the rim's errors, from the second on, that show how large the first is
+    # Standard deviation that systematic errors leave of any centre whose rim is blurred by 1 px; as shading and a gamma
+    # that is not quite right have it, it grows with the square of the blur. With it 95 % ellipsoids hold for cameras
+    # that code with powers of 1.8 to 2.6, taken for 2.2, and for colours that JPEG blurs (docs/vision.md, measured).
     floor_px: float = 0.06
 
     # Circles: Peng et al. 2020, Sec. III-A: Canny edges in the enlarged colour mask, bisected Hough threshold.
