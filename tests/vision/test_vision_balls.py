@@ -73,6 +73,37 @@ def test_the_side_that_light_comes_from_moves_no_centre() -> None:
     assert _offset_px(stage, replace(DEFAULT.balls, gamma=1.0)) > 0.12
 
 
+def test_light_from_one_side_alone_moves_centres_little() -> None:
+    """What darkens towards the rim is the ball's own colour; all three channels alike take that for the rim."""
+    stage = Stage.standard(SEED, pieces=0, light=Light((1.0, -0.3, 0.25), 0.05), radius=0.02)
+    assert _offset_px(stage, DEFAULT.balls) < 0.16
+    assert _offset_px(stage, replace(DEFAULT.balls, least_scatter=10.0, contrast=0.0)) > 0.25
+
+
+def test_overexposed_sides_move_no_centre() -> None:
+    """A channel that is cut off at its brightest changes fastest beside the rim."""
+    bright = {"green": (40.0, 260.0, 60.0), "yellow": (300.0, 270.0, 40.0), "red": (300.0, 35.0, 35.0)}
+    stage = Stage.standard(SEED, pieces=0, light=Light((0.3, -0.5, 1.0), 0.4), radius=0.02, colours=bright)
+    assert _offset_px(stage, DEFAULT.balls) < 0.06
+    assert _offset_px(stage, replace(DEFAULT.balls, clipped=256)) > 0.07
+
+
+def test_centres_in_compressed_pictures_are_as_uncertain_as_they_say() -> None:
+    """JPEG of quality 30 errs slowly along the rim and blurs colours: 95 % ellipses hold 85 % of centres or more."""
+    stage, inside = Stage.standard(SEED, pieces=0, noise=6.0, radius=0.02), []
+    for pose in path_of(SEED, 3, 5.0):
+        for ball in stage.balls(pose):
+            for lens, studio in zip(stage.lenses, stage.studios, strict=True):
+                _, coded = cv2.imencode(".jpg", studio.photograph([ball]), [cv2.IMWRITE_JPEG_QUALITY, 30])
+                true, away = lens.pixels(ball.centre), float(np.linalg.norm(ball.centre - lens.position))
+                circle = np.array([*true, lens.focal[0] * ball.radius / away])
+                found = outline(cv2.imdecode(coded, cv2.IMREAD_COLOR), circle, intrinsics_of(lens))
+                assert found is not None
+                off = (found.pixel - true) / lens.focal
+                inside.append(off @ np.linalg.solve(found.covariance, off) < 5.99)  # chi squared of two, 95 %
+    assert np.mean(inside) >= 0.85
+
+
 def _offset_px(stage: Stage, settings: BallSettings) -> float:
     """RMS over cameras and balls of the mean offset of the centres, px: what no averaging takes away."""
     off = []
