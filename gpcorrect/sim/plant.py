@@ -138,7 +138,7 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
         reference = Reference(command.position, command.velocity, given, beyond_inertia, inertia, load.total)
         servo = follow(drive, reference, clock, body.joints, machine.effects)
         motion, motors = _motion(body, plan, servo, load), servo.position
-        q = joint_path(_mechanical(machine), motion)
+        q = joint_path(mechanical(machine), motion)
         path = _path(plan, q, servo.velocity)
     return Driven(motion, servo.torque, q)
 
@@ -158,13 +158,13 @@ def _first_guess(
     """
     if command.begun is not None:
         return command.guess, command.guess_load if machine.has_nominal_body else None
-    if machine.has_nominal_body and drive is machine.drive and not of_kind(_mechanical(machine), PathEffect):
+    if machine.has_nominal_body and drive is machine.drive and not of_kind(mechanical(machine), PathEffect):
         return command.guess, command.guess_load
     desired = command.desired
     load = command.nominal_load if machine.has_nominal_body else link_load(body, desired)
     position = _pushed_aside(drive, desired, load, fed)
     servo = ServoPath(position, desired.velocity, load.total, np.zeros(position.shape))
-    q = joint_path(_mechanical(machine), _motion(body, command.plan, servo, load))
+    q = joint_path(mechanical(machine), _motion(body, command.plan, servo, load))
     return JointPath(q, desired.velocity, desired.acceleration), None
 
 
@@ -195,8 +195,13 @@ def tip_path(effects: Sequence[Effect], T_base_tip: FloatArray | None, motion: M
     return T_base_tip
 
 
-def _mechanical(machine: Machine) -> list[Effect]:
-    """Return the effects without those of the clock: when the arm is seen changes no load."""
+def mechanical(machine: Machine) -> list[Effect]:
+    """Return the effects without those of the clock: when the arm is seen changes no load.
+
+    Parameters
+    ----------
+    machine : Machine
+    """
     return [effect for effect in machine.effects if effect.stage != Stage.CLOCK]
 
 

@@ -15,7 +15,7 @@ from discrepancy_support import nominal
 
 from gpcorrect.discrepancy.evidence.variables import Covariates, Quantity, Variable, all_cells, covariates_of
 from gpcorrect.discrepancy.recording.dataset import Dataset
-from gpcorrect.discrepancy.recording.scene import ReplayMemory
+from gpcorrect.discrepancy.recording.replay_memory import ReplayMemory
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import _tangents
 from gpcorrect.discrepancy.search.prepared import prepare_data

@@ -13,7 +13,7 @@ import pytest
 from discrepancy_core import joint_log, raven_swings
 
 from gpcorrect.discrepancy.recording.dataset import Dataset, SignalMemory
-from gpcorrect.discrepancy.recording.scene import Remembered, ReplayMemory
+from gpcorrect.discrepancy.recording.replay_memory import Remembered, ReplayMemory
 from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.sim import machine_of, model_from_dict, plant, simulate
 from gpcorrect.sim.effects import (

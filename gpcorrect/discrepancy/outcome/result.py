@@ -177,6 +177,11 @@ class ChannelGap:
     black_box_ceiling: float  # fraction that a black box closes
     permutation_control: float  # the same of a permutation control
 
+    @property
+    def narrows(self) -> bool:
+        """Whether what the effects take from its mean square matters beside its noise."""
+        return bool(self.before**2 - self.after**2 > (TESTS.equivalence * self.noise) ** 2)
+
 
 @dataclass(frozen=True)
 class Experiment:

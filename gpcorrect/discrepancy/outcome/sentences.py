@@ -71,7 +71,8 @@ def next_step(result: DiscrepancyResult) -> str:
 def closed_by(gaps: Sequence[ChannelGap], joint: int | str | None = None) -> ChannelGap | None:
     """Return the channel that had the largest gap over its noise, of those where it is known how much of it is closed.
 
-    Outside sensors come first: motor encoders see the transmission only through the servo's tiny answer to the load.
+    Channels in which it narrows come first, and of these outside sensors: motor encoders see the transmission only
+    through the servo's tiny answer to the load.
 
     Parameters
     ----------
@@ -80,6 +81,7 @@ def closed_by(gaps: Sequence[ChannelGap], joint: int | str | None = None) -> Cha
     """
     known = [g for g in gaps if np.isfinite(g.closed) and g.noise]
     chosen = [g for g in known if isinstance(joint, int) and g.channel.joint == joint] or known
+    chosen = [g for g in chosen if g.narrows] or chosen
     outside = [g for g in chosen if g.channel.signal != "measured_jp" and g.before > VISIBLE * g.noise]
     return max(outside or chosen, key=_excess, default=None)
 

@@ -140,7 +140,7 @@ def _place_verdict(
     here, like = (tuple(e for e in some if _acts_at(e, place)) for some in (effects, alike))
     seen = own or [g for g in gaps if not g.channel.joint]  # joints that a tracker alone sees
     if here:  # where what they close shows, such as a table error in a tracker
-        seen = [g for g in own if _closes(g)] or [g for g in gaps if _closes(g)] or seen
+        seen = [g for g in own if g.narrows] or [g for g in gaps if g.narrows] or seen
     worst = max(seen, key=lambda g: (np.nan_to_num(g.before) / g.noise, g.channel.signal != "measured_jp"))
     channels = {g.channel for g in own}
     findings = [f for f in left.findings if f.counts and f.channel in channels]
@@ -161,11 +161,6 @@ def _place_verdict(
         shown = not findings and not rare and all(e.shown for e in left.equivalence if e.channel in channels)
         level = Level.NONE if shown else Level.INCONCLUSIVE
     return PlaceVerdict(place, level, worst, remaining, here, like)
-
-
-def _closes(gap: ChannelGap) -> bool:
-    """Whether what the effects take from a channel's mean square matters beside its noise."""
-    return bool(gap.before**2 - gap.after**2 > (TESTS.equivalence * gap.noise) ** 2)
 
 
 def _acts_at(effect: NamedEffect, place: int | str) -> bool:

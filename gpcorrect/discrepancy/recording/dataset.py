@@ -9,7 +9,8 @@ from functools import cached_property, partial
 import numpy as np
 
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, outliers
-from gpcorrect.discrepancy.recording.scene import Remembered, Scene
+from gpcorrect.discrepancy.recording.replay_memory import Remembered
+from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.split import Split
 from gpcorrect.discrepancy.recording.stated_noise import quantisation_of
 from gpcorrect.sim.effects import Effect

@@ -2,22 +2,23 @@
 
 The motor side is replayed: where motors are measured, everything behind them is predicted from their measured path, so
 that an error of the servo model cannot pass for one of the transmission. Where the model has a controller, and the log
-commands, the closed loop is run as well and predicts the motors themselves.
+commands, the closed loop is run as well and predicts the motors themselves. In it act the effects of load and drive,
+and all that the model has. Others of transmission and joint change the load by moving the links: that is taken to first
+order and at rest, for a run of the loop takes ten times as long as their own.
 """
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Hashable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import count
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.discrepancy.recording.layout import Layout
+from gpcorrect.discrepancy.recording.replay_memory import ReplayMemory
 from gpcorrect.discrepancy.recording.servo_clock import Stamps
 from gpcorrect.discrepancy.recording.tracker import Slack, Tracker
 from gpcorrect.sim.dynamics import JointPath, link_load
@@ -27,14 +28,11 @@ from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan
-from gpcorrect.sim.plant import Command, Driven, follow_command, tip_path
+from gpcorrect.sim.plant import Command, Driven, follow_command, joint_path, mechanical, tip_path
 from gpcorrect.types import FloatArray, IntArray
 
 LOOP_STAGES = (Stage.LOAD, Stage.CHAIN, Stage.TORQUE, Stage.FRICTION)
-# Of closed-loop runs, of them at the plan's samples, and of joint paths: memory only, no result depends on it.
-LOOP_BYTES, RECENT_BYTES, PATH_BYTES = 1_000_000_000, 200_000_000, 120_000_000
-BEGUN = 4  # commands that begin with the runs of others
-Value = TypeVar("Value")
+NUDGE = 1e-4  # rad or m, for slopes of the load
 
 
 @dataclass(frozen=True)
@@ -46,72 +44,6 @@ class Channel:
     index: int  # column among the model's joints; of a tracker, the axis
     joint: int  # its number; 0 of a tracker
     unit: str  # "rad" or "m"
-
-
-class Remembered(Generic[Value]):
-    """What was computed last, by key, for several threads: the oldest are forgotten, and no result depends on it.
-
-    All values together cost no more than `most`: an array its bytes, anything else one.
-    """
-
-    def __init__(self, most: int) -> None:
-        self._most, self._spent, self._lock = most, 0, threading.Lock()
-        self._known: dict[Hashable, Value] = {}
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Return what makes an empty one: copies and other processes begin with nothing."""
-        return type(self), (self._most,)
-
-    def get(self, key: Hashable) -> Value | None:
-        """Return what is remembered.
-
-        Parameters
-        ----------
-        key : hashable
-        """
-        return self._known.get(key)
-
-    def keep(self, key: Hashable, value: Value) -> Value:
-        """Remember a value, and return it; the newest stays whatever it costs.
-
-        Parameters
-        ----------
-        key : hashable
-        value
-        """
-        with self._lock:
-            if key not in self._known:
-                self._known[key] = value
-                self._spent += getattr(value, "nbytes", 1)
-            while self._spent > self._most and len(self._known) > 1:
-                self._spent -= getattr(self._known.pop(next(iter(self._known))), "nbytes", 1)
-        return value
-
-
-@dataclass(eq=False)
-class ReplayMemory:
-    """What was simulated so far: closed-loop runs by their effects, and joint paths by a number for what made them.
-
-    That is the motion and the joint, or an effect and the numbers of the paths it looks at: a change at one joint need
-    not walk the others' paths again. The oldest are forgotten.
-    """
-
-    commands: dict[Hashable, Command] = field(default_factory=dict)  # by the runs that they are of
-    begun: Remembered[Command] = field(default_factory=partial(Remembered, BEGUN))  # the same from others' runs
-    recent: Remembered[Driven] = field(default_factory=partial(Remembered, RECENT_BYTES))
-    own: Driven | None = None  # the closed loop with the model's own effects alone
-    loops: Remembered[Driven] = field(default_factory=partial(Remembered, LOOP_BYTES))
-    numbers: dict[Hashable, int] = field(default_factory=dict)
-    paths: Remembered[FloatArray] = field(default_factory=partial(Remembered, PATH_BYTES))
-    _free: Iterator[int] = field(default_factory=count)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Return what makes an empty one, as of all that is remembered."""
-        return type(self), ()
-
-    def number(self, *made: Hashable) -> int:
-        """Return the number that stands for what made a path."""
-        return self.numbers.setdefault(made, next(self._free))
 
 
 class Signal(NamedTuple):
@@ -147,6 +79,7 @@ class Scene:
     first: tuple[int, ...] = ()  # runs of which closed loops are asked more often than of all; all when empty
     only_first: bool = False  # whether effects act in the loops of those alone, and in the others nothing
     begun: tuple[Effect, ...] | None = None  # of a set those inside the loop: from its run loops take one further pass
+    moved: tuple[Effect, ...] = ()  # of that set those that move the links in no loop: no others change the load there
     memory: ReplayMemory = field(default_factory=ReplayMemory, repr=False)
 
     def __len__(self) -> int:
@@ -212,14 +145,15 @@ class Scene:
         effects : sequence of Effect
         """
         machine = self._machine(effects)
-        inside, loop, motion = _inside(machine), self._loop(machine), self._replay(machine)
+        loop, motion = self._loop(machine), self._replay(machine)
         numbers, paths = self._joint_paths(machine, motion)
-        measured = self.motion.position if loop is None else loop.motion.position
+        measured = self.motion.position if loop is None else loop.motion.position - self._yielded(machine)
         found = []
         for c in self.channels:
             if c.joint:
                 outside = c.signal == "external_jp"
-                made, path = (numbers[c.index], paths[c.index]) if outside else (inside, measured[..., c.index])
+                motors = (self._inside(machine), self._moves(machine)), measured[..., c.index]
+                made, path = (numbers[c.index], paths[c.index]) if outside else motors
                 found.append(Signal((c.name, made, self.begun), partial(self.layout.gather, path[..., None])))
         if self.tracker is not None:
             key = ("tracker", machine.effects, self.begun)
@@ -254,13 +188,15 @@ class Scene:
 
         Closed loops take one further pass from the set's run. A difference from the set, as seen there too, lacks what
         it changes of the load by its own change of the motors' path: a few per cent of itself, on arms as stiff as the
-        two passes of other runs suppose.
+        two passes of other runs suppose. So does one that moves the links lack what that changes of the load.
 
         Parameters
         ----------
         effects : sequence of Effect, the set
         """
-        return self if self.plan is None else replace(self, begun=_inside(self._machine(effects)))
+        machine = self._machine(effects)
+        near = replace(self, begun=self._inside(machine), moved=self._moves(machine))
+        return self if self.plan is None else near
 
     def residual(self, effects: Sequence[Effect] = ()) -> FloatArray:
         """Return measured minus simulated `(n, c)`; NaN where nothing was measured.
@@ -278,8 +214,9 @@ class Scene:
         """Motion and load of the motors, as measured where they are; without a loop the load of the measured path."""
         loop = self._loop(machine)
         if loop is not None:
-            made = loop.motion
-            motion = replace(self.motion, load=made.load, gravity_load=made.gravity_load, tip_force=made.tip_force)
+            made, more = loop.motion, self._more_load(machine)
+            load, gravity = made.load + more, made.gravity_load + more
+            motion = replace(self.motion, load=load, gravity_load=gravity, tip_force=made.tip_force)
             return motion if self.measured else replace(motion, position=made.position, velocity=made.velocity)
         body = machine.actual_body(self.payload)
         carried = link_load(body, JointPath(self.motion.position, self.motion.velocity, self.acceleration))
@@ -294,9 +231,9 @@ class Scene:
 
     def _joined(self, machine: Machine, *, only_first: bool) -> Driven:
         """Closed-loop run of all runs; of the first only, beside the others without these effects."""
-        inside, memory = _inside(machine), self.memory
+        inside, memory = self._inside(machine), self.memory
         key, runs = (inside, self.first, only_first, self.begun), np.arange(len(self.payload))
-        if self.begun is None and inside == _inside(self._machine(())):
+        if self.begun is None and inside == self._inside(self._machine(())):
             memory.own = memory.own or self._followed(machine, inside, runs)
             return memory.own
         if (known := memory.loops.get(key)) is not None:
@@ -341,12 +278,56 @@ class Scene:
             known = memory.begun.keep((self.begun, key), replace(memory.commands[key], begun=driven))
         return known
 
+    def _inside(self, machine: Machine) -> tuple[Effect, ...]:
+        """Effects that act in the closed loop, all friction at the motor where nothing behind feels on which side."""
+        own, effects = self.model.effects, machine.effects
+        inside = tuple(e for e in effects if e.stage in LOOP_STAGES or (e.stage < Stage.CLOCK and e in own))
+        if any(e.stage not in LOOP_STAGES for e in effects):
+            return inside
+        return tuple(replace(e, side=SIDES[0]) if isinstance(e, FrictionEffect) else e for e in inside)
+
+    def _moves(self, machine: Machine) -> tuple[Effect, ...]:
+        """Effects that move the links in no closed loop."""
+        if self.begun is not None:
+            return self.moved
+        own = self._loop(self._machine(()))
+        inside = machine.effects if own is None or not self._pull(own).any() else self._inside(machine)
+        return tuple(e for e in machine.effects if e.stage < Stage.CLOCK and e not in inside)
+
+    def _pull(self, loop: Driven) -> FloatArray:
+        """Change `(n, N, k, k)` of each joint's load at rest for each joint's position, along the loop of the model."""
+        if self.memory.pull is None:
+            body, still = self._machine(()).actual_body(self.payload), np.zeros(loop.q.shape)
+            moved = (np.zeros(len(self.joints)), *(NUDGE * np.eye(len(self.joints))))
+            at, *beside = (link_load(body, JointPath(loop.q + by, still, still)).gravity for by in moved)
+            self.memory.pull = np.stack([(load - at) / NUDGE for load in beside], axis=-1)
+        return self.memory.pull
+
+    def _more_load(self, machine: Machine) -> FloatArray:
+        """Load `(n, N, k)` that the joints have more where effects move the links that act in no loop."""
+        loop, moves = self._loop(machine), self._moves(machine)
+        if loop is None or not moves:
+            return np.zeros(1)
+        number = self.memory.number(self._inside(machine), moves, self.only_first, self.begun)
+        if (known := self.memory.paths.get(number)) is not None:
+            return known
+        motion = self.motion if self.measured else loop.motion
+        motion = replace(motion, load=loop.motion.load, gravity_load=loop.motion.gravity_load)
+        own = [e for e in mechanical(machine) if e in self.model.effects]
+        moved = joint_path(in_order((*own, *moves)), motion) - joint_path(own, motion)
+        return self.memory.paths.keep(number, np.einsum("nNij,nNj->nNi", self._pull(loop), moved))
+
+    def _yielded(self, machine: Machine) -> FloatArray:
+        """How far `(n, N, k)` controllers let the motors go under that load: those that sum errors not at all."""
+        drive = machine.actual_drive
+        return self._more_load(machine) / drive.kp * (drive.ki is None or np.asarray(drive.ki) == 0.0)
+
     def _joint_paths(
         self, machine: Machine, motion: Motion, *, tracker: bool = False
     ) -> tuple[list[int], list[FloatArray]]:
         """Return the number and the true path `(n, N)` of each joint when the encoders, or the tracker, see it."""
-        paths, inside = list(np.moveaxis(motion.position, -1, 0)), _inside(machine)
-        numbers = [self.memory.number(inside, j, self.only_first, self.begun) for j in range(len(paths))]
+        paths, made = list(np.moveaxis(motion.position, -1, 0)), (self._inside(machine), self._moves(machine))
+        numbers = [self.memory.number(made, j, self.only_first, self.begun) for j in range(len(paths))]
         for effect in of_kind(machine.effects, PathEffect):
             if not effect.is_seen_by(tracker=tracker):
                 continue
@@ -382,11 +363,3 @@ class Scene:
             return {wanted[0]: effect.own_path(np.moveaxis(looked_at, 0, -1), motion)}
         behind = effect.act(np.stack(paths, axis=-1), motion)
         return {j: behind[..., j] for j in wanted}
-
-
-def _inside(machine: Machine) -> tuple[Effect, ...]:
-    """Effects that act inside the closed loop, all friction at the motor where nothing behind feels on which side."""
-    inside = tuple(e for e in machine.effects if e.stage in LOOP_STAGES)
-    if len(inside) < len(machine.effects):
-        return inside
-    return tuple(replace(e, side=SIDES[0]) if isinstance(e, FrictionEffect) else e for e in inside)

@@ -66,11 +66,29 @@ def prepare_data(log: CalibrationLog, model: Model, rng: np.random.Generator) ->
     DataError
         The log lacks a needed signal or is too short to split.
     """
+    log, anew = _one_after_the_other(log)
     log, remarks = with_joint_paths(log, machine_of(model).body)
     split = split_rows(log.trajectory, log.session, rng)
     scene = build_scene(log, model, np.isin(split.part, [0, 1]))  # the test set must not register the tracker
     dataset = build_dataset(scene, split, SPLIT.most_rows)
-    return _prepared(log, split, dataset, (split.remark, *remarks, *scene.remarks))
+    return _prepared(log, split, dataset, (split.remark, *anew, *remarks, *scene.remarks))
+
+
+def _one_after_the_other(log: CalibrationLog) -> tuple[CalibrationLog, tuple[str, ...]]:
+    """Return the log with one time for all motions of a session, and in words where their stamps start anew.
+
+    What a session remembers, such as since when a cable has slipped, knows no other time.
+    """
+    time, ends, number = log.time.copy(), dict[int, float](), 0
+    step = np.diff(log.time)[np.diff(log.trajectory) == 0]
+    for _, rows in log.trajectories():
+        session = int(log.session[rows[0]])
+        if time[rows].min() <= (end := ends.get(session, -np.inf)):
+            time[rows] += end + 2.0 * step.max() - time[rows].min()
+            number += 1
+        ends[session] = float(time[rows].max())
+    words = f"the stamps of {number} motions start anew: the motions of a session are taken to follow each other"
+    return (replace(log, time=time), (words,)) if number else (log, ())
 
 
 def in_pieces(prepared: PreparedData, bursts: Sequence[Burst], rng: np.random.Generator) -> PreparedData:
