@@ -67,6 +67,15 @@ def test_a_slip_takes_two_motions_on_either_side() -> None:
     assert watched(scene, 1) == (np.inf, -np.inf)
 
 
+def test_motions_that_start_anew_follow_each_other() -> None:
+    """Each motion with a clock of its own: the slip is found all the same, and a remark says what was taken."""
+    log = joint_log(6, CableSlip(joint=1, step=6 * NOISE, instant=7 * 60.0 - 20.0))
+    begin = np.array([log.time[log.trajectory == k].min() for k in range(RUNS)])
+    found = find_discrepancy(nominal(), replace(log, time=log.time - begin[log.trajectory]))
+    assert [(e.name, e.level) for e in found.effects] == [("cable_slip", "EXACT")]
+    assert any("start anew" in remark for remark in found.provenance.remarks)
+
+
 def test_an_effect_is_asked_to_help_only_where_it_acts() -> None:
     """A slip late in a session leaves half of the motions alone, and is named all the same."""
     found = find_discrepancy(nominal(), joint_log(6, CableSlip(joint=1, step=6 * NOISE, instant=7 * 60.0 - 20.0)))

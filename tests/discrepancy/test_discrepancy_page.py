@@ -15,6 +15,7 @@ from gpcorrect.discrepancy.outcome.result import Experiment
 from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentences
 from gpcorrect.discrepancy.outcome.verdict import place_verdicts
 from gpcorrect.discrepancy.outcome.words import estimate_words, in_reader_units, number, region_words
+from gpcorrect.discrepancy.recording.scene import Channel
 from gpcorrect.discrepancy.search.candidates import Estimate
 from gpcorrect.report import write_discrepancy_report
 
@@ -23,6 +24,14 @@ def test_an_exact_verdict_names_effect_number_and_gap() -> None:
     """One exact effect is given with place, number, interval and the fraction of the gap of its own joint."""
     said = verdict_sentence(result("EXACT", named("backlash", 2)))
     assert said == "Joint 2: backlash, 0.573° (0.516 to 0.630), closes 99 % of the gap."
+
+
+def test_the_gap_that_is_spoken_of_is_one_that_closes() -> None:
+    """A friction shows in the motor; what is left in the outside encoder of the same joint is another's."""
+    said = result("EXACT", named("coulomb_friction", 2))
+    motor = replace(said.gap[1], channel=Channel("measured_jp_2", "measured_jp", 1, 2, "rad"))
+    outside_left = replace(said.gap[1], after=0.02, closed=0.0)
+    assert "closes 99 % of the gap" in verdict_sentence(replace(said, gap=(said.gap[0], motor, outside_left)))
 
 
 def test_a_set_names_its_rivals_with_their_probabilities() -> None:
