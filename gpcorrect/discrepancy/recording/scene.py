@@ -148,11 +148,11 @@ class Scene:
         loop, motion = self._loop(machine), self._replay(machine)
         numbers, paths = self._joint_paths(machine, motion)
         measured = self.motion.position if loop is None else loop.motion.position - self._yielded(machine)
-        found = []
+        found, inside = [], (self._inside(machine), self._moves(machine))
         for c in self.channels:
             if c.joint:
                 outside = c.signal == "external_jp"
-                motors = (self._inside(machine), self._moves(machine)), measured[..., c.index]
+                motors = inside, measured[..., c.index]
                 made, path = (numbers[c.index], paths[c.index]) if outside else motors
                 found.append(Signal((c.name, made, self.begun), partial(self.layout.gather, path[..., None])))
         if self.tracker is not None:
@@ -290,9 +290,9 @@ class Scene:
         """Effects that move the links in no closed loop."""
         if self.begun is not None:
             return self.moved
-        own = self._loop(self._machine(()))
-        inside = machine.effects if own is None or not self._pull(own).any() else self._inside(machine)
-        return tuple(e for e in machine.effects if e.stage < Stage.CLOCK and e not in inside)
+        inside = self._inside(machine)
+        moves = tuple(e for e in machine.effects if e.stage < Stage.CLOCK and e not in inside)
+        return moves if moves and self.plan is not None and self._weighs else ()
 
     def _pull(self, loop: Driven) -> FloatArray:
         """Change `(n, N, k, k)` of each joint's load at rest for each joint's position, along the loop of the model."""
@@ -302,6 +302,12 @@ class Scene:
             at, *beside = (link_load(body, JointPath(loop.q + by, still, still)).gravity for by in moved)
             self.memory.pull = np.stack([(load - at) / NUDGE for load in beside], axis=-1)
         return self.memory.pull
+
+    @cached_property
+    def _weighs(self) -> bool:
+        """Whether the links of the model weigh anything."""
+        own = self._loop(self._machine(()))
+        return own is not None and bool(self._pull(own).any())
 
     def _more_load(self, machine: Machine) -> FloatArray:
         """Load `(n, N, k)` that the joints have more where effects move the links that act in no loop."""
