@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from gpcorrect.errors import LogError
+from gpcorrect.logs.order import by_stamp
 from gpcorrect.logs.orientation import CONVERTERS, unit_quaternions
 from gpcorrect.logs.streams import Stream
 from gpcorrect.types import FloatArray, IntArray, LogMeta, PoseSignal
@@ -172,7 +173,13 @@ def _times(recorded: Recorded, origin: int, clock: str) -> tuple[FloatArray, Int
     elif not stamp.all():
         rows = np.flatnonzero(stamp)
         remarks = [f"{len(stamp) - len(rows)} messages of {recorded.topic} without a stamp were left out."]
-    return (stamp[rows] - origin) / 1e9, rows, remarks
+    seconds = (stamp[rows] - origin) / 1e9
+    order = by_stamp(seconds)
+    late = int((seconds < np.maximum.accumulate(seconds)).sum())
+    if np.any(np.diff(order) < 0):
+        what = f"{late} messages of {recorded.topic} were received out of order"
+        remarks = [*remarks, f"{what}; they are sorted by their stamps."]
+    return seconds[order], rows[order], remarks
 
 
 def _pose_streams(name: str, recorded: Recorded, stamp: FloatArray, rows: IntArray) -> tuple[list[Stream], list[str]]:

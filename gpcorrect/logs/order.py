@@ -14,6 +14,9 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 Disorder = Literal["refuse", "drop", "keep"]
 
+CLOSEST = 1.5  # usual steps that three samples span at least: two when all is well, one where a clock told them twice
+LATEST = 0.25  # of a recording's span: none is received later; the steps of most of it are then the usual ones
+
 
 def rising(time: FloatArray, group: IntArray | None = None) -> BoolArray:
     """(n,) mask of as many samples as possible with time strictly increasing inside each group.
@@ -54,6 +57,26 @@ def _longest_rising(time: FloatArray) -> BoolArray:
         mask[i] = True
         i = int(previous[i])
     return mask
+
+
+def by_stamp(stamp: FloatArray) -> IntArray:
+    """Order `(n,)` that sorts the stamps of messages received out of order; the order they have where it is not that.
+
+    After a clock was set back, stamps lie between those of an earlier stretch: once sorted, they stand too close.
+
+    Parameters
+    ----------
+    stamp : (n,) array, by the source's clock, in the order of reception, s
+    """
+    order, received = np.argsort(stamp, kind="stable"), np.arange(len(stamp))
+    moved = order != received
+    if not moved.any():
+        return received
+    ordered = stamp[order]
+    spans = (ordered[2:] - ordered[:-2])[moved[2:] | moved[1:-1] | moved[:-2]]
+    late = np.max(np.maximum.accumulate(stamp) - stamp)
+    sound = late <= LATEST * np.ptp(stamp) and np.all(spans > CLOSEST * np.median(np.diff(ordered)))
+    return order if sound else received
 
 
 def check_order(

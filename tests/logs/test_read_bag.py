@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 from gpcorrect.errors import LogError, MissingExtraError
 from gpcorrect.logs import read_log, rosbag
 from gpcorrect.logs.columns import ReadSettings
+from gpcorrect.logs.order import Disorder
 
 KINDS = ("bag", "mcap", "db3", "folder")
 STEP = 10_000_000  # ns
@@ -227,6 +228,34 @@ def test_backward_header_stamps_are_refused_or_dropped(tmp_path: Path):
     with pytest.raises(LogError, match="/p/setpoint_cp run backwards, the first at sample 7"):
         read_log(bag)
     assert read_log(bag, disorder="drop").setpoint_cp.position[:, 0].tolist() == [k for k in range(N) if k != 6]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("disorder", ["refuse", "keep"])
+def test_messages_received_out_of_order_are_sorted_by_their_stamps(tmp_path: Path, kind: str, disorder: Disorder):
+    rng, ticks = np.random.default_rng(4), START + STEP * np.arange(60)
+    stamps = (ticks + rng.integers(-STEP // 4, STEP // 4, 60)).tolist()
+    came = np.argsort(np.arange(60) + rng.normal(scale=3, size=60)).tolist()
+    posts = [
+        pose_stamped("/p/setpoint_cp", [k, 0, 0], [1, 0, 0, 0], stamps[k], t)
+        for k, t in zip(came, ticks.tolist(), strict=True)
+    ]
+    log = read_log(write_bag(tmp_path / "r", posts, kind), disorder=disorder)
+    assert log.setpoint_cp.position[:, 0].tolist() == list(range(60))
+    late = sum(k < max(came[:n], default=0) for n, k in enumerate(came))
+    assert log.remarks == (
+        f"{late} messages of /p/setpoint_cp were received out of order; they are sorted by their stamps.",
+    )
+
+
+@pytest.mark.parametrize("back", [1.4, 2.0, 9.7])
+def test_a_clock_that_was_set_back_is_refused(tmp_path: Path, back: float):
+    """Sorted, samples of two stretches would alternate."""
+    ticks = START + STEP * np.arange(60)
+    stamps = ticks - np.where(np.arange(60) < 30, 0, int(back * STEP))
+    posts = [pose_stamped("/p/setpoint_cp", [k, 0, 0], [1, 0, 0, 0], stamps[k], t) for k, t in enumerate(ticks)]
+    with pytest.raises(LogError, match="/p/setpoint_cp run backwards, the first at sample 31"):
+        read_log(write_bag(tmp_path / "r", posts, "bag"))
 
 
 @pytest.mark.parametrize("kind", ["bag", "mcap", "db3"])
