@@ -11,10 +11,12 @@ import numpy as np
 
 from gpcorrect.errors import LogError
 from gpcorrect.types import BoolArray, FloatArray, IntArray
+from gpcorrect.velocity import GAP_STEPS
 
 Disorder = Literal["refuse", "drop", "keep"]
 
 CLOSEST = 1.5  # usual steps that three samples span at least: two when all is well, one where a clock told them twice
+DAY = 86400.0  # s
 LATEST = 0.25  # of a recording's span: none is received later; the steps of most of it are then the usual ones
 
 
@@ -79,10 +81,22 @@ def by_stamp(stamp: FloatArray) -> IntArray:
     return order if sound else received
 
 
+def _past_midnight(time: FloatArray) -> tuple[FloatArray, list[str]]:
+    """Let a time of day run on past midnight, where it falls by a day but for a usual step; and remark on it."""
+    with np.errstate(invalid="ignore"):
+        steps = np.diff(time)
+    forward = steps[steps > 0]
+    midnight = np.abs(steps + DAY) <= GAP_STEPS * np.median(forward) if forward.size else steps > 0
+    if not midnight.any():
+        return time, []
+    remark = "time falls by 86400 s from one sample to the next: a time of day, which runs on past midnight here."
+    return time + DAY * np.concatenate([[0], np.cumsum(midnight)]), [remark]
+
+
 def check_order(
     time: FloatArray, group: IntArray, disorder: Disorder, locate: Callable[[int], str]
-) -> tuple[BoolArray, list[str]]:
-    """Rows to keep under a rule about disordered time, and a remark where it had to act.
+) -> tuple[FloatArray, BoolArray, list[str]]:
+    """Time that runs on past midnight, rows to keep under a rule about disorder, and remarks where it had to act.
 
     Parameters
     ----------
@@ -91,10 +105,11 @@ def check_order(
         Raise; leave the disordered samples out; or keep everything, for looking at a recording.
     locate : callable, names a row for messages, such as "line 12"
     """
+    time, remarks = _past_midnight(time)
     ordered = rising(time, group)
     wrong = np.flatnonzero(~ordered)
     if not wrong.size:
-        return ordered, []
+        return time, ordered, remarks
     first = int(wrong[0])
     what = f"({time[first]:.9g} s) is out of order" if isfinite(time[first]) else "is missing"
     more = f" ({wrong.size} such samples)" if wrong.size > 1 else ""
@@ -105,5 +120,5 @@ def check_order(
         )
         raise LogError(f"{found}.", hint=hint)
     if disorder == "keep":
-        return np.ones_like(ordered), [f"{found}; left in."]
-    return ordered, [f"{found}; left out."]
+        return time, np.ones_like(ordered), [*remarks, f"{found}; left in."]
+    return time, ordered, [*remarks, f"{found}; left out."]

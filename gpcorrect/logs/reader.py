@@ -157,8 +157,8 @@ def _log(found: Format, path: Path, settings: ReadSettings) -> CalibrationLog:
     if not isinstance(recorded, Take):
         return recorded
     log = log_of(recorded, settings.columns.mocap)
-    keep, remarks = check_order(log.time, log.trajectory, settings.disorder, lambda row: f"sample {row + 1}")
-    log = replace(log, remarks=(*log.remarks, *remarks))
+    time, keep, remarks = check_order(log.time, log.trajectory, settings.disorder, lambda row: f"sample {row + 1}")
+    log = replace(log, time=time, remarks=(*log.remarks, *remarks))
     return log if keep.all() else log.select(keep)
 
 

@@ -95,7 +95,7 @@ def log_from_table(table: Table, mapping: ColumnMap, disorder: Disorder) -> Cali
         time = scaled.sum(axis=1) + found.time_offset
     trajectory = count if static else _integers(table, "trajectory", found.trajectory)
     session = _integers(table, "session", found.session)
-    keep, order_remarks = check_order(time, trajectory, disorder, table.locate)
+    time, keep, order_remarks = check_order(time, trajectory, disorder, table.locate)
     signals: dict[str, Any] = {}
     for name in (*CalibrationLog.POSES, *CalibrationLog.JOINTS, *CalibrationLog.SCALARS):
         signals[name], remark = _signal(table, name, getattr(found, name))

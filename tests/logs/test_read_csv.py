@@ -10,6 +10,7 @@ from read_support import NATIVE, write
 
 from gpcorrect.errors import LogError
 from gpcorrect.logs import read_log
+from gpcorrect.logs.order import Disorder
 from gpcorrect.types import CalibrationLog
 
 ROWS = "0,0,0.1,0.2,0.3\n0.5,0,-0.1,1e-3,.5\n"
@@ -134,6 +135,19 @@ def test_disordered_time_can_be_dropped_or_kept(tmp_path: Path):
     assert dropped.tracker_cp.position[:, 0].tolist() == [1, 3, 4, 7]
     assert dropped.remarks == ("time at line 3 (9 s) is out of order inside trajectory 0 (3 such samples); left out.",)
     assert len(read_log(path, disorder="keep")) == 7
+
+
+@pytest.mark.parametrize("disorder", ["refuse", "drop", "keep"])
+def test_a_time_of_day_runs_on_past_midnight(tmp_path: Path, disorder: Disorder):
+    """Also in the motions that follow; what else is out of order still is."""
+    clock = [86399.97, 86399.98, 86399.99, 0.005, 0.01, 0.02, 0.03, 0.04]
+    rows = "".join(f"{time},{k // 5},{k},0,0\n" for k, time in enumerate(clock))
+    log = read_log(write(tmp_path / "a.csv", NATIVE + rows), disorder=disorder)
+    np.testing.assert_array_equal(log.time, [*clock[:3], *(time + 86400 for time in clock[3:])])
+    assert len(log.remarks) == 1
+    assert "past midnight" in log.remarks[0]
+    with pytest.raises(LogError, match=r"line 6 \(86399\.[79]+ s\) is out of order"):
+        read_log(write(tmp_path / "b.csv", NATIVE + rows.replace("0.01,0,", "-0.3,0,")))
 
 
 def test_a_huge_table_is_refused_before_it_is_read(tmp_path: Path):
