@@ -14,6 +14,7 @@ from gpcorrect.types import CalibrationLog
 
 if TYPE_CHECKING:
     from gpcorrect.arms import Chain
+    from gpcorrect.logs.order import Disorder
     from gpcorrect.sim import Model
 
 
@@ -104,13 +105,14 @@ def read_logs(
     from gpcorrect.calibration import with_poses
     from gpcorrect.logs import join_logs, read_log, refuse_misread, with_tracker
 
-    disorder = "drop" if drop_disordered else "refuse"
+    disorder: Disorder = "drop" if drop_disordered else "refuse"
     chosen: dict[str, Any] = {"tracker_topic": tracker_topic, "disorder": disorder, **arm_chosen(arm)}
     logs = [read_log(path, columns=columns, **chosen) for path in paths]
     if tracker_log is not None:
         if len(logs) > 1:
             raise LogError("--tracker-log goes with one recording of the robot.", hint="Give them one at a time.")
-        logs = [with_tracker(logs[0], read_log(tracker_log, columns=columns), seconds_ahead(time_offset))]
+        take = read_log(tracker_log, columns=columns, disorder=disorder)
+        logs = [with_tracker(logs[0], take, seconds_ahead(time_offset))]
     for log in logs:
         looked_at = log if chain is None else with_poses(log, chain)
         try:

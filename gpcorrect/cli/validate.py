@@ -16,6 +16,7 @@ from gpcorrect.cli.reading import Reading, arm_chosen, chain_of, refuse_unused_c
 if TYPE_CHECKING:
     from gpcorrect.calibration import Use
     from gpcorrect.logs import ValidationReport
+    from gpcorrect.logs.order import Disorder
 
 STYLE = {"error": "bold red", "warning": "yellow", "info": "dim"}
 
@@ -36,6 +37,7 @@ def validate(
             "--for", help="Judge by one purpose: fit, joint, tracker (a file for --tracker-log), discrepancy."
         ),
     ] = None,
+    drop_disordered: opt.Disordered = False,
     old_namespace: opt.OldNamespace = None,
     json: opt.Json = False,
 ) -> None:
@@ -55,9 +57,11 @@ def validate(
     from gpcorrect.logs import read_log, validate_log, with_tracker
 
     refuse_unused_clock(time_offset, tracker_log)
-    recording = read_log(log, columns=columns, tracker_topic=tracker_topic, disorder="keep", **arm_chosen(arm))
+    disorder: Disorder = "drop" if drop_disordered else "keep"
+    recording = read_log(log, columns=columns, tracker_topic=tracker_topic, disorder=disorder, **arm_chosen(arm))
     if tracker_log is not None:
-        recording = with_tracker(recording, read_log(tracker_log, columns=columns), seconds_ahead(time_offset))
+        take = read_log(tracker_log, columns=columns, disorder="drop" if drop_disordered else "refuse")
+        recording = with_tracker(recording, take, seconds_ahead(time_offset))
     if machine is not None:
         chain = chain_of(machine)
         recording = with_outside_joints(with_poses(recording, chain), chain)

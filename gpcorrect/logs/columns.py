@@ -193,7 +193,7 @@ class ReadSettings:
         """
         if needed > self.max_bytes:
             most = f"{self.max_bytes / 1e9:.3g} GB"
-            hint = "Split it, or raise the limit with max_bytes."
+            hint = "Split it, or raise the limit in Python with max_bytes."
             raise LogError(f"expected a table of at most {most}, this one unpacks to more.", hint=hint)
 
 

@@ -279,7 +279,7 @@ def _jigsaws(names: Sequence[str], rows: FloatArray, stated: ColumnMap) -> Colum
     if not all(_rotations(rows[:, k + 3 : k + 12]) for k in (0, 19, 38, 57)):
         return None
     if stated.bag.arm is None:
-        raise LogError("JIGSAWS kinematics hold two arms.", hint="Choose one with arm left or right.")
+        raise LogError("JIGSAWS kinematics hold two arms.", hint="Choose --arm left or right (in Python arm).")
     k = JIGSAWS_ARMS[stated.bag.arm]
     a, b, c, d, e, f, g, h, i = range(k + 3, k + 12)
     pose = PoseColumns(position=(k, k + 1, k + 2), matrix=(a, b, c, d, e, f, g, h, i))

@@ -132,7 +132,8 @@ def extractor(kind: str, msgtype: str, place: int | None) -> Callable[[Any], Any
         """Take one pose out of a PoseArray; NaN where the array is too short."""
         count, k = len(message.poses), place or 0
         if place is None and count > 1:
-            raise LogError(f"an array holds {count} poses.", hint="Choose one by its place, counted from 0: /poses[1].")
+            hint = "Choose one by its place, counted from 0: --tracker-topic '/poses[1]', or so under [bag.topics]."
+            raise LogError(f"an array holds {count} poses.", hint=hint)
         return pose_row(message.poses[k]) if k < count else (math.nan,) * 3 + NO_ROTATION
 
     return _of_array if msgtype.endswith("/PoseArray") else pose_row
@@ -303,7 +304,7 @@ def _choose_arm(state: Mapping[str, FloatArray], arm: Arm | None) -> tuple[Arm, 
         return present[0], []
     if arm is None:
         found = "both arms" if present else "no arm that has a joint position"
-        raise LogError(f"the RAVEN-II state holds {found}.", hint="Choose arm 'left' or 'right'.")
+        raise LogError(f"the RAVEN-II state holds {found}.", hint="Choose --arm left or right (in Python arm).")
     return arm, [] if arm in present else [f"all joint positions of the {arm} arm are zero."]
 
 

@@ -17,6 +17,7 @@ Disorder = Literal["refuse", "drop", "keep"]
 
 CLOSEST = 1.5  # usual steps that three samples span at least: two when all is well, one where a clock told them twice
 DAY = 86400.0  # s
+LEAVE_OUT = "leave samples out: --drop-disordered (in Python disorder='drop')"
 LATEST = 0.25  # of a recording's span: none is received later; the steps of most of it are then the usual ones
 
 
@@ -115,9 +116,7 @@ def check_order(
     more = f" ({wrong.size} such samples)" if wrong.size > 1 else ""
     found = f"time at {locate(first)} {what} inside trajectory {group[first]}{more}"
     if disorder == "refuse":
-        hint = (
-            "Time must increase: give each motion its own trajectory number, or leave samples out: --drop-disordered."
-        )
+        hint = f"Time must increase: give each motion its own trajectory number, or {LEAVE_OUT}."
         raise LogError(f"{found}.", hint=hint)
     if disorder == "keep":
         return time, np.ones_like(ordered), [*remarks, f"{found}; left in."]

@@ -142,7 +142,7 @@ def parsed(kind: type[T], read: Callable[[Format, Path, ReadSettings], T], path:
     found = format_of(path)
     size = path.stat().st_size
     if found.whole and size > settings.max_bytes:
-        hint = "Convert it to Parquet, split it, or raise the limit with max_bytes."
+        hint = "Convert it to Parquet, split it, or raise the limit in Python with max_bytes."
         raise LogError(f"expected at most {settings.max_bytes / 1e9:.3g} GB, got {size / 1e9:.3g} GB.", hint=hint)
     if found.whole and size == 0:
         raise LogError("the file is empty.")

@@ -96,7 +96,7 @@ def _record(bag: AnyReader, topics: Mapping[str, str]) -> dict[str, Recorded]:
     if not topics:
         moving = tree.moving()
         if len(moving) != 1:
-            hint = 'Choose one, or any pair of frames: [bag] tracker_topic = "/tf:base->tool".'
+            hint = "Choose one, or any pair of frames: --tracker-topic '/tf:base->tool' (in Python tracker_topic)."
             raise LogError(f"expected one moving transform, found {', '.join(moving) or 'none'}.", hint=hint)
         topics = {"tracker_cp": moving[0]}
     for kind, source in topics.items():

@@ -10,7 +10,7 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError, LogError
-from gpcorrect.logs.order import Disorder, rising
+from gpcorrect.logs.order import LEAVE_OUT, Disorder, rising
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, frozen_array
 from gpcorrect.velocity import GAP_STEPS
 
@@ -176,7 +176,7 @@ def combine(
         raise LogError("expected at least one signal with samples, got none.")
     if len(named) < sum(len(s) > 0 for s in streams):
         sources = ", ".join(f"{s.name} from {s.source}" for s in streams)
-        hint = "Choose one with namespace or tracker_topic."
+        hint = "Choose one with --arm or --tracker-topic (in Python namespace, tracker_topic)."
         raise LogError(f"more than one stream for one signal: {sources}.", hint=hint)
     for name, seconds in (shifts or {}).items():
         named[name] = _lookup(named, name).shifted(seconds)
@@ -213,10 +213,11 @@ def _check_order(streams: Iterable[Stream], disorder: Disorder) -> list[str]:
             continue
         found = f"{back.size} stamps of {s.source or s.name} run backwards, the first at sample {back[0] + 2}"
         if disorder == "refuse":
-            hint = "Read with disorder='drop', or set bag.clock = 'receive' in a mapping file."
+            hint = f"Set bag.clock = 'receive' in a mapping file, or {LEAVE_OUT}."
             raise LogError(f"{found}.", hint=hint)
-        remarks.append(f"{found} ({'left out' if disorder == 'drop' else 'left in'}).")
-    return remarks
+        lost = f"{(~rising(s.stamp)).sum()} of {len(s)} samples were left out" if disorder == "drop" else "left in"
+        remarks.append(f"{found}; {lost}.")
+    return list(dict.fromkeys(remarks))  # signals of one topic share their stamps
 
 
 def _with_partner(

@@ -132,7 +132,9 @@ def _robot(robots: dict[str, dict[str, str]], wanted: str | None) -> tuple[dict[
     if all(space.startswith(root.rstrip("/") + "/") for space in parts):
         remark = f"read {root}; its parts {', '.join(sorted(parts))} were left out."
         return robots[root], [remark] if parts else []
-    raise LogError(f"the recording holds several robots: {listed}.", hint="Choose one with namespace.")
+    raise LogError(
+        f"the recording holds several robots: {listed}.", hint="Choose one with --arm (in Python namespace)."
+    )
 
 
 def _tracker(types: Mapping[str, str], options: BagOptions) -> tuple[str, list[str]]:
@@ -179,6 +181,6 @@ def _may_track(topic: str, types: Mapping[str, str]) -> bool:
 
 def _only(topics: Sequence[str], what: str) -> str:
     if len(topics) > 1:
-        hint = "Choose one with tracker_topic, or none with an empty name."
+        hint = "Choose one with --tracker-topic (in Python tracker_topic), or none with an empty name."
         raise LogError(f"the recording holds more than one {what}: {', '.join(sorted(topics))}.", hint=hint)
     return topics[0]

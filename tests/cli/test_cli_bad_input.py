@@ -127,6 +127,17 @@ def test_wrong_options_are_named(
     assert not (tmp_path / "m.gpc").exists()
 
 
+def test_the_way_past_disordered_stamps_is_one_that_the_command_has(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """What `validate` and `fit` advise, both take."""
+    log = small_log()
+    path = written(replace(log, time=np.where(np.arange(len(log)) == 30, 0.003, log.time)), tmp_path / "back.csv")
+    model = tmp_path / "m.gpc"
+    assert "--drop-disordered" in gpcorrect("validate", path).out
+    assert_refused(gpcorrect("fit", path, "--output", model, "--marker", "none"), "line 32", "--drop-disordered")
+    assert gpcorrect("validate", path, "--drop-disordered").code == 0
+    assert gpcorrect("fit", path, "--output", model, "--marker", "none", "--drop-disordered").code == 0
+
+
 @pytest.mark.parametrize("offset", ["0.2", "soon"])
 def test_a_clock_that_nothing_would_be_shifted_by_is_refused(
     gpcorrect: CommandLine, log_file: Path, tmp_path: Path, offset: str

@@ -120,7 +120,7 @@ def test_an_unknown_serial_number_is_the_other_arm_or_taken_by_place(tmp_path: P
 
 
 def test_both_arms_must_be_chosen_from_and_a_lone_one_need_not(tmp_path: Path):
-    with pytest.raises(LogError, match=r"both arms\. Choose arm 'left' or 'right'"):
+    with pytest.raises(LogError, match=r"both arms\. Choose --arm left or right"):
         read_log(record(tmp_path / "two", [state(k) for k in range(N)]))
     degrees = np.rad2deg(JOINTS["right"]).astype(np.float32)
     lone = [state(k, jpos=np.concatenate([np.zeros(8, np.float32), degrees[k]])) for k in range(N)]

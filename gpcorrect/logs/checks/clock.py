@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gpcorrect.logs.checks.evidence import JOINT_POSITIONS, Evidence, Finding, Severity, check, extent
+from gpcorrect.logs.order import LEAVE_OUT
 from gpcorrect.logs.sync import TimeOffset, log_offset
 from gpcorrect.velocity import GAP_STEPS
 
@@ -31,9 +32,7 @@ def _stamps(evidence: Evidence) -> Iterator[Finding]:
     """Ask whether time is there and increases inside a trajectory."""
     if evidence.log.static:
         yield Finding("info", "static", "time", "static poses, no clock: times and speeds are not looked at.")
-    hint = (
-        "Leave them out (--drop-disordered; in Python disorder='drop'), or give each motion its own trajectory number."
-    )
+    hint = f"Give each motion its own trajectory number, or {LEAVE_OUT}."
     missing, steps = ~np.isfinite(evidence.log.time), evidence.steps
     found = (
         ("stamp_missing", missing, "have no time."),
