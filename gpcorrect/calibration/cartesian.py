@@ -59,7 +59,7 @@ class CommandCorrector(PoseAnswers):
             raise LogError(
                 f"no sample of {len(log)} has both poses complete (tracker_cp: {int(observed.finite.sum())},"
                 f" setpoint_cp: {int(commanded.finite.sum())}).",
-                hint="Look for missing numbers, quaternions not of norm 1, clocks apart: gpcorrect validate",
+                hint="Look for poses on rows of their own, clocks apart, quaternions not of norm 1: gpcorrect validate",
                 path=log.name,
             )
         return POSES

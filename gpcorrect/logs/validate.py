@@ -14,6 +14,7 @@ from gpcorrect.logs.sync import TimeOffset
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
 MISREAD = (
+    "rows_apart",
     "time_unit",
     "position_unit",
     "joint_unit",

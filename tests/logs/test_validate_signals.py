@@ -11,10 +11,11 @@ from validate_support import clean_log, codes, findings
 
 from gpcorrect import se3
 from gpcorrect.arms import arm_named
+from gpcorrect.errors import LogError
 from gpcorrect.logs import read_log
-from gpcorrect.logs.validate import validate_log
+from gpcorrect.logs.validate import refuse_misread, validate_log
 from gpcorrect.sim import debridement_log
-from gpcorrect.types import LogMeta, PoseSignal
+from gpcorrect.types import CalibrationLog, LogMeta, PoseSignal
 
 
 def pose(signal, change_position=lambda p: p, change_quaternion=lambda q: q):
@@ -32,6 +33,23 @@ def scaled_joint(name, joint, factor):
     table = getattr(clean_log(), name).copy()
     table[:, joint] *= factor
     return replace(clean_log(), **{name: table})
+
+
+def test_a_tracker_on_rows_of_its_own_is_no_use_to_a_robot():
+    """One row that holds both is enough to be silent; a tracker's own file holds nothing to stand apart from."""
+    log, even = clean_log(), np.arange(len(clean_log())) % 2 == 0
+    seen = PoseSignal.of(np.where(even[:, None], log.tracker_cp.table, np.nan))
+    robot = {name: np.where(even[:, None], np.nan, getattr(log, name)) for name in log.JOINTS if name in log.signals}
+    poses = {
+        n: PoseSignal.of(np.where(even[:, None], np.nan, getattr(log, n).table)) for n in ("setpoint_cp", "measured_cp")
+    }
+    apart = replace(log, tracker_cp=seen, **robot, **poses, payload=None, temperature=None)
+    (found,) = findings_of(apart, "rows_apart")
+    assert "--tracker-log" in found.hint
+    with pytest.raises(LogError, match="rows of their own"):
+        refuse_misread(apart)
+    assert not findings_of(replace(apart, setpoint_cp=log.setpoint_cp), "rows_apart")
+    assert not findings_of(CalibrationLog(log.time, log.trajectory, log.session, tracker_cp=seen), "rows_apart")
 
 
 def test_missing_samples_grade_from_information_to_error():

@@ -40,6 +40,17 @@ def _purpose(evidence: Evidence) -> Iterator[Finding]:
 
 
 @check
+def _rows_apart(evidence: Evidence) -> Iterator[Finding]:
+    """Ask whether any row holds what the tracker saw beside something of the robot."""
+    robot = evidence.present - {*OUTSIDE, *evidence.log.SCALARS}
+    seen = evidence.known.get("tracker_cp")
+    if robot and seen is not None and seen.any() and not any((seen & evidence.known[name]).any() for name in robot):
+        what = "no row holds it and a signal of the robot: the two stand on rows of their own."
+        hint = "Write the tracker's rows to a file of their own, and give it with --tracker-log."
+        yield Finding("error", "rows_apart", "tracker_cp", what, hint, int(seen.sum()))
+
+
+@check
 def _missing(evidence: Evidence) -> Iterator[Finding]:
     """Find samples in which a signal has no value."""
     for name in evidence.log.signals:
