@@ -32,6 +32,10 @@ if TYPE_CHECKING:
 LARGEST_PAGE = 65536  # bytes; SQLite writes it as 1
 # How the messages about damaged recordings begin.
 DAMAGED = "the recording cannot be read, it may be cut off or still being written"
+REPAIR = {
+    ".bag": "A ROS 1 bag without its index can be repaired with: rosbag reindex.",
+    ".mcap": "What an MCAP file still holds can be saved with: mcap recover FILE.mcap --output WHOLE.mcap.",
+}
 
 
 def read(path: Path, settings: ReadSettings) -> CalibrationLog:
@@ -124,8 +128,8 @@ def _opened(path: Path) -> Iterator[AnyReader]:
     except (GpCorrectError, MemoryError):
         raise
     except Exception as error:
-        hint = "A ROS 1 bag without its index can be repaired with: rosbag reindex."
-        raise LogError(f"{DAMAGED}: {error}.", hint=hint if path.suffix == ".bag" else "") from error
+        kind = ".mcap" if any(path.glob("*.mcap")) else path.suffix
+        raise LogError(f"{DAMAGED}: {str(error).rstrip('.')}.", hint=REPAIR.get(kind, "")) from error
 
 
 def _check_length(database: Path) -> None:

@@ -272,10 +272,13 @@ def test_a_recording_cut_off_anywhere_is_refused(tmp_path: Path, kind: str):
         assert str(caught.value).startswith(str(cut))
 
 
-def test_a_bag_without_its_index_says_how_to_repair_it(tmp_path: Path):
-    whole = write_bag(tmp_path / "r", robot(), "bag").read_bytes()
-    with pytest.raises(LogError, match=r"may be cut off or still being written.*rosbag reindex"):
-        read_log(write(tmp_path / "cut.bag", whole[: len(whole) * 3 // 4]))
+@pytest.mark.parametrize(("kind", "tool"), [("bag", "rosbag reindex"), ("mcap", "mcap recover")])
+def test_a_recording_without_its_end_says_how_to_repair_it(tmp_path: Path, kind: str, tool: str):
+    whole = write_bag(tmp_path / "r", robot(), kind)
+    write(whole, whole.read_bytes()[: whole.stat().st_size * 3 // 4])
+    for path in (whole, tmp_path / "r") if kind == "mcap" else (whole,):
+        with pytest.raises(LogError, match=rf"may be cut off or still being written.*{tool}"):
+            read_log(path)
 
 
 def test_a_missing_library_names_the_extra_that_brings_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
