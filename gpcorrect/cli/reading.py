@@ -107,11 +107,12 @@ def read_logs(
 
     disorder: Disorder = "drop" if drop_disordered else "refuse"
     chosen: dict[str, Any] = {"tracker_topic": tracker_topic, "disorder": disorder, **arm_chosen(arm)}
+    columns, columns_beside = (columns, columns) if tracker_log is None else mappings(columns)
     logs = [read_log(path, columns=columns, **chosen) for path in paths]
     if tracker_log is not None:
         if len(logs) > 1:
             raise LogError("--tracker-log goes with one recording of the robot.", hint="Give them one at a time.")
-        take = read_log(tracker_log, columns=columns, disorder=disorder)
+        take = read_log(tracker_log, columns=columns_beside, disorder=disorder)
         logs = [with_tracker(logs[0], take, seconds_ahead(time_offset))]
     for log in logs:
         looked_at = log if chain is None else with_poses(log, chain)
@@ -123,6 +124,23 @@ def read_logs(
             hint = f"{error.hint} More: gpcorrect validate LOG.{past}"
             raise LogError(error.message, hint=hint) from error
     return logs[0] if len(logs) == 1 else join_logs(logs)
+
+
+def mappings(columns: Path | None) -> tuple[Path | None, Path | None]:
+    """Return the mapping file of a robot's recording, and that of its tracker's: each where signals of it are named.
+
+    Parameters
+    ----------
+    columns : Path or None, the mapping file that was given for both
+    """
+    from gpcorrect.logs.columns import load_columns
+
+    named = set() if columns is None else load_columns(columns).model_fields_set
+    tracker = "tracker_cp" in named
+    robot = bool(
+        named & {*CalibrationLog.POSES, *CalibrationLog.JOINTS, *CalibrationLog.SCALARS, "bag"} - {"tracker_cp"}
+    )
+    return columns if robot or not tracker else None, columns if tracker or "mocap" in named or not robot else None
 
 
 def arm_chosen(arm: str | None) -> dict[str, Any]:

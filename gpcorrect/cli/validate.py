@@ -11,7 +11,7 @@ import typer
 
 from gpcorrect.cli import options as opt
 from gpcorrect.cli.console import out, plain_table, print_json, styled
-from gpcorrect.cli.reading import Reading, arm_chosen, chain_of, refuse_unused_clock, seconds_ahead
+from gpcorrect.cli.reading import Reading, arm_chosen, chain_of, mappings, refuse_unused_clock, seconds_ahead
 
 if TYPE_CHECKING:
     from gpcorrect.calibration import Use
@@ -58,9 +58,10 @@ def validate(
 
     refuse_unused_clock(time_offset, tracker_log)
     disorder: Disorder = "drop" if drop_disordered else "keep"
+    columns, columns_beside = (columns, columns) if tracker_log is None else mappings(columns)
     recording = read_log(log, columns=columns, tracker_topic=tracker_topic, disorder=disorder, **arm_chosen(arm))
     if tracker_log is not None:
-        take = read_log(tracker_log, columns=columns, disorder="drop" if drop_disordered else "refuse")
+        take = read_log(tracker_log, columns=columns_beside, disorder="drop" if drop_disordered else "refuse")
         recording = with_tracker(recording, take, seconds_ahead(time_offset))
     if machine is not None:
         chain = chain_of(machine)

@@ -11,6 +11,7 @@ import pytest
 from command_line import CommandLine, assert_refused, written
 from support import small_log
 
+from gpcorrect.logs import read_log
 from gpcorrect.types import CalibrationLog, PoseSignal
 
 
@@ -136,6 +137,27 @@ def test_the_way_past_disordered_stamps_is_one_that_the_command_has(gpcorrect: C
     assert_refused(gpcorrect("fit", path, "--output", model, "--marker", "none"), "line 32", "--drop-disordered")
     assert gpcorrect("validate", path, "--drop-disordered").code == 0
     assert gpcorrect("fit", path, "--output", model, "--marker", "none", "--drop-disordered").code == 0
+
+
+@pytest.mark.parametrize("foreign", ["robot", "tracker"])
+def test_a_mapping_goes_with_the_file_whose_signals_it_names(
+    gpcorrect: CommandLine, tmp_path: Path, foreign: str
+) -> None:
+    """The other one is a native log, and needs none."""
+    log, signals = small_log(), {"robot": "setpoint_cp", "tracker": "tracker_cp"}
+    parts = {
+        "robot": written(replace(log, tracker_cp=None), tmp_path / "robot.csv"),
+        "tracker": written(replace(log, setpoint_cp=None), tmp_path / "tracker.csv"),
+    }
+    path, signal = parts[foreign], signals[foreign]
+    path.write_text(path.read_text().replace("time", "clock", 1).replace(f"{signal}_", "at_"))
+    text = f'time = "clock"\n[{signal}]\nposition = ["at_x", "at_y", "at_z"]\n'
+    (tmp_path / "map.toml").write_text(text + 'quat_wxyz = ["at_qw", "at_qx", "at_qy", "at_qz"]\n')
+    words = ("--tracker-log", parts["tracker"], "--columns", tmp_path / "map.toml", "--time-offset", 0)
+    done = gpcorrect("convert", parts["robot"], tmp_path / "both.csv", *words)
+    assert done.code == 0, done.said
+    assert {"setpoint_cp", "tracker_cp"} <= set(read_log(tmp_path / "both.csv").signals)
+    assert gpcorrect("validate", parts["robot"], *words).code == 0
 
 
 @pytest.mark.parametrize("offset", ["0.2", "soon"])
