@@ -155,7 +155,7 @@ def _offset(offset: TimeOffset, step: float) -> Finding:
     if offset.observed in SAME_CLOCK:
         return Finding("info", "servo_lag", offset.observed, f"{what}: the lag of the robot, on one clock.")
     severity: Severity = "warning" if abs(offset.offset) > MAX_OFFSET * step else "info"
-    hint = "Align it if this is the clocks; a lag of the robot or backlash looks the same from motion alone."
+    hint = "If this is the clocks: --time-offset. A lag of the robot or backlash looks the same from motion alone."
     return Finding(severity, "time_offset", offset.observed, f"{what}.", hint)
 
 

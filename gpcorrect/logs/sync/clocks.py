@@ -192,9 +192,11 @@ def align(
         The log has no such signal, or no clock.
     """
     if log.static:
-        raise LogError("static poses have no clock to shift.", hint="Leave the time offset out.", path=log.name)
+        raise LogError(
+            "static poses have no clock to shift.", hint="Leave the time offset out (--time-offset).", path=log.name
+        )
     if isinstance(offset, TimeOffset) and not offset.observable:
-        hint = "Give the offset in seconds if it is known from elsewhere, 0 if the clocks agree."
+        hint = "Give its seconds if they are known from elsewhere, 0 if the clocks agree: --time-offset SECONDS."
         raise DegenerateError(f"the time offset is not observable: {offset.reason}", hint=hint)
     at = log.time + (offset.at(log.time) if isinstance(offset, TimeOffset) else offset)
     for name in signals:
