@@ -102,7 +102,11 @@ def estimate_noises(dataset: Dataset, residual: FloatArray, rows: BoolArray) -> 
     count, step = dataset.samples_a_row, scene.step
     noises = []
     for column, resolution, stated in zip(residual.T, dataset.resolution, stated_noises(scene), strict=True):
-        own = rounded_to(estimate_noise(dataset.time, column, block, dataset.still, NOISE.floor), resolution)
+        own = estimate_noise(dataset.time, column, block, dataset.still, NOISE.floor)
+        if own.std < resolution:  # steps hide in holds what they do not while the joint moves
+            moving, nowhere = np.where(dataset.still, -1, block), np.zeros_like(dataset.still)
+            seen = estimate_noise(dataset.time, column, moving, nowhere, NOISE.floor)
+            own = rounded_to(own, resolution, seen)
         noises.append(chosen_noise(own, stated and averaged(stated, count, step), count * step))
     outside = {c.joint: n.std for c, n in zip(channels, noises, strict=True) if c.signal == "external_jp"}
     position = max((n.std for c, n in zip(channels, noises, strict=True) if c.signal == "tracker_cp"), default=0.0)

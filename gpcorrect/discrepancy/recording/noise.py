@@ -262,7 +262,9 @@ def outliers(residual: FloatArray, block: IntArray) -> BoolArray:
         if len(rows) < 4 * window:
             continue
         distance = np.abs(residual[rows] - median_filter(residual[rows], window, mode="nearest"))
-        scale = np.median(distance) / NORMAL_MAD
+        off = distance[distance > 0.0]  # one in a window is its median; more only where a sensor rounds
+        rounds = len(off) and 1.0 - len(off) / len(rows) > MANY + 1.0 / window
+        scale = np.median(off if rounds else distance) / NORMAL_MAD
         around = median_filter(distance, window, mode="nearest")
         far = (distance > NOISE.spike * max(scale, 1e-300)) & (distance > 3 * around)
         spikes[rows] = far & ~binary_opening(far, np.ones(NOISE.longest_spike + 1))

@@ -81,20 +81,23 @@ def averaged(noise: ChannelNoise, count: int, step: float) -> ChannelNoise:
     return replace(noise, white=noise.white / np.sqrt(count), slow=noise.slow * left)
 
 
-def rounded_to(noise: ChannelNoise, step: float) -> ChannelNoise:
+def rounded_to(noise: ChannelNoise, step: float, moving: ChannelNoise) -> ChannelNoise:
     """Return the noise of a channel that is written down in steps: no smaller than rounding makes it.
 
     A coarse sensor stands still while nothing moves, each time at another distance from the truth: what it does in
-    holds says nothing of its error, which is as slow as the motion.
+    holds says nothing of its error, which is as slow as the motion. What it hides there beside shows while it moves.
 
     Parameters
     ----------
-    noise : ChannelNoise
+    noise : ChannelNoise, in holds
     step : float, size of the steps, rad or m; 0 for none
+    moving : ChannelNoise, of the same channel while it moves
     """
-    error = step / float(UNIFORM)
+    error, most = step / float(UNIFORM), max(noise.std, moving.std)
     if noise.std >= error:
-        return noise
+        return noise if noise.std >= moving.std else moving
+    if most > error:  # what rounding leaves of it is new at every sample
+        return replace(noise, white=float(np.sqrt(most**2 - error**2)), slow=error, time_constant=NOISE.rounded_for)
     slow = float(np.sqrt(error**2 - noise.white**2))
     return replace(noise, slow=slow, time_constant=NOISE.rounded_for, rounding_step=step)
 
