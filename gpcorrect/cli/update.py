@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from gpcorrect.types import IntArray
 
 NOT_WRITTEN = 1  # exit status, as of a check that fails
-UNSEEN = 0.2  # fraction of prior variance that points cannot see, from which a new fit is advised; chosen by hand
+UNSEEN = 0.2  # fraction of new samples that the model's points see too little of to learn there; chosen by hand
 POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
 
@@ -90,7 +90,7 @@ def _show_update(found: Update, target: Path, *, written: bool) -> None:
     out.print(f"{found.n_added} samples added; the old data have {100 * found.keep:.0f} % of their weight left")
     if found.unseen > UNSEEN:
         note(
-            f"the model's points cannot see {100 * found.unseen:.0f} % of the new motion: "
+            f"{100 * found.unseen:.0f} % of the new motion went where the training never was: "
             "fit anew to old and new recordings to learn there"
         )
     if found.worse:

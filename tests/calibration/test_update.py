@@ -16,6 +16,7 @@ from gpcorrect.calibration import (
     CommandCorrector,
     FitSettings,
     JointCorrector,
+    Update,
     fit_corrector,
     fit_model,
     load,
@@ -25,8 +26,8 @@ from gpcorrect.calibration import (
 from gpcorrect.calibration.dataset import Samples
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import SparseGPR
-from gpcorrect.gpr.statistics import Points
-from gpcorrect.types import CalibrationLog, PoseSignal, Progress
+from gpcorrect.gpr.statistics import Points, resting_on
+from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal, Progress
 
 
 def aged_log(seed: int, amount: float, trajectories: int = 10) -> CalibrationLog:
@@ -126,6 +127,77 @@ def test_joints_that_move_further_are_learned_there() -> None:
     assert found.after is not None
     before, after = (np.sqrt(np.nanmean(e.clean.corrected[:, 0] ** 2)) for e in (found.before, found.after))
     assert after < before
+
+
+@pytest.fixture(scope="module")
+def joints() -> JointCorrector:
+    settings = FitSettings(time_offset="none")
+    found: JointCorrector = fit_model(joint_log(11, 16, 12.0), settings, task=JointCorrector).corrector
+    return found
+
+
+def errors_of(found: Update) -> tuple[FloatArray, FloatArray]:
+    """Root mean square errors `(3,)` of joints at held-out new trajectories, before and after an update."""
+    assert found.before is not None
+    assert found.after is not None
+    before, after = (np.sqrt((e.clean.corrected**2).mean(axis=0)) for e in (found.before, found.after))
+    return before, after
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4])
+def test_another_zero_is_followed_everywhere(joints: JointCorrector, seed: int) -> None:
+    """Of a zero moved by .03 rad a dozen trajectories leave less than a twentieth; other joints are as healthy."""
+    (before, after), (_, healthy) = (
+        errors_of(update_model(joints, joint_log(seed, 12, 12.0, shift=shift), holdout=0.25)) for shift in (0.03, 0.0)
+    )
+    assert after[1] < before[1] / 20
+    assert (after[[0, 2]] < 1.02 * healthy[[0, 2]]).all()
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4])
+def test_joints_that_did_not_change_are_no_worse_and_seen(joints: JointCorrector, seed: int) -> None:
+    """Motion of the same kind makes no joint worse, and none of it is called new; a joint that goes further is."""
+    found = update_model(joints, joint_log(seed, 12, 12.0), holdout=0.25)
+    before, after = errors_of(found)
+    assert found.worse == ()
+    assert (after < 1.05 * before).all()
+    assert found.unseen < 0.05
+
+
+def test_noise_is_not_learned_where_the_fit_found_no_field(joints: JointCorrector) -> None:
+    """A joint that the regression was of no use to stays with its linear law."""
+    learned = joints.law.learned
+    statistics = tuple(replace(part, Vy=0.0 * part.Vy) for part in learned.statistics)
+    points = tuple(map(Points.of, learned.predictor.parts))
+    without = replace(learned, statistics=statistics, predictor=resting_on(points, statistics))
+    plain = replace(joints, law=replace(joints.law, learned=without))
+    log = joint_log(5, 12, 12.0)
+    rng = np.random.default_rng(0)
+    assert log.external_jp is not None
+    # Each trajectory errs by itself, as by its slack: no field says anything of the next.
+    own = 0.02 * rng.standard_normal((12, 3))[log.trajectory] * (1 + 0.5 * np.sin(8 * log.external_jp[:, [1]]))
+    found = update_model(plain, replace(log, external_jp=log.external_jp + own), holdout=0.25)
+    assert not any(part.Vy.any() for part in found.corrector.law.learned.statistics)
+
+
+def test_worse_by_chance_is_not_worse(joints: JointCorrector) -> None:
+    """A growth that trajectories do not agree on is borne up to a twentieth; one that they agree on is not."""
+    found = update_model(joints, joint_log(6, 12, 12.0), holdout=0.25)
+    assert found.before is not None
+    clean = found.before.clean
+    place = np.searchsorted(np.unique(clean.trajectory), clean.trajectory)
+
+    def grown(*factors: float) -> Update:
+        errors = 0.01 * np.sqrt(factors)[place, None] * np.ones(3)
+        return replace(
+            found,
+            before=replace(found.before, clean=replace(clean, corrected=np.full(errors.shape, 0.01))),
+            after=replace(found.before, clean=replace(clean, corrected=errors)),
+        )
+
+    assert grown(1.2, 1.1, 0.78).worse == ()
+    assert len(grown(1.05, 1.06, 1.04).worse) == 3
+    assert len(grown(3.0, 1.0, 0.2).worse) == 3
 
 
 def test_what_got_worse_is_said(corrector: CommandCorrector) -> None:

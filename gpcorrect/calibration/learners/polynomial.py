@@ -60,7 +60,14 @@ class PolynomialMap:
             raise DataError(f"weights {self.weights.shape} of a law do not fit deviations {self.std.shape}.")
 
     @classmethod
-    def fit(cls, X: FloatArray, Y: FloatArray, degree: int, penalties: FloatArray | None = None) -> Self:
+    def fit(
+        cls,
+        X: FloatArray,
+        Y: FloatArray,
+        degree: int,
+        penalties: FloatArray | None = None,
+        scaler: Scaler | None = None,
+    ) -> Self:
         """Return the ridge regression of targets on inputs.
 
         Parameters
@@ -69,8 +76,9 @@ class PolynomialMap:
         degree : int, 0, 1 or 2
         penalties : (d, m) array, optional
             Penalties on squared weights of a linear law, in units of the samples and for unit spreads.
+        scaler : Scaler, optional, says what unit spreads are; those of these inputs without it
         """
-        scaler = Scaler.of(X)
+        scaler = scaler or Scaler.of(X)
         A = _terms(scaler.apply(X), degree)
         if penalties is None:
             penalties = np.full((A.shape[1] - 1, Y.shape[1]), RIDGE)
