@@ -82,7 +82,7 @@ class Evaluation:
         if most < LEAST_HELD:
             yield (
                 f"95 % intervals cover only {100 * self.coverage95:.0f} % of these errors: the arm misses otherwise "
-                "than in the training, as after another homing, with another tool or in another frame"
+                "than in the training, as after another homing, with another tool, in another frame or by another clock"
             )
 
     def _in_vain(self) -> Iterator[str]:

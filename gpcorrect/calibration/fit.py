@@ -108,6 +108,9 @@ def fit_model(
         marker=settings.marker if settings.rigid else "none",
     )
     progress.step("clean", 1.0)
+    lag = clocks.offset if clocks.applied == 0.0 else None  # what is left of it, where the sensor was shifted
+    if lag is None:
+        lag = match_clocks(log, pair.observed, pair.command, "auto", shifts=False)[1].offset if not log.static else None
     keep = cleaning.keep if settings.clean else cleaning.reason != Reason.MANUAL
     left_out = set(Reason) if settings.clean else {Reason.INVALID, Reason.MANUAL}
     learn_law = partial(_learn_law, settings=settings, progress=progress)
@@ -126,6 +129,7 @@ def fit_model(
             "dropped": {reason: count for reason, count in cleaning.counts.items() if reason in left_out},
             **({} if registration is None else {"registration": registration.to_dict()}),
             "tracker_shift": clocks.applied,
+            "tracker_lag": {} if lag is None or not lag.observable else {lag.reference: lag.offset},
             "seed": settings.seed,
             "seconds": time.perf_counter() - start,
         },

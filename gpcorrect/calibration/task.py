@@ -23,8 +23,12 @@ from gpcorrect.cleaning import CleaningReport, FittedCleaner, Pair, clean_with, 
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import IntervalCalibration, LeftOut
 from gpcorrect.logs.copies import LEAST, Marks, marks_of, recalled, remembered
-from gpcorrect.logs.sync import Clocks, match_clocks
+from gpcorrect.logs.sync import NAMES, Clocks, match_clocks
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
+
+OTHER_CLOCK = 0.01
+"""s that a sensor may be later than in the training without a word, or its interval if that is wider: play and pace
+move what is found by some milliseconds. Chosen by hand."""
 
 LearnLaw = Callable[[Samples, Layout], tuple[Law, LeftOut]]
 
@@ -277,14 +281,27 @@ class Corrector(ABC):
     def on_one_clock(self, log: CalibrationLog, mode: str) -> tuple[CalibrationLog, Clocks]:
         """Return the log with the outside sensor on the robot's clock, where the seconds between them are stated.
 
-        What the motion suggests is said and not done: a model is measured on truth as it was stamped.
+        What the motion suggests is said and not done: a model is measured on truth as it was stamped. A lag that the
+        training had too is no news.
 
         Parameters
         ----------
         log : CalibrationLog
         mode : str, as for :func:`gpcorrect.logs.sync.match_clocks`
         """
-        return match_clocks(log, self.cleaner.pair.observed, self.cleaner.pair.command, mode, shifts=False)
+        log, clocks = match_clocks(log, self.cleaner.pair.observed, self.cleaner.pair.command, mode, shifts=False)
+        lag, found = self.summary.get("fit", {}).get("tracker_lag", {}), clocks.offset
+        if found is None or not found.observable or found.drift is not None or found.reference not in lag:
+            return log, clocks
+        later = found.offset - lag[found.reference]
+        if abs(later) <= max(OTHER_CLOCK, found.ci95[1] - found.ci95[0]):
+            return log, replace(clocks, to_note=False)
+        size = f"{1e3 * abs(later):.0f} ms {'later' if later > 0 else 'earlier'} than in the training"
+        remark = (
+            f"the stamps of {NAMES.get(found.observed, found.observed)} are {size}: left as they are, and errors hold "
+            f"that time. If a clock or a camera's delay differs: --time-offset {later:.3g}"
+        )
+        return log, replace(clocks, remark=remark, to_note=True)
 
     def clean(self, log: CalibrationLog) -> CleaningReport:
         """Classify the samples of another log by the training's thresholds.

@@ -69,5 +69,23 @@ def test_a_model_is_measured_on_truth_as_it_was_stamped() -> None:
     same, clocks = corrector.on_one_clock(log, "auto")
     assert same is log
     assert clocks.applied == 0.0
-    assert "left as it was stamped" in clocks.remark
+    assert "left as they are" in clocks.remark
     assert corrector.on_one_clock(log, str(LATE))[1].applied == LATE
+
+
+@pytest.mark.parametrize("stated", ["none", "0.05"])
+def test_a_clock_is_compared_with_that_of_the_training(stated: str) -> None:
+    """What the training's sensor was late by is no news; 50 ms more are, though a servo may lag as much."""
+    late = align(joint_log(1), -0.05, signals=("external_jp",))
+    settings = FitSettings(method="offset", time_offset=stated)
+    corrector = fit_model(late, settings, task=JointCorrector).corrector
+    another = joint_log(5)
+    same, more = (
+        align(another, -seconds, signals=("external_jp",)) for seconds in ((0.05, 0.1), (0.0, 0.05))[stated != "none"]
+    )
+    assert corrector.on_one_clock(same, "auto")[1].notes == ()
+    (said,) = corrector.on_one_clock(more, "auto")[1].notes
+    assert "ms later than in the training" in said
+    size = float(said.split("--time-offset ")[1])
+    assert size == pytest.approx(0.05, abs=0.01)
+    assert corrector.on_one_clock(align(more, size, signals=("external_jp",)), "auto")[1].notes == ()

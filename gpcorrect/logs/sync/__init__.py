@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from gpcorrect.logs.sync.clocks import Clocks, align, match_clocks, seconds_of
+from gpcorrect.logs.sync.clocks import NAMES, Clocks, align, match_clocks, seconds_of
 from gpcorrect.logs.sync.estimate import TimeOffset, estimate_offset, log_offset, stream_offset
 from gpcorrect.logs.sync.motion import REFERENCES, Motion, MotionPair
 
 __all__ = [
+    "NAMES",
     "REFERENCES",
     "Clocks",
     "Motion",
