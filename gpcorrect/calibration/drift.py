@@ -23,7 +23,7 @@ FEWEST_LOGS = 3  # a line through the fit and these: one of fewer cannot be told
 ENOUGH_LOGS = 5  # from which whole logs are resampled, for trajectories of one day err together; chosen by hand
 TAIL = 2.5  # per cent on each side of a 95 % interval
 FEWEST_BASELINE = 4  # scores of the training: a rank among fewer shows little; chosen by hand
-SMALLEST_P = 1e-12  # the logarithm of a p-value of 0 would be infinite
+SMALLEST_P = 1e-12  # the bet on a p-value of 0 would be infinite
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,10 +86,12 @@ def _conformal_p_values(baseline: FloatArray, scores: FloatArray, rng: np.random
 
 
 def _e_values(p: FloatArray) -> FloatArray:
-    """Return e-values of p-values: the power bets `k p^(k - 1)` averaged over k in (0, 1) (Vovk and Wang 2021)."""
-    q = np.clip(p, SMALLEST_P, 1.0 - 1e-6)
-    log = np.log(q)
-    return np.asarray((1.0 - q + q * log) / (q * log**2))
+    """Return e-values of p-values: the power bet `k p^(k - 1)` with k = 1/2, whose mean is 1 (Vovk and Wang 2021).
+
+    The average over all k bets most on p-values near 0, which ranks among few scores cannot have: of 16 trajectories
+    1.7 times the errors of 29 at the fit, 39 % of histories came to an alarm with it, 87 % with this.
+    """
+    return np.asarray(0.5 / np.sqrt(np.maximum(p, SMALLEST_P)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,6 +53,16 @@ def test_a_jump_is_found_soon_and_not_before() -> None:
     assert found >= 45
 
 
+@pytest.mark.parametrize(("factor", "least"), [(1.7, 0.8), (2.5, 0.95)])
+def test_few_scores_at_the_fit_are_enough(factor: float, least: float) -> None:
+    """Beside 29 scores at the fit, 16 trajectories that err more from the first one on raise the alarm."""
+    found = 0
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        found += detect(rng.gamma(20, 0.05, 29), factor * rng.gamma(20, 0.05, 16), 1000.0, rng).alarm is not None
+    assert found >= 100 * least
+
+
 def history(rng: np.random.Generator, growth: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Scores at the fit, and of six logs of eight trajectories, one day apart; their growth a day is planted."""
     logs = np.repeat(np.arange(6), 8)
