@@ -76,6 +76,14 @@ def test_motions_that_start_anew_follow_each_other() -> None:
     assert any("start anew" in remark for remark in found.provenance.remarks)
 
 
+def test_a_motion_that_another_interrupts_does_not_start_anew() -> None:
+    """Numbers that come again are no clock that does."""
+    log = joint_log(6)
+    torn = np.where(log.trajectory == 2, 0, log.trajectory)
+    prepared = prepare_data(replace(log, trajectory=torn), nominal(), np.random.default_rng(0))
+    np.testing.assert_array_equal(prepared.log.time, log.time)
+
+
 def test_an_effect_is_asked_to_help_only_where_it_acts() -> None:
     """A slip late in a session leaves half of the motions alone, and is named all the same."""
     found = find_discrepancy(nominal(), joint_log(6, CableSlip(joint=1, step=6 * NOISE, instant=7 * 60.0 - 20.0)))

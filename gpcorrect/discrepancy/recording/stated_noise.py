@@ -93,11 +93,12 @@ def rounded_to(noise: ChannelNoise, step: float, moving: ChannelNoise) -> Channe
     step : float, size of the steps, rad or m; 0 for none
     moving : ChannelNoise, of the same channel while it moves
     """
-    error, most = step / float(UNIFORM), max(noise.std, moving.std)
+    error = step / float(UNIFORM)
     if noise.std >= error:
-        return noise if noise.std >= moving.std else moving
-    if most > error:  # what rounding leaves of it is new at every sample
-        return replace(noise, white=float(np.sqrt(most**2 - error**2)), slow=error, time_constant=NOISE.rounded_for)
+        return noise
+    if moving.std > error:  # what is not rounding's is new at every sample
+        white = float(np.sqrt(moving.std**2 - error**2))
+        return replace(noise, white=white, slow=error, time_constant=NOISE.rounded_for, rounding_step=step)
     slow = float(np.sqrt(error**2 - noise.white**2))
     return replace(noise, slow=slow, time_constant=NOISE.rounded_for, rounding_step=step)
 

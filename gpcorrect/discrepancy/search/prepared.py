@@ -79,16 +79,14 @@ def _one_after_the_other(log: CalibrationLog) -> tuple[CalibrationLog, tuple[str
 
     What a session remembers, such as since when a cable has slipped, knows no other time.
     """
-    time, ends, number = log.time.copy(), dict[int, float](), 0
-    step = np.diff(log.time)[np.diff(log.trajectory) == 0]
-    for _, rows in log.trajectories():
-        session = int(log.session[rows[0]])
-        if time[rows].min() <= (end := ends.get(session, -np.inf)):
-            time[rows] += end + 2.0 * step.max() - time[rows].min()
-            number += 1
-        ends[session] = float(time[rows].max())
-    words = f"the stamps of {number} motions start anew: the motions of a session are taken to follow each other"
-    return (replace(log, time=time), (words,)) if number else (log, ())
+    step, change = np.diff(log.time), np.diff(log.trajectory) != 0
+    anew = change & (step <= 0) & (np.diff(log.session) == 0)
+    if not anew.any():
+        return log, ()
+    pause = 2.0 * step[~change].max()  # longer than a step: no motion goes on into the next
+    later = np.concatenate([[0.0], np.cumsum(np.where(anew, pause - step, 0.0))])
+    words = f"the stamps of {anew.sum()} motions start anew: the motions of a session are taken to follow each other"
+    return replace(log, time=log.time + later), (words,)
 
 
 def in_pieces(prepared: PreparedData, bursts: Sequence[Burst], rng: np.random.Generator) -> PreparedData:

@@ -1,12 +1,12 @@
 """Fine search: the shift at which the reference explains the observed positions best, and how sure that is.
 
 The model is `y(s) = A x(s - d) + b + noise`: y the observed position at its stamp s, x the reference's columns
-(position, and the entries of its rotation matrix) and where in a slack each of them stands, A and b free. Slack between
-motors and tool makes the tool late, as a clock does, but at reversals alone: without those columns half of it was taken
-for the clock. A free matrix contains every rotation, scale and unit
-between the frames, the rotation columns contain every lever arm between the two points, and the fit stays linear: the
-registration need not be known, and no registration can hide in the shift. Only the reference is interpolated:
-interpolating a noisy signal averages its noise between samples, which draws the estimate towards half sample steps.
+(position, and the entries of its rotation matrix) and where in a slack each of them stands, A and b free. A free matrix
+contains every rotation, scale and unit between the frames, the rotation columns contain every lever arm between the two
+points, and the fit stays linear: the registration need not be known, and no registration can hide in the shift. Slack
+between motors and tool makes the tool late, as a clock does, but at reversals alone, which its columns take up. Only
+the reference is interpolated: interpolating a noisy signal averages its noise between samples, which draws the estimate
+towards half sample steps.
 """
 
 from __future__ import annotations
