@@ -135,17 +135,22 @@ class PoseFilter:
         return self._estimate(Status.COASTING)
 
     def _believed(self, T: FloatArray, noise: FloatArray, sure: bool) -> bool:
-        """Take a measurement in, unless it is too far off to be true; a refusal that repeats starts the filter anew."""
+        """Take a measurement in, unless it is too far off to be true; a refusal that repeats starts the filter anew.
+
+        So does a measurement that a steady motion hardly explains: the way to it would be taken for a speed, which
+        then puts the next frames elsewhere.
+        """
         if self._kalman is None:
             self._start(T, noise)
             return True
         z = np.concatenate([T[:3, 3], se3.rotvec_from_matrix(T[:3, :3] @ self._R.T)])
         off = z - np.ravel(self._kalman.x)[:POSE]
         distance = float(off @ np.linalg.solve(self._kalman.P[:POSE, :POSE] + noise, off))
-        if distance > self.settings.gate:
-            self._refused += 1
-            if self._refused < self.settings.stubborn and not sure:
-                return False
+        if distance > self.settings.surprise:
+            if distance > self.settings.gate and not sure:
+                self._refused += 1
+                if self._refused < self.settings.stubborn:
+                    return False
             self._start(T, noise)
             return True
         self._refused = 0

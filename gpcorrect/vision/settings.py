@@ -99,6 +99,7 @@ class MotionSettings:
     shows_speed: int = 3  # measured frames after which the velocity is known
     coast: float = 0.5  # s without measurement after which the tool is lost
     gate: float = 60.0  # squared Mahalanobis distance: chance of a true pose (chi^2, 6) beyond it is 5e-11
+    surprise: float = 12.6  # the same, chance 5 %: such a pose is believed, the velocity that leads to it is not
     stubborn: int = 3  # frames in a row after which a pose beyond the gate is believed
     start_speed: float = 0.5  # m/s, standard deviation of a velocity about which nothing is known
     start_turn: float = 5.0  # rad/s
