@@ -8,7 +8,7 @@ import numpy as np
 
 from gpcorrect.logs.checks.evidence import JOINT_POSITIONS, Evidence, Finding, Severity, check, extent
 from gpcorrect.logs.order import LEAVE_OUT
-from gpcorrect.logs.sync import TimeOffset, log_offset
+from gpcorrect.logs.sync import TimeOffset, log_offset, rough_offsets
 from gpcorrect.velocity import GAP_STEPS
 
 MAX_JITTER = 0.25  # of the median step, between the 5th and 95th percentile: real clocks stay well below
@@ -163,6 +163,8 @@ def _offset(offset: TimeOffset, step: float) -> Finding:
 def _exchanged(evidence: Evidence) -> Iterator[Finding]:
     """Ask whether the robot moves after its command, and not before: then the two signals are exchanged."""
     for observed, reference in () if evidence.log.static else evidence.both(SERVO):
+        if min(rough_offsets(evidence.log, observed, reference), key=abs, default=0.0) > AHEAD:  # saves its refinement
+            continue
         known = (o for o in evidence.offsets if (o.observed, o.reference) == (observed, reference))
         offset = next(known, None) or log_offset(evidence.log, observed, reference)
         if offset.observable and offset.ci95[1] < -AHEAD:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gpcorrect.logs.sync.clocks import NAMES, Clocks, align, match_clocks, seconds_of
-from gpcorrect.logs.sync.estimate import TimeOffset, estimate_offset, log_offset, stream_offset
+from gpcorrect.logs.sync.estimate import TimeOffset, estimate_offset, log_offset, rough_offsets, stream_offset
 from gpcorrect.logs.sync.motion import REFERENCES, Motion, MotionPair
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "estimate_offset",
     "log_offset",
     "match_clocks",
+    "rough_offsets",
     "seconds_of",
     "stream_offset",
 ]
