@@ -86,7 +86,11 @@ Disordered = Annotated[
     bool, typer.Option("--drop-disordered", help="Leave out samples whose time does not increase, and say how many.")
 ]
 Clock = Annotated[
-    str, typer.Option(help="Tracker's clock: auto (shift what cannot be robot lag), none, or seconds it runs ahead.")
+    str,
+    typer.Option(
+        help="Tracker's clock: auto (shift what cannot be robot lag), motion (shift by all that the motion says, drift "
+        "included), none, or seconds it runs ahead."
+    ),
 ]
 Clean = Annotated[bool, typer.Option("--clean/--no-clean", help="Reject faulty samples first.")]
 HoldOutBy = Annotated[

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from gpcorrect.logs.order import Disorder
     from gpcorrect.sim import Model
 
+MOTION = "motion"  # of --time-offset: what the motion says is the sensors' clock
+
 
 @dataclass(frozen=True)
 class Reading:
@@ -64,7 +66,8 @@ class Reading:
     @property
     def clock_left(self) -> str:
         """What is left to do about the tracker's clock after a tracker's recording was put beside the robot's."""
-        return self.time_offset if self.tracker_log is None or self.time_offset == "auto" else "none"
+        done = self.time_offset == MOTION or (self.tracker_log is not None and self.time_offset != "auto")
+        return "none" if done else self.time_offset
 
 
 def read_logs(
@@ -91,7 +94,7 @@ def read_logs(
         increase.
     tracker_topic, arm : str, optional, which tracker and arm of a recording
     tracker_log, time_offset : Path or None, and str
-        The tracker's own recording; "auto", "none", or the seconds that its clock runs ahead.
+        The tracker's own recording; "auto", "motion", "none", or the seconds that its clock runs ahead.
     learned : collection of str, signals that the command learns from or measures
     chain : Chain, optional
         The arm's: a tracker is compared with the poses that the joints stand for, where a recording has joints only.
@@ -104,6 +107,7 @@ def read_logs(
     """
     from gpcorrect.calibration import with_poses
     from gpcorrect.logs import join_logs, read_log, refuse_misread, with_tracker
+    from gpcorrect.logs.sync import shifted_by_motion
 
     disorder: Disorder = "drop" if drop_disordered else "refuse"
     chosen: dict[str, Any] = {"tracker_topic": tracker_topic, "disorder": disorder, **arm_chosen(arm)}
@@ -114,6 +118,8 @@ def read_logs(
             raise LogError("--tracker-log goes with one recording of the robot.", hint="Give them one at a time.")
         take = read_log(tracker_log, columns=columns_beside, disorder=disorder)
         logs = [with_tracker(logs[0], take, seconds_ahead(time_offset))]
+    elif time_offset == MOTION:
+        logs = [shifted_by_motion(log) for log in logs]
     for log in logs:
         looked_at = log if chain is None else with_poses(log, chain)
         try:
@@ -159,11 +165,12 @@ def seconds_ahead(time_offset: str) -> float | None:
 
     Parameters
     ----------
-    time_offset : str, "auto", "none", or seconds
+    time_offset : str, "auto", "motion", "none", or seconds
     """
     from gpcorrect.logs.sync import seconds_of
 
-    return {"auto": None, "none": 0.0}[time_offset] if time_offset in ("auto", "none") else seconds_of(time_offset)
+    known = {"auto": None, MOTION: None, "none": 0.0}
+    return known[time_offset] if time_offset in known else seconds_of(time_offset)
 
 
 def refuse_unused_clock(time_offset: str, tracker_log: Path | None) -> None:
@@ -173,7 +180,7 @@ def refuse_unused_clock(time_offset: str, tracker_log: Path | None) -> None:
     ----------
     time_offset, tracker_log : str, and Path or None, as the command was given them
     """
-    if tracker_log is None and time_offset not in ("auto", "none"):
+    if tracker_log is None and time_offset not in ("auto", MOTION, "none"):
         hint = "Give --tracker-log, or leave it out here and give it to `gpcorrect fit` and `evaluate`."
         raise DataError(f"--time-offset {time_offset} goes with --tracker-log, which was not given.", hint=hint)
 

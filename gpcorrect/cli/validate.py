@@ -11,7 +11,7 @@ import typer
 
 from gpcorrect.cli import options as opt
 from gpcorrect.cli.console import out, plain_table, print_json, styled
-from gpcorrect.cli.reading import Reading, arm_chosen, chain_of, mappings, refuse_unused_clock, seconds_ahead
+from gpcorrect.cli.reading import MOTION, Reading, arm_chosen, chain_of, mappings, refuse_unused_clock, seconds_ahead
 
 if TYPE_CHECKING:
     from gpcorrect.calibration import Use
@@ -29,7 +29,11 @@ def validate(
     machine: opt.MachineName = None,
     tracker_log: opt.TrackerLog = None,
     time_offset: Annotated[
-        str, typer.Option(help="Clock of --tracker-log: auto (matched by the motion), none, or seconds it runs ahead.")
+        str,
+        typer.Option(
+            help="Clock of --tracker-log: auto (matched by the motion), none, or seconds it runs ahead. Without it, "
+            "motion: look at the log with its outside sensors shifted as their motion says."
+        ),
     ] = "auto",
     purpose: Annotated[
         str | None,
@@ -55,6 +59,7 @@ def validate(
     """
     from gpcorrect.calibration import PURPOSES, Use, for_purpose, with_outside_joints, with_poses, with_uses
     from gpcorrect.logs import read_log, validate_log, with_tracker
+    from gpcorrect.logs.sync import shifted_by_motion
 
     refuse_unused_clock(time_offset, tracker_log)
     disorder: Disorder = "drop" if drop_disordered else "keep"
@@ -63,6 +68,8 @@ def validate(
     if tracker_log is not None:
         take = read_log(tracker_log, columns=columns_beside, disorder="drop" if drop_disordered else "refuse")
         recording = with_tracker(recording, take, seconds_ahead(time_offset))
+    elif time_offset == MOTION:
+        recording = shifted_by_motion(recording)
     if machine is not None:
         chain = chain_of(machine)
         recording = with_outside_joints(with_poses(recording, chain), chain)

@@ -12,6 +12,7 @@ from command_line import CommandLine, assert_refused, written
 from support import small_log
 
 from gpcorrect.logs import read_log
+from gpcorrect.logs.sync import align, log_offset
 from gpcorrect.types import CalibrationLog, PoseSignal
 
 
@@ -168,6 +169,24 @@ def test_a_clock_that_nothing_would_be_shifted_by_is_refused(
     for command in (("convert", log_file, tmp_path / "c.csv"), ("validate", log_file)):
         assert_refused(gpcorrect(*command, "--time-offset", offset), f"--time-offset {offset}", "--tracker-log")
         assert gpcorrect(*command, "--time-offset", "none").code == 0
+
+
+def test_a_late_sensor_is_shifted_where_it_is_asked_for(gpcorrect: CommandLine, log_file: Path, tmp_path: Path) -> None:
+    """`--time-offset motion` of `convert`, `validate` and `fit` shifts what auto leaves to a servo."""
+    log = read_log(log_file)
+    late = align(replace(log, measured_cp=log.setpoint_cp), -0.08)
+    recording, motion = written(late, tmp_path / "late.csv"), ("--time-offset", "motion")
+    done = gpcorrect("convert", recording, tmp_path / "on_time.csv", *motion, "--json")
+    assert done.code == 0, done.said
+    assert any("shifted, as asked" in remark for remark in done.json["remarks"])
+    moved = log_offset(read_log(tmp_path / "on_time.csv"))
+    assert abs(moved.offset) < 0.02 < 0.06 < log_offset(late).offset
+    found = gpcorrect("validate", recording, *motion, "--json").json["time_offsets"]
+    assert abs(found[0]["offset_s"]) < 0.02
+    fitted = gpcorrect(
+        "fit", recording, "--output", tmp_path / "m.gpc", *motion, "--marker", "none", "--method", "offset"
+    )
+    assert "shifted, as asked" in fitted.said
 
 
 def test_a_failed_fit_keeps_the_old_model(gpcorrect: CommandLine, log_file: Path, tmp_path: Path) -> None:

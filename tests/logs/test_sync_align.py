@@ -12,7 +12,7 @@ from sync_support import Recording, sines, wandering
 from gpcorrect import se3
 from gpcorrect.errors import DegenerateError, LogError
 from gpcorrect.logs.reader import read_log
-from gpcorrect.logs.sync import align, estimate_offset, log_offset
+from gpcorrect.logs.sync import align, estimate_offset, log_offset, shifted_by_motion
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
 
@@ -47,6 +47,21 @@ def test_aligned_tracker_is_the_command():
     assert after[0].max() < 1e-4
     assert after[1].max() < 2e-3
     assert np.isclose(log_offset(align(log, log_offset(log))).offset, 0.0, atol=1e-3)
+
+
+def test_all_that_the_motion_says_is_taken_out_drift_included():
+    """A tracker within what a servo may lag, whose clock drifts: auto leaves it alone, who knows better shifts it."""
+    log, seen = (moving_log(delay, trajectories=8) for delay in (0.0, 0.08))
+    table = [np.interp(log.time / (1.0 + 300e-6), log.time, column) for column in seen.tracker_cp.table.T]
+    late = replace(log, tracker_cp=PoseSignal.of(np.column_stack(table)))
+    moved = shifted_by_motion(late)
+    assert np.median(errors(late)[0]) > 3e-3
+    assert errors(moved)[0].max() < 5e-4
+    (remark,) = moved.remarks
+    assert "shifted, as asked" in remark
+    assert " ppm" in remark
+    with pytest.raises(DegenerateError, match="not observable"):
+        shifted_by_motion(replace(late, tracker_cp=PoseSignal(np.zeros((len(late), 3)))))
 
 
 def test_alignment_interpolates_rotations_on_the_shortest_arc():

@@ -142,7 +142,13 @@ def _clock_offset(evidence: Evidence) -> Iterator[Finding]:
             yield Finding(severity, "time_offset_unknown", offset.observed, what)
         if offset.drift is not None:
             what = f"its clock runs {offset.drift.ppm:+.1f} ppm against that of {offset.reference}."
-            yield Finding("warning", "clock_drift", offset.observed, what, "Align the log before learning.")
+            yield Finding(
+                "warning",
+                "clock_drift",
+                offset.observed,
+                what,
+                "Give --time-offset motion: no lag that is learned follows a clock.",
+            )
 
 
 def _offset(offset: TimeOffset, step: float) -> Finding:
@@ -155,7 +161,9 @@ def _offset(offset: TimeOffset, step: float) -> Finding:
     if offset.observed in SAME_CLOCK:
         return Finding("info", "servo_lag", offset.observed, f"{what}: the lag of the robot, on one clock.")
     severity: Severity = "warning" if abs(offset.offset) > MAX_OFFSET * step else "info"
-    hint = "If this is the clocks: --time-offset. A lag of the robot or backlash looks the same from motion alone."
+    hint = (
+        "If this is the clocks: --time-offset motion. A lag of the robot or backlash looks the same from motion alone."
+    )
     return Finding(severity, "time_offset", offset.observed, f"{what}.", hint)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gpcorrect.logs.sync.clocks import NAMES, Clocks, align, match_clocks, seconds_of
+from gpcorrect.logs.sync.clocks import NAMES, Clocks, align, match_clocks, seconds_of, shifted_by_motion
 from gpcorrect.logs.sync.estimate import TimeOffset, estimate_offset, log_offset, rough_offsets, stream_offset
 from gpcorrect.logs.sync.motion import REFERENCES, Motion, MotionPair
 
@@ -19,5 +19,6 @@ __all__ = [
     "match_clocks",
     "rough_offsets",
     "seconds_of",
+    "shifted_by_motion",
     "stream_offset",
 ]

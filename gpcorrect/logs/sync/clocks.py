@@ -96,23 +96,58 @@ def match_clocks(
     found = log_offset(log, moving, reference)
     if not found.observable:
         return log, Clocks(found, 0.0, f"the time offset of {name} is not observable: {found.reason}")
-    middle, low, high = (1e3 * seconds for seconds in (found.offset, *found.ci95))
-    what = "the commands" if reference.startswith("setpoint") else "what the robot reports"
-    drift = "" if found.drift is None else f", and its clock {found.drift.ppm:+.0f} ppm against theirs"
-    size = f"{name} runs {middle:.1f} ms behind {what} (95 %: {low:.1f} to {high:.1f}){drift}"
+    size = _size(found)
     inside = np.diff(log.trajectory) == 0
     step = float(np.median(np.diff(log.time)[inside])) if inside.any() else 0.0  # less is not worth an interpolation
     if PLAUSIBLE_LAG[0] - step <= found.ci95[1] and found.ci95[0] <= PLAUSIBLE_LAG[1] + step:
         return log, _left(found, size, reference == "measured_cp" and found.ci95[0] > step)
     doubt = _doubt(log, found, float(np.clip(found.offset, *PLAUSIBLE_LAG)))
     if doubt:
-        remark = f"{size}, but {doubt}: left alone; if it is the clock, give the seconds"
+        remark = f"{size}, but {doubt}: left alone; if it is the clock: --time-offset motion"
         return log, Clocks(found, 0.0, remark, to_note=True)
     if not shifts:
-        remark = f"{size}, more than a servo does: left as it was stamped; if the clocks differ, give the seconds"
+        remark = f"{size}, more than a servo does: left as it was stamped; if the clocks differ: --time-offset motion"
         return log, Clocks(found, 0.0, remark, to_note=True)
     remark = f"{size}, more than a servo does: {name} was shifted"
     return align(log, found, signals=(moving,)), Clocks(found, found.offset, remark, to_note=True)
+
+
+def shifted_by_motion(log: CalibrationLog) -> CalibrationLog:
+    """Return the log with its outside sensors shifted by all that the motion says, drift included.
+
+    For sensors that are known to be late, or on a clock of their own: a lag of the robot behind its command is taken
+    out too where the log does not hold what the robot reports.
+
+    Parameters
+    ----------
+    log : CalibrationLog, not changed
+
+    Returns
+    -------
+    CalibrationLog
+        With a remark for each sensor that was shifted; the same log where there is none.
+
+    Raises
+    ------
+    DegenerateError
+        The motion does not determine an offset.
+    """
+    for name in NAMES:
+        reference = next((r for r in REFERENCES[name] if {name, r} <= {*log.signals}), None)
+        if reference is not None:
+            found = log_offset(log, name, reference)
+            moved = align(log, found, signals=(name,))
+            log = replace(moved, remarks=(*log.remarks, f"{_size(found)}: shifted, as asked"))
+    return log
+
+
+def _size(found: TimeOffset) -> str:
+    """By how much a sensor is late, and behind what."""
+    middle, low, high = (1e3 * seconds for seconds in (found.offset, *found.ci95))
+    what = "the commands" if found.reference.startswith("setpoint") else "what the robot reports"
+    drift = "" if found.drift is None else f", and its clock {found.drift.ppm:+.0f} ppm against theirs"
+    name = NAMES.get(found.observed, found.observed)
+    return f"{name} runs {middle:.1f} ms behind {what} (95 %: {low:.1f} to {high:.1f}){drift}"
 
 
 def _left(found: TimeOffset, size: str, late: bool) -> Clocks:
@@ -121,13 +156,12 @@ def _left(found: TimeOffset, size: str, late: bool) -> Clocks:
     `late` is whether the sensor runs behind the pose that the robot reports, which no servo explains.
     """
     if late:
-        remark = f"{size}: left as it was stamped. If that is the sensor's delay and not the tool's, give --time-offset"
+        remark = f"{size}: left as it was stamped. If it is the sensor's delay: --time-offset motion"
         return Clocks(found, 0.0, remark, to_note=True)
     remark = f"{size}, as a servo may: left to the velocity features"
     if found.drift is None:
         return Clocks(found, 0.0, remark)
-    align = "align the log first (gpcorrect.logs.align with log_offset)"
-    return Clocks(found, 0.0, f"{remark}, which cannot follow a clock: {align}", to_note=True)
+    return Clocks(found, 0.0, f"{remark}, which cannot follow a clock: --time-offset motion", to_note=True)
 
 
 def _doubt(log: CalibrationLog, found: TimeOffset, lag: float) -> str:
