@@ -7,6 +7,8 @@ joints of a tracker's poses, stand in for what the recording lacks.
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
@@ -84,7 +86,8 @@ class ArmKinematics:
             raise LogError("it does not hold poses with orientation and the joints they were computed from.")
         rows = np.flatnonzero(poses.finite & np.isfinite(joints).all(axis=1))
         T, q = _pose_matrices(poses[rows]), joints[rows]
-        chain = _chain_of(q, T, log.joint_types(q.shape[1]))
+        likely, turning = log.joint_types(q.shape[1]), "R" * q.shape[1]
+        chain = _chain_of(q, T, (likely,) if log.meta.joint_types or likely == turning else (likely, turning))
         q, length = q[:, : chain.dof], workspace(T)
         _require_determined(chain, q[evenly_spread(len(q), SAMPLES)], length)
         kinematics = cls(chain, q[evenly_spread(len(q), STARTS)], length)
@@ -151,10 +154,14 @@ class ArmKinematics:
         return np.hstack([T[:, :3, 3] / self.length, T[:, :3, :3].reshape(-1, 9) / np.sqrt(2)])
 
 
-def _chain_of(q: FloatArray, T: FloatArray, types: str) -> Chain:
-    """Return the chain of the joints that move the tip: all of them, or without a gripper's, which come last."""
+def _chain_of(q: FloatArray, T: FloatArray, kinds: Sequence[str]) -> Chain:
+    """Return the chain of the joints that move the tip: all of them, or without a gripper's, which come last.
+
+    Of the first of some kinds of joints that makes the poses.
+    """
     failed: DataError | None = None
-    for count in range(len(types), max(len(types) - 1 - GRIPPER, 0), -1):
+    dof = q.shape[1]
+    for types, count in itertools.product(kinds, range(dof, max(dof - 1 - GRIPPER, 0), -1)):
         try:
             chain = identify_chain(q[:, :count], T, types[:count])
         except DataError as error:

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from support import real_data, short_search, small_log
 
-from gpcorrect.arms import Chain
+from gpcorrect import se3
+from gpcorrect.arms import Chain, Joint
 from gpcorrect.calibration import (
     CommandCorrector,
     FitResult,
@@ -208,6 +209,19 @@ def test_models_that_differ_in_their_joints_alone_are_not_the_same(learned: FitR
     other = replace(learned.corrector, route=replace(route, joints=replace(route.joints, law=law)))
     assert compare(learned.corrector, learned.corrector)["commands"]["max_mm"] == 0.0
     assert compare(learned.corrector, other)["commands"]["max_mm"] > 0.1
+
+
+def test_six_turning_joints_need_no_sidecar() -> None:
+    """Of three, six or seven joints the third is taken to insert, as a surgical arm's does; it need not."""
+    rng = np.random.default_rng(0)
+    joints = (Joint("R", *rng.uniform(-1, 1, 4) * [2, 0.2, 0.2, 3], -1.0, 1.0) for _ in range(6))
+    arm = Chain(tuple(joints), "standard")
+    q = rng.uniform(-0.5, 0.5, (120, 6))
+    poses = PoseSignal(*se3.to_parts(arm.forward(q)))
+    log = CalibrationLog(np.arange(120.0), np.zeros(120), np.zeros(120), setpoint_cp=poses, setpoint_jp=q)
+    assert ArmKinematics.of(log).chain.joint_types == "RRRRRR"
+    with pytest.raises(DataError, match="RRPRRR"):
+        ArmKinematics.of(replace(log, meta=replace(log.meta, joint_types="RRPRRR")))
 
 
 def test_a_gripper_is_left_out_and_two_fingers_determine_nothing() -> None:
