@@ -134,7 +134,8 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
         inertia = drive.motor_inertia + mass
         given = fed
         if drive.is_compensated:
-            given = fed + (command.begun_gravity if command.begun and not number else _moved_gravity(command, motors))
+            moved = command.begun_gravity if command.begun and not number else _moved_gravity(command, motors)
+            given = fed + drive.part_delivered * moved
         reference = Reference(command.position, command.velocity, given, beyond_inertia, inertia, load.total)
         servo = follow(drive, reference, clock, body.joints, machine.effects)
         motion, motors = _motion(body, plan, servo, load), servo.position

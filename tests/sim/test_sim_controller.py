@@ -9,7 +9,14 @@ import pytest
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim import Model, Plan, machine_of, model_from_dict, run
-from gpcorrect.sim.effects.dynamics import TERMS, FeedforwardError, GainError, InertiaError, IntegralAction
+from gpcorrect.sim.effects.dynamics import (
+    TERMS,
+    FeedforwardError,
+    GainError,
+    InertiaError,
+    IntegralAction,
+    MotorConstantError,
+)
 from gpcorrect.sim.effects.geometry import TransmissionRatio
 from gpcorrect.sim.effects.operators import play, plays
 from gpcorrect.sim.effects.over_time import CommandDelay
@@ -64,6 +71,27 @@ def test_an_integral_that_the_model_states_is_the_one_that_the_effect_adds() -> 
     other = run(machine_of(nominal.model_copy(update={"controller": stated})), plan()).motion.position
     np.testing.assert_allclose(motors("none", IntegralAction("all", 1.0)), other, atol=1e-12)
     assert np.abs(other - motors("none")).max() > 1e-4
+
+
+def test_a_motor_of_less_torque_is_one_whose_whole_controller_asks_for_less() -> None:
+    """Without feed-forward both gains are lower; with it, what holds and accelerates the arm is lower too."""
+    weak = MotorConstantError(2, -0.2)
+    np.testing.assert_allclose(motors("none", weak), motors("none", GainError(2, -0.2, -0.2)), atol=1e-12)
+    parts = GainError(2, -0.2, -0.2), *(FeedforwardError(2, -0.2, term) for term in ("gravity", "inertia"))
+    np.testing.assert_allclose(motors("rigid-body", weak), motors("rigid-body", *parts), atol=1e-12)
+    # A term that is fed beyond the model is commanded as well; that of the velocity is a fraction of kd.
+    more = [FeedforwardError(2, 0.5, term) for term in TERMS]
+    nominal = machine_of(model("gravity"))
+    drive = nominal.with_effects(*more, weak).actual_drive
+    np.testing.assert_allclose(drive.beyond[:, 1], [0.8 * 1.5 - 1.0, 0.8 * 0.5, 0.5])
+
+
+def test_efforts_are_what_was_commanded_of_a_weak_motor() -> None:
+    """It holds the same arm, so more is commanded of it."""
+    nominal = machine_of(model("gravity"))
+    still = plan_of([Segment(np.tile([0.3, 1.4, -0.38], (100, 1)), np.zeros(100, dtype=np.int64), 0, 0.0, 0.2)], 100.0)
+    whole, weak = (run(m, still).torque[-1, 0, 1] for m in (nominal, nominal.with_effects(MotorConstantError(2, -0.2))))
+    assert whole / weak == pytest.approx(0.8, rel=1e-3)
 
 
 def test_a_motor_that_is_heavier_is_another_motor() -> None:

@@ -35,6 +35,7 @@ from gpcorrect.sim.effects import (
     LengthDependentStiffness,
     LinkMassError,
     MissingFriction,
+    MotorConstantError,
     NoiseChange,
     NonlinearStretch,
     PathEffect,
@@ -101,6 +102,7 @@ NEUTRAL = (
     MissingFriction(1, 0.0, "viscous"),
     VelocityFilter("all", 0.0),
     IntegralAction("all", 0.0),
+    MotorConstantError(2, 0.0),
 )
 ACTIVE = (
     HomingOffset(1, 0.02),
@@ -144,6 +146,7 @@ ACTIVE = (
     GravityError("base", 0.5, -0.3, 0.1),
     VelocityFilter("all", 0.005),
     IntegralAction("all", 2.0),
+    MotorConstantError(2, -0.1),
 )
 ids = [e.about.name for e in ACTIVE]
 PATH_EFFECTS = [e for e in ACTIVE if isinstance(e, PathEffect) and e.joint != "all"]

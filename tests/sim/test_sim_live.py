@@ -41,6 +41,7 @@ OF_THE_MACHINE = {
     "missing_friction": "friction of the drives",
     "velocity_filter": "what the controllers see",
     "integral_action": "gains of the controller",
+    "motor_constant_error": "what the motors deliver",
     "command_delay": "when commands reach the controller",
 }
 # Where live and recorded differ, and why.

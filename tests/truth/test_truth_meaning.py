@@ -158,6 +158,7 @@ def test_the_catalogues_are_the_same() -> None:
         "missing_friction",
         "velocity_filter",
         "integral_action",
+        "motor_constant_error",
     }
 
 

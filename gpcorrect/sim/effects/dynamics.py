@@ -89,7 +89,14 @@ class FeedforwardError(DriveEffect):
             ),
         ),
         needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
-        neighbours=("gain_error", "payload", "viscous_friction", "inertia_error", "gravity_error"),
+        neighbours=(
+            "gain_error",
+            "payload",
+            "viscous_friction",
+            "inertia_error",
+            "gravity_error",
+            "motor_constant_error",
+        ),
         separating_runs=(Run.SPEED_LADDER, Run.POSE_SPREAD, Run.GAIN_CHANGE),
         sites=(Site.JOINT, Site.ALL),
         choices=(("term", TERMS),),
@@ -134,7 +141,7 @@ class GainError(DriveEffect):
             Parameter("derivative", "relative error of kd", Range("1", -0.9, 9.0, 0.2), positive=False),
         ),
         needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
-        neighbours=("feedforward_error", "viscous_friction", "command_delay"),
+        neighbours=("feedforward_error", "viscous_friction", "command_delay", "motor_constant_error"),
         separating_runs=(Run.SPEED_LADDER, Run.LOAD_SWAP),
         choices=(("gains", GAINS),),
     )
@@ -254,6 +261,39 @@ class IntegralAction(DriveEffect):
         """Add to the gains."""
         more = self._of_each(self.rate, joints) * drive.kp
         return replace(drive, ki=more if drive.ki is None else drive.ki + more)
+
+
+@dataclass(frozen=True)
+class MotorConstantError(DriveEffect):
+    """A motor, or all, delivers a further fraction of what its controller commands, as with a wrong torque constant.
+
+    `measured_jf` still says what was commanded. Where nothing is fed forward it is what both gains off by the same
+    fraction would be.
+    """
+
+    fraction: float
+
+    about = Description(
+        name="motor_constant_error",
+        number=42,
+        family=Family.DYNAMICS,
+        equation="tau = (1 + fraction) tau_commanded",
+        source="torque constant; Spong, Hutchinson and Vidyasagar 2006, Robot Modeling and Control, Sec. 6.1",
+        parameters=(Parameter("fraction", "relative error of the torque", Range("1", -0.9, 9.0, 0.2), positive=False),),
+        needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
+        neighbours=("feedforward_error", "gain_error"),
+        separating_runs=(Run.SPEED_LADDER,),
+        sites=(Site.JOINT, Site.ALL),
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.fraction > -1.0:
+            raise DataError(f"effect motor_constant_error: fraction must be above -1, got {self.fraction!r}.")
+
+    def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
+        """Scale all that is commanded: gains, what is fed forward, and the limit of what the drive asks for."""
+        return drive.delivering(1.0 + self._of_each(self.fraction, joints))
 
 
 FRICTIONS = ("dry", "viscous")
