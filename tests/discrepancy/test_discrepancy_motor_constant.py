@@ -9,7 +9,8 @@ from discrepancy_core import raven_swings
 
 from gpcorrect.discrepancy import DiscrepancyResult, find_discrepancy
 from gpcorrect.sim import machine_of, model_from_dict, simulate
-from gpcorrect.sim.effects import Effect, FeedforwardError, MotorConstantError
+from gpcorrect.sim.effects import Effect
+from gpcorrect.sim.effects.dynamics import FeedforwardError, MotorConstantError
 
 
 def found(*hidden: Effect) -> DiscrepancyResult:

@@ -34,6 +34,7 @@ from gpcorrect.sim.effects import (
     JointStop,
     LengthDependentStiffness,
     LinkMassError,
+    LoadedBacklash,
     MissingFriction,
     MotorConstantError,
     NoiseChange,
@@ -103,6 +104,7 @@ NEUTRAL = (
     VelocityFilter("all", 0.0),
     IntegralAction("all", 0.0),
     MotorConstantError(2, 0.0),
+    LoadedBacklash(2, 0.0),
 )
 ACTIVE = (
     HomingOffset(1, 0.02),
@@ -147,6 +149,7 @@ ACTIVE = (
     VelocityFilter("all", 0.005),
     IntegralAction("all", 2.0),
     MotorConstantError(2, -0.1),
+    LoadedBacklash(2, 0.01),
 )
 ids = [e.about.name for e in ACTIVE]
 PATH_EFFECTS = [e for e in ACTIVE if isinstance(e, PathEffect) and e.joint != "all"]

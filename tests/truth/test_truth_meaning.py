@@ -159,6 +159,7 @@ def test_the_catalogues_are_the_same() -> None:
         "velocity_filter",
         "integral_action",
         "motor_constant_error",
+        "loaded_backlash",
     }
 
 

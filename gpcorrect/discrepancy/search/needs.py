@@ -33,7 +33,9 @@ def split_by_needs(
     scene : Scene
     log : CalibrationLog
     """
-    every, signals = list(candidates), {*log.signals} - {"payload"}
+    loads, signals = scene.load(), {*log.signals} - {"payload"}
+    turned = {j for j, load in zip(scene.joints, loads.T, strict=True) if load.min() < 0.0 < load.max()}
+    every = [c for c in candidates if c.joint in turned or not c.kind.about.turned_load]
     signals |= {"payload"} if scene.payload.any() else set()
     placed = {c.name for c in every}
     whys = {name: _lacking(kind, scene, signals, placed=name in placed) for name, kind in EFFECTS.items()}
@@ -93,6 +95,8 @@ def _lacking(kind: type[Effect], scene: Scene, signals: Set[str], *, placed: boo
 
 
 def _no_place(kind: type[Effect]) -> str:
+    if kind.about.turned_load:
+        return "the load of no joint changes sign: of a gap it holds, nothing shows but an offset"
     if any(p.change_point for p in kind.about.parameters):
         n = SEARCH.watched
         return f"no session has {2 * n} motions: an instant takes {n} before it and {n} after"

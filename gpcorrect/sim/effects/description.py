@@ -220,6 +220,7 @@ class Description:
     carries_over : bool
         Whether it remembers what happened in pauses between runs, which no log holds, so that the same machine may show
         more or less of it in one run than in another.
+    turned_load : bool, whether it is told from an offset only where the joint's load changes sign
     """
 
     name: str
@@ -235,3 +236,4 @@ class Description:
     choices: tuple[tuple[str, tuple[str, ...]], ...] = ()
     remote_centre: bool = False
     carries_over: bool = False
+    turned_load: bool = False

@@ -56,7 +56,7 @@ class Backlash(JointEffect):
         equation="q = play(m, radius): w = min(max(w_before, m - radius), m + radius)",
         source="Krasnosel'skii and Pokrovskii 1989, Systems with Hysteresis, Sec. 2",
         parameters=(Parameter("radius", "half the gap", *RADIUS, ladder=Ladder(Per.RANGE, (0.003, 0.01, 0.03, 0.1))),),
-        neighbours=("coulomb_friction", "hysteresis"),
+        neighbours=("coulomb_friction", "hysteresis", "loaded_backlash"),
         separating_runs=(Run.AMPLITUDES, Run.LOAD_SWAP, Run.GAIN_CHANGE, Run.SPEED_LADDER),
     )
 
@@ -66,6 +66,31 @@ class Backlash(JointEffect):
 
     def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
         return play(q[..., j], self.radius, memory)
+
+
+@dataclass(frozen=True)
+class LoadedBacklash(JointEffect):
+    """A gap in a gear of which the load chooses the flank: the joint falls across when its load changes sign.
+
+    Where the load never does it is an offset. How long the joint falls is left out.
+    """
+
+    radius: float
+
+    about = Description(
+        name="loaded_backlash",
+        number=43,
+        family=Family.REVERSAL,
+        equation="q = m - radius sign(tau)",
+        source="Nordin and Gutman 2002, Automatica 38(10), dead-zone model of a gap behind an inertia",
+        parameters=(Parameter("radius", "half the gap", *RADIUS),),
+        neighbours=("backlash", "cable_stretch", "nonlinear_stretch", "homing_offset"),
+        separating_runs=(Run.LOAD_SWAP, Run.POSE_SPREAD),
+        turned_load=True,
+    )
+
+    def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
+        return q[..., j] - self.radius * np.sign(motion.load[..., j])
 
 
 @dataclass(frozen=True)
