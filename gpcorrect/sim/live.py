@@ -87,7 +87,8 @@ class LiveArm:
         self.machine = machine
         self.step = 1.0 / machine.drive.rate_hz  # s
         payload = machine.body.links.payload
-        self._actual, self._nominal = machine.actual_body(payload), machine.nominal_body(payload)
+        self._actual = machine.actual_body(payload)
+        self._nominal = machine.believed_body(payload) or machine.nominal_body(payload)
         self._drive = machine.actual_drive
         self._loop = Loop(self._drive, machine.body.joints, machine.effects)
         self._block, self._time = block, start

@@ -76,6 +76,19 @@ class Machine:
         """
         return replace(self.body, links=replace(self.body.links, payload=payload)).compact()
 
+    def believed_body(self, payload: FloatArray) -> Body | None:
+        """Body that the controller computes with, where effects make it another than the nominal one.
+
+        Parameters
+        ----------
+        payload : (N,) array, kg at the tip in each run
+        """
+        believed = [load for load in of_kind(self.effects, LoadEffect) if load.believed]
+        body = replace(self.body, links=replace(self.body.links, payload=payload))
+        for load in believed:
+            body = load.act(body)
+        return body.compact() if believed else None
+
     def actual_body(self, payload: FloatArray) -> Body:
         """Body as it really is: with the effects on masses, gravity and geometry.
 
@@ -85,7 +98,7 @@ class Machine:
         """
         body = replace(self.body, links=replace(self.body.links, payload=payload))
         for load in of_kind(self.effects, LoadEffect):
-            body = load.act(body)
+            body = body if load.believed else load.act(body)
         if (chain := body.chain) is not None:
             changes = of_kind(self.effects, ChainEffect)
             for change in changes:
@@ -105,4 +118,5 @@ class Machine:
     @property
     def has_nominal_body(self) -> bool:
         """Whether no effect touches masses, gravity or geometry."""
-        return not any(isinstance(effect, LoadEffect | ChainEffect) for effect in self.effects)
+        loads = of_kind(self.effects, LoadEffect)
+        return not of_kind(self.effects, ChainEffect) and all(load.believed for load in loads)

@@ -121,7 +121,11 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
     body, drive = machine.actual_body(machine.payload(plan)), machine.actual_drive
     if (late := drive.latency) is not machine.drive.latency:
         command = replace(Command.of(machine, plan, late, command.whole), begun=command.begun)
-    fed = command.feedforward if drive is machine.drive else feedforward(drive, command.desired, command.nominal_load)
+    believed, known, fed = machine.believed_body(machine.payload(plan)), command.nominal_load, command.feedforward
+    if believed is not None:
+        known = link_load(believed, command.desired)
+    if believed is not None or drive is not machine.drive:
+        fed = feedforward(drive, command.desired, known)
     mass = command.mass
     if not machine.has_nominal_body:
         mass = mean_inertia(machine.actual_body(machine.payload(command.whole)), command.whole.q)
@@ -134,7 +138,8 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
         inertia = drive.motor_inertia + mass
         given = fed
         if drive.is_compensated:
-            moved = command.begun_gravity if command.begun and not number else _moved_gravity(command, motors)
+            again = command.begun is not None and not number and believed is None
+            moved = command.begun_gravity if again else _moved_gravity(believed or command.body, known, motors)
             given = fed + drive.part_delivered * moved
         reference = Reference(command.position, command.velocity, given, beyond_inertia, inertia, load.total)
         servo = follow(drive, reference, clock, body.joints, machine.effects)
@@ -144,10 +149,10 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
     return Driven(motion, servo.torque, q)
 
 
-def _moved_gravity(command: Command, motors: FloatArray) -> FloatArray:
-    """Torque `(n, N, dof)` by which what holds the nominal arm differs where the motors are from where they should."""
+def _moved_gravity(body: Body, load: LinkLoad, motors: FloatArray) -> FloatArray:
+    """Torque `(n, N, dof)` by which what holds an arm differs where the motors are from where they should."""
     still = np.zeros(motors.shape)
-    return link_load(command.body, JointPath(motors, still, still)).gravity - command.nominal_load.gravity
+    return link_load(body, JointPath(motors, still, still)).gravity - load.gravity
 
 
 def _first_guess(
@@ -159,7 +164,7 @@ def _first_guess(
     """
     if command.begun is not None:
         return command.guess, command.guess_load if machine.has_nominal_body else None
-    if machine.has_nominal_body and drive is machine.drive and not of_kind(mechanical(machine), PathEffect):
+    if machine.has_nominal_body and fed is command.feedforward and not of_kind(mechanical(machine), PathEffect):
         return command.guess, command.guess_load
     desired = command.desired
     load = command.nominal_load if machine.has_nominal_body else link_load(body, desired)
@@ -304,7 +309,7 @@ class Command:
     def begun_gravity(self) -> FloatArray:
         """What :func:`_moved_gravity` is where the motors have been."""
         assert self.begun is not None
-        return _moved_gravity(self, self.begun.motion.position)
+        return _moved_gravity(self.body, self.nominal_load, self.begun.motion.position)
 
 
 def _path(plan: Plan, q: FloatArray, velocity: FloatArray) -> JointPath:

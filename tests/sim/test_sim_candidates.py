@@ -43,7 +43,7 @@ def test_an_arm_without_kinematics_has_no_tool():
     """Bare joints offer nothing that only a pose or a mass could show, nor an insertion that they lack."""
     names = {c.kind.about.name for c in candidates(BARE)}
     absent = {"registration_error", "dh_error", "payload", "link_mass_error", "centre_of_mass_error", "gravity_error"}
-    absent |= {"shaft_bending", "rcm_shift", "length_dependent_stiffness"}
+    absent |= {"shaft_bending", "rcm_shift", "length_dependent_stiffness", "believed_payload"}
     assert names == set(EFFECTS) - absent
 
 

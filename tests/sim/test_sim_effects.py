@@ -10,6 +10,7 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim import EFFECTS, effect_from_dict, simulate
 from gpcorrect.sim.effects import (
     Backlash,
+    BelievedPayload,
     CableCoupling,
     CableSlip,
     CableStretch,
@@ -105,6 +106,7 @@ NEUTRAL = (
     IntegralAction("all", 0.0),
     MotorConstantError(2, 0.0),
     LoadedBacklash(2, 0.0),
+    BelievedPayload("all", 0.0),
 )
 ACTIVE = (
     HomingOffset(1, 0.02),
@@ -150,6 +152,7 @@ ACTIVE = (
     IntegralAction("all", 2.0),
     MotorConstantError(2, -0.1),
     LoadedBacklash(2, 0.01),
+    BelievedPayload("all", 0.3),
 )
 ids = [e.about.name for e in ACTIVE]
 PATH_EFFECTS = [e for e in ACTIVE if isinstance(e, PathEffect) and e.joint != "all"]
@@ -158,8 +161,9 @@ neutral_ids = [f"{e.about.name}-{e.joint}" for e in NEUTRAL]
 
 
 def recorded(*effects):
-    """Return a short recording of the loaded arm, whose model states friction, as named arrays."""
-    stated = replace(drive(), friction=np.array([0.2, 0.2, 1.0]), damping=np.array([0.1, 0.1, 2.0]))
+    """Return a short recording of the loaded arm, held up, whose model states friction, as named arrays."""
+    friction, damping = np.array([0.2, 0.2, 1.0]), np.array([0.1, 0.1, 2.0])
+    stated = replace(drive(), friction=friction, damping=damping, feedforward="gravity")
     log = simulate(raven(*effects, drive=stated), moves(runs=1, seconds=2.0, payload=0.2))
     arrays = {name: getattr(log, name) for name in log.signals if not name.endswith("_cp")}
     return arrays | {"tracker": log.tracker_cp.position, "quaternion": log.tracker_cp.quaternion}

@@ -31,6 +31,7 @@ from gpcorrect.sim.servo_steps import State
 # Effects that hold no matter when the arm is looked at: they change the machine itself, before it moves.
 OF_THE_MACHINE = {
     "payload": "masses of the body",
+    "believed_payload": "masses that the controller knows",
     "link_mass_error": "masses of the body",
     "centre_of_mass_error": "masses of the body",
     "gravity_error": "what the body weighs",

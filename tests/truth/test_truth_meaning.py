@@ -160,6 +160,7 @@ def test_the_catalogues_are_the_same() -> None:
         "integral_action",
         "motor_constant_error",
         "loaded_backlash",
+        "believed_payload",
     }
 
 

@@ -164,6 +164,7 @@ class LoadEffect(Effect):
     """Changes what the arm carries: masses, or gravity."""
 
     stage = Stage.LOAD
+    believed: ClassVar[bool] = False  # by the controller alone: the arm does not carry it
 
     @abstractmethod
     def act(self, body: Body) -> Body:

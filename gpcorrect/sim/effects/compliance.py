@@ -180,7 +180,7 @@ class Payload(LoadEffect):
             *axes("from the tip, along its frame's", Range("m", -0.5, 0.5, 0.05), ("place", "beside"), "mass"),
         ),
         needs=("setpoint_jp|measured_jf", "measured_jp|external_jp|tracker_cp"),
-        neighbours=("gravity_sag", "length_dependent_stiffness"),
+        neighbours=("gravity_sag", "length_dependent_stiffness", "believed_payload"),
         separating_runs=(Run.LOAD_SWAP, Run.TWO_INSERTIONS, Run.POSE_SPREAD),
         sites=(Site.ALL,),
         choices=(("place", ("tip", "beside")),),

@@ -8,8 +8,9 @@ from math import inf
 import numpy as np
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.body import Drive
-from gpcorrect.sim.effects.base import DriveEffect, JointEffect
+from gpcorrect.sim.body import Body, Drive
+from gpcorrect.sim.effects.base import DriveEffect, JointEffect, LoadEffect
+from gpcorrect.sim.effects.compliance import Payload
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory, ring
 from gpcorrect.sim.motion import Motion
@@ -294,6 +295,33 @@ class MotorConstantError(DriveEffect):
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
         """Scale all that is commanded: gains, what is fed forward, and the limit of what the drive asks for."""
         return drive.delivering(1.0 + self._of_each(self.fraction, joints))
+
+
+@dataclass(frozen=True)
+class BelievedPayload(LoadEffect):
+    """A payload that the controller was told of beyond the model's, and that the arm does not carry."""
+
+    mass: float
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    place: str = "tip"
+
+    believed = True
+    about = replace(
+        Payload.about,
+        name="believed_payload",
+        number=44,
+        family=Family.DYNAMICS,
+        equation="tau_fed = tau_fed_0 + J^T mass (a - g), of the terms that are fed forward",
+        source="a wrong payload in a controller's settings; Siciliano et al. 2009, Robotics, Sec. 8.5",
+        neighbours=("payload", "feedforward_error"),
+        separating_runs=(Run.SPEED_LADDER, Run.POSE_SPREAD),
+    )
+
+    def act(self, body: Body) -> Body:
+        """Put it on the arm that the controller computes with."""
+        return Payload("all", self.mass, self.x, self.y, self.z, self.place).act(body)
 
 
 FRICTIONS = ("dry", "viscous")
