@@ -17,11 +17,11 @@ from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion
 from gpcorrect.types import FloatArray
 
-# Units, physical ranges and typical sizes on revolute and prismatic joints.
-STIFFNESS = Range("N m/rad", 2.0, 1e5, 200.0), Range("N/m", 100.0, 1e7, 2e4)
+# Units, physical ranges and typical sizes on either type; up to gears of heavy arms (RV reducers) and ball screws.
+STIFFNESS = Range("N m/rad", 2.0, 1e7, 200.0), Range("N/m", 100.0, 2e9, 2e4)
 CUBIC = Range("N m/rad^3", 0.0, 1e14, 2e8), Range("N/m^3", 0.0, 1e18, 2e12)
 RIGIDITY = Range("N m^2/rad", 1.0, 5e4, 80.0), Range("N", 50.0, 5e6, 8e3)
-STRUCTURE = Range("N m/rad", 2.0, 1e5, 300.0), Range("N/m", 100.0, 1e7, 3e4)
+STRUCTURE = Range("N m/rad", 2.0, 1e7, 300.0), Range("N/m", 100.0, 2e9, 3e4)
 SPRING = Range("N m/rad", -1e4, 1e4, 3.0), Range("N/m", -1e5, 1e5, 300.0)
 PUSH = Range("N m", -1e3, 1e3, 1.0), Range("N", -1e4, 1e4, 10.0)
 
