@@ -176,9 +176,8 @@ class Drive:
     ki : (dof,) array or None, gains on the sum of errors, N m/(rad s) or N/(m s); none when None
     filtered : (dof,) array or None
         Time constants of the low-pass filters through which the controllers see their motors' speed, s; none when None.
-    delivered : (dof,) array or None
-        What the motors deliver of each torque that is commanded; all of it when None. Gains, limits and fractions here
-        are of the torque delivered.
+    delivered : (dof,) array
+        What the motors deliver of each torque that is commanded. Gains and limits here are of the torque delivered.
     """
 
     kp: FloatArray
@@ -197,7 +196,7 @@ class Drive:
     latency: FloatArray | None = None
     ki: FloatArray | None = None
     filtered: FloatArray | None = None
-    delivered: FloatArray | None = None
+    delivered: FloatArray = field(default_factory=lambda: np.ones(1))
 
     @property
     def feeds(self) -> bool:
@@ -208,33 +207,6 @@ class Drive:
     def is_compensated(self) -> bool:
         """Whether gravity is compensated where the motors are, not where they were commanded to be."""
         return self.feedforward == "gravity-measured"
-
-    @property
-    def part_delivered(self) -> FloatArray:
-        """What the motors deliver `(dof,)` of each torque that is commanded."""
-        return np.ones(len(self.kp)) if self.delivered is None else self.delivered
-
-    def delivering(self, part: FloatArray) -> Drive:
-        """Return the same with motors that deliver another part of what is commanded.
-
-        Parameters
-        ----------
-        part : (dof,) array, of what is delivered here, above 0
-        """
-        nominal = np.array([[self.feedforward != "none"], [self.feedforward == "rigid-body"]])
-        gravity_and_inertia, velocity = self.beyond[:2], np.broadcast_to(self.beyond[2:], (1, len(part)))
-        # The fraction of what follows the commanded velocity is one of kd, which is scaled already.
-        beyond = np.concatenate([part * (nominal + gravity_and_inertia) - nominal, velocity])
-        return replace(
-            self,
-            kp=part * self.kp,
-            kd=part * self.kd,
-            kv=None if self.kv is None else part * self.kv,
-            ki=None if self.ki is None else part * self.ki,
-            limit=None if self.limit is None else part * self.limit,
-            beyond=beyond,
-            delivered=part * self.part_delivered,
-        )
 
     @property
     def speed_gains(self) -> tuple[FloatArray, FloatArray]:

@@ -173,7 +173,7 @@ class LiveArm:
         if not self._drive.is_compensated:
             return fed
         there = link_load(self._nominal, replace(desired, q=self._position))
-        return fed + self._drive.part_delivered * (there.gravity - load.gravity)
+        return fed + self._drive.delivered * (there.gravity - load.gravity)
 
     def _look(self, torque: FloatArray, joint_friction: FloatArray) -> Moment:
         """Bring what lies behind the motors up to date."""

@@ -140,7 +140,7 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
         if drive.is_compensated:
             again = command.begun is not None and not number and believed is None
             moved = command.begun_gravity if again else _moved_gravity(believed or command.body, known, motors)
-            given = fed + drive.part_delivered * moved
+            given = fed + drive.delivered * moved
         reference = Reference(command.position, command.velocity, given, beyond_inertia, inertia, load.total)
         servo = follow(drive, reference, clock, body.joints, machine.effects)
         motion, motors = _motion(body, plan, servo, load), servo.position
@@ -340,7 +340,7 @@ def _pushed_aside(drive: Drive, desired: JointPath, load: LinkLoad, feedforward:
 
 
 def feedforward(drive: Drive, desired: JointPath, nominal_load: LinkLoad) -> FloatArray:
-    """Return the torque `(n, N, dof)` that the controller feeds forward.
+    """Return the torque `(n, N, dof)` that the motors deliver for what the controller feeds forward.
 
     Parameters
     ----------
@@ -353,5 +353,6 @@ def feedforward(drive: Drive, desired: JointPath, nominal_load: LinkLoad) -> Flo
     inertia = inertia + (drive.feedforward == "rigid-body")
     motors = drive.motor_inertia if drive.known_inertia is None else drive.known_inertia
     of_inertia = nominal_load.total - nominal_load.gravity + motors * desired.acceleration
-    fed: FloatArray = gravity * nominal_load.gravity + inertia * of_inertia + velocity * drive.kd * desired.velocity
+    asked: FloatArray = gravity * nominal_load.gravity + inertia * of_inertia
+    fed: FloatArray = drive.delivered * asked + velocity * drive.kd * desired.velocity
     return fed

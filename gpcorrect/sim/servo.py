@@ -203,8 +203,8 @@ class Loop:
             advance(first, last, given, laws, state, state.bent if bends else None, samples)
 
         in_parts(len(given.position), given.position.size, move)
-        path = ServoPath(*np.ascontiguousarray(samples.swapaxes(1, 2)))
-        return path if self._drive.delivered is None else path._replace(torque=path.torque / self._drive.delivered)
+        position, velocity, torque, behind = np.ascontiguousarray(samples.swapaxes(1, 2))
+        return ServoPath(position, velocity, torque / self._drive.delivered, behind)
 
 
 def follow(

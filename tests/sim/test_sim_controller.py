@@ -81,9 +81,8 @@ def test_a_motor_of_less_torque_is_one_whose_whole_controller_asks_for_less() ->
     np.testing.assert_allclose(motors("rigid-body", weak), motors("rigid-body", *parts), atol=1e-12)
     # A term that is fed beyond the model is commanded as well; that of the velocity is a fraction of kd.
     more = [FeedforwardError(2, 0.5, term) for term in TERMS]
-    nominal = machine_of(model("gravity"))
-    drive = nominal.with_effects(*more, weak).actual_drive
-    np.testing.assert_allclose(drive.beyond[:, 1], [0.8 * 1.5 - 1.0, 0.8 * 0.5, 0.5])
+    parts = GainError(2, -0.2, -0.2), *map(FeedforwardError, (2, 2, 2), (0.8 * 1.5 - 1.0, 0.8 * 0.5, 0.5), TERMS)
+    np.testing.assert_allclose(motors("gravity", *more, weak), motors("gravity", *parts), atol=1e-12)
 
 
 def test_efforts_are_what_was_commanded_of_a_weak_motor() -> None:

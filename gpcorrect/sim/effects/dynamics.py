@@ -294,7 +294,10 @@ class MotorConstantError(DriveEffect):
 
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
         """Scale all that is commanded: gains, what is fed forward, and the limit of what the drive asks for."""
-        return drive.delivering(1.0 + self._of_each(self.fraction, joints))
+        part = 1.0 + self._of_each(self.fraction, joints)
+        numbers = {name: getattr(drive, name) for name in ("kp", "kd", "kv", "ki", "limit")}
+        scaled = {name: number * part for name, number in numbers.items() if number is not None}
+        return replace(drive, delivered=drive.delivered * part, **scaled)
 
 
 @dataclass(frozen=True)
