@@ -21,6 +21,16 @@ class GpCorrectError(Exception):
     def __str__(self) -> str:
         return f"{self.message} {self.hint}".strip()
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Come whole out of another process, whatever a subclass asks for at its making."""
+        return _again, (type(self), self.args, self.__dict__)
+
+
+def _again(kind: type[GpCorrectError], args: tuple[object, ...], state: dict[str, object]) -> GpCorrectError:
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(state)
+    return error
+
 
 class DataError(GpCorrectError, ValueError):
     """Arrays or parameters of the wrong shape, range or unit."""

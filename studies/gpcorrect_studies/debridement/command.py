@@ -25,8 +25,9 @@ from gpcorrect_studies.debridement.scene import Station, stations
 if TYPE_CHECKING:
     from gpcorrect_service import CorrectionClient
 
-# Chosen by hand.
-CONNECT = 120.0  # s for a service to load its model, on a busy machine
+# Chosen by hand, s for a busy machine.
+CONNECT = 120.0  # for a service that is started here to load its model
+FOUND = 10.0  # for one that runs
 
 
 def debride(
@@ -78,7 +79,7 @@ def debride(
         progress.step("rehearsal and fit", 1.0)
         start = max(ends) + AFTER_REHEARSAL
         endpoints = stack.enter_context(_services(places, folder, endpoint or []))
-        with _clients(places, endpoints) as clients:
+        with _clients(places, endpoints, FOUND if endpoint else CONNECT) as clients:
             served = [client.model() for client in clients]
         ways = {"fast": speed / 100, "slow": slow / 100, "margins": Margins(position=margin / 1e3), "mode": chosen}
         missions = [
@@ -105,7 +106,7 @@ def debride(
 
 def _done(mission: Mission, endpoints: Sequence[str], seed: int, ways: Mapping[str, Any]) -> tuple[Condition, ...]:
     """Do the task of one set in every way, in a process that asks the services by itself."""
-    with _clients(mission.stations, endpoints) as clients:
+    with _clients(mission.stations, endpoints, FOUND) as clients:
         return compare(mission, clients, seed, **ways)
 
 
@@ -124,13 +125,13 @@ def _services(places: Sequence[Station], folder: Path, given: Sequence[str]) -> 
 
 
 @contextmanager
-def _clients(places: Sequence[Station], endpoints: Sequence[str]) -> Iterator[list[CorrectionClient]]:
-    """Give a client of each arm's service."""
+def _clients(places: Sequence[Station], endpoints: Sequence[str], patience: float) -> Iterator[list[CorrectionClient]]:
+    """Give a client of each arm's service, which waits so many seconds for it to appear."""
     from gpcorrect_service import CorrectionClient  # zenoh is an extra; other commands work without it
 
     with ExitStack() as stack:
         yield [
-            stack.enter_context(CorrectionClient(endpoint, place.name, timeout=5.0, connect_timeout=CONNECT))
+            stack.enter_context(CorrectionClient(endpoint, place.name, timeout=5.0, connect_timeout=patience))
             for place, endpoint in zip(places, endpoints, strict=True)
         ]
 
