@@ -160,7 +160,7 @@ def _left(found: TimeOffset, size: str, step: float) -> Clocks:
     No servo explains that the sensor runs behind the pose that the robot reports by more than a step of the log.
     """
     if found.reference == "measured_cp" and found.ci95[0] > step:
-        remark = f"{size}: left as it was stamped. If it is the sensor's delay: --time-offset motion"
+        remark = f"{size}: left as it was stamped. Slack looks late too; if it is the sensor: --time-offset motion"
         return Clocks(found, 0.0, remark, to_note=True)
     remark = f"{size}, as a servo may: left to the velocity features"
     if found.drift is None:
