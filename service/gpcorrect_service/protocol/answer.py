@@ -8,7 +8,6 @@ from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
-from msgspec import UNSET, UnsetType
 
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.types import FloatArray
@@ -17,14 +16,12 @@ UNKNOWN = np.empty(0)
 
 
 class Single(msgspec.Struct, frozen=True, kw_only=True):
-    """A :class:`gpcorrect.correction.Correction` of one question as it travels.
+    """What every :class:`gpcorrect.correction.Correction` of one question says as it travels, beside the command.
 
-    `status` and `reason` are for people; `flags` holds the same reasons as bits, for programs.
+    `status` and `reason` are for people; `flags` holds the same reasons as bits, for programs. The command is a field
+    of each message of its own: msgspec's `rename` does not reach what is inherited.
     """
 
-    position: list[float] | UnsetType = UNSET
-    quaternion: list[float] | UnsetType | None = UNSET
-    joints: list[float | None] | UnsetType = UNSET
     std: list[float | None]
     interval95: list[float | None]
     in_domain: bool
@@ -36,9 +33,6 @@ class Single(msgspec.Struct, frozen=True, kw_only=True):
 class Rows(msgspec.Struct, frozen=True, kw_only=True):
     """The columns of n answers, as in :class:`Single`."""
 
-    position: list[list[float]] | UnsetType = UNSET
-    quaternion: list[list[float]] | UnsetType | None = UNSET
-    joints: list[list[float | None]] | UnsetType = UNSET
     std: list[list[float | None]]
     interval95: list[list[float | None]]
     in_domain: list[bool]
@@ -51,20 +45,29 @@ A = TypeVar("A", bound=Single | Rows)
 
 
 class PoseAnswer(Single, frozen=True, kw_only=True):
-    """Answer of `correct`."""
+    """Answer of `correct`; no quaternion where a position alone was asked."""
+
+    position: list[float]
+    quaternion: list[float] | None
 
 
 class PathAnswer(Rows, frozen=True, kw_only=True, rename={"position": "positions", "quaternion": "quaternions"}):
-    """Answer of `correct_path`."""
+    """Answer of `correct_path`, as in :class:`PoseAnswer`."""
+
+    position: list[list[float]]
+    quaternion: list[list[float]] | None
 
 
 class JointsAnswer(Rows, frozen=True, kw_only=True, rename={"joints": "q"}):
     """Answer of `correct_joints`."""
 
+    joints: list[list[float | None]]
 
-class EstimateAnswer(Single, frozen=True, kw_only=True, rename={"joints": "position", "position": "tool_position"}):
+
+class EstimateAnswer(Single, frozen=True, kw_only=True, rename={"joints": "position"}):
     """One sample of the stream `estimate`: `stamp` and `session` of the robot's sample, and which model answered."""
 
+    joints: list[float | None]
     stamp: float
     session: int
     model_hash: str
@@ -84,11 +87,8 @@ def pack(form: type[A], answer: Correction, **beside: Any) -> A:
     flags: Any = answer.reasons.tolist() if isinstance(answer.reasons, np.ndarray) else int(answer.reasons)
     columns: Any = _meaning(flags) if isinstance(flags, int) else map(list, zip(*map(_meaning, flags), strict=True))
     in_domain, status, reason = columns
-    posed = answer.position is not None
     return form(
-        position=answer.position.tolist() if answer.position is not None else UNSET,
-        quaternion=answer.quaternion.tolist() if answer.quaternion is not None else (None if posed else UNSET),
-        joints=UNSET if answer.joints is None else nullable(answer.joints),
+        **_command(answer),
         std=nullable(answer.std),
         interval95=nullable(answer.interval95),
         in_domain=in_domain,
@@ -97,6 +97,15 @@ def pack(form: type[A], answer: Correction, **beside: Any) -> A:
         flags=flags,
         **beside,
     )
+
+
+def _command(answer: Correction) -> dict[str, Any]:
+    """Return the fields of a message that command something: those of a pose, or of joints."""
+    if answer.position is None:
+        assert answer.joints is not None
+        return {"joints": nullable(answer.joints)}
+    quaternion = None if answer.quaternion is None else answer.quaternion.tolist()
+    return {"position": answer.position.tolist(), "quaternion": quaternion}
 
 
 def unpack(message: Single | Rows) -> Correction:
@@ -108,9 +117,9 @@ def unpack(message: Single | Rows) -> Correction:
     """
     flags = message.flags
     return Correction(
-        position=_array(message.position),
-        quaternion=_array(message.quaternion),
-        joints=_array(message.joints),
+        position=_array(getattr(message, "position", None)),
+        quaternion=_array(getattr(message, "quaternion", None)),
+        joints=_array(getattr(message, "joints", None)),
         std=np.array(message.std, dtype=np.float64),
         interval95=np.array(message.interval95, dtype=np.float64),
         reasons=Reason(flags) if isinstance(flags, int) else np.array(flags, dtype=np.int64),
@@ -118,7 +127,7 @@ def unpack(message: Single | Rows) -> Correction:
 
 
 def _array(values: Any) -> FloatArray | None:
-    return None if values is None or values is UNSET else np.array(values, dtype=np.float64)  # null becomes NaN
+    return None if values is None else np.array(values, dtype=np.float64)  # null becomes NaN
 
 
 def nullable(values: FloatArray) -> Any:

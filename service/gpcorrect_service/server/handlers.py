@@ -90,8 +90,8 @@ class Corrections:
         taken, given = model.frames
         limits.check_frame(asked.frame_id, self._settings.frame or taken)
         message = self._corrected(model, asked.pose, twist)
-        quaternion: Any = message.quaternion or asked.pose[3:]
-        return replace(asked, pose=(*message.position, *quaternion), frame_id=given or asked.frame_id), message  # type: ignore[misc]  # a pose's
+        pose = (*message.position, *(message.quaternion or asked.pose[3:]))
+        return replace(asked, pose=pose, frame_id=given or asked.frame_id), message
 
     def _correct_path(self, parsed: Parsed) -> Response:
         """Answer a timed path."""
@@ -101,9 +101,8 @@ class Corrections:
         answer = model.corrector.correct_path(poses, times)
         self._check(answer)
         message = pack(PathAnswer, self._bounded(model, poses, answer))
-        positions: Any = message.position
         quaternions: Any = message.quaternion or [None] * len(poses)
-        for pose, position, quaternion in zip(poses, positions, quaternions, strict=True):
+        for pose, position, quaternion in zip(poses, message.position, quaternions, strict=True):
             limits.check_command(position, quaternion, model.limit, partial(model.reference_position, pose))
         return self._rows(parsed, model, message)
 
@@ -139,9 +138,8 @@ class Corrections:
         answer = model.corrector.correct(asked, limits.checked_twist(twist))
         self._check(answer)
         message = pack(PoseAnswer, self._bounded(model, asked, answer))
-        position: Any = message.position
-        quaternion: Any = message.quaternion
-        limits.check_command(position, quaternion, model.limit, partial(model.reference_position, asked))
+        reference = partial(model.reference_position, asked)
+        limits.check_command(message.position, message.quaternion, model.limit, reference)
         return message
 
     def _check(self, answer: Correction) -> None:
