@@ -138,9 +138,11 @@ class Correction:
 
     def because(self, reason: Reason, rows: BoolArray | bool = True) -> Self:
         """Return the same with a further reason, at these rows (n,) of n."""
+        if not (rows if isinstance(rows, bool) else rows.any()):
+            return self
         if isinstance(self.reasons, np.ndarray):
             return replace(self, reasons=np.where(rows, self.reasons | int(reason), self.reasons))
-        return replace(self, reasons=self.reasons | reason) if rows else self
+        return replace(self, reasons=self.reasons | reason)
 
     def at(self, rows: BoolArray, other: Correction) -> Self:
         """Return these answers at rows (n,) of n, and another's, of the same parts, elsewhere."""

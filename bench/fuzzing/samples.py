@@ -17,7 +17,7 @@ from gpcorrect_service import ServerSettings
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.metrics import Counters
 from gpcorrect_service.protocol.messages import CODECS, MSGPACK
-from gpcorrect_service.server.handlers import Estimator
+from gpcorrect_service.server.estimator import Estimator
 from gpcorrect_service.server.models import Active, JointModel, load_joint_model
 from gpcorrect_service.server.requests import Clock, Request, RequestParser
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Self
 
 import numpy as np
@@ -129,6 +130,8 @@ class Domain:
     kept: FloatArray = field(default_factory=lambda: np.zeros(0))
     # training inputs near which a query must lie; None in older files
     near: Surroundings | None = None
+    # middle and half, (f,) each, of the region of the inputs that fade: a stream asks at 1 kHz
+    faded: tuple[FloatArray, FloatArray] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not self.kept.size:  # older files
@@ -145,6 +148,7 @@ class Domain:
             raise DataError(f"inputs {self.fading} cannot fade from {self.kept} of the way to the region's edge.")
         if self.near is not None and self.near.points.shape[1:] != self.low.shape:
             raise DataError(f"points {self.near.points.shape} do not surround {len(self.low)} bounded inputs.")
+        object.__setattr__(self, "faded", self._middle_and_half(self.fading))
 
     @classmethod
     def of(
@@ -200,7 +204,7 @@ class Domain:
         inputs = X.copy()
         inputs[..., : len(self.low)] = np.clip(X[..., : len(self.low)], self.low, self.high)
         if self.fading.size:
-            middle, half = self._middle_and_half(self.fading)
+            middle, half = self.faded
             place, start = (inputs[..., self.fading] - middle) / half, self.kept
             fraction = np.clip((1 - np.abs(place)) / (1 - start), 0, 1)
             inputs[..., self.fading] = middle + fraction * half * np.clip(place, -start, start)
@@ -288,8 +292,13 @@ class Bounds:
 
 def _lengths(values: FloatArray, sizes: tuple[int, ...]) -> FloatArray:
     """Return the lengths `(n, g)` of groups of so many columns in turn."""
-    starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
-    return np.sqrt(np.add.reduceat(values**2, starts, axis=1))
+    return np.sqrt(np.add.reduceat(values**2, _starts(sizes), axis=1))
+
+
+@lru_cache(maxsize=64)
+def _starts(sizes: tuple[int, ...]) -> IntArray:
+    """Return the first column `(g,)` of each group."""
+    return frozen_array(np.concatenate([[0], np.cumsum(sizes)[:-1]]), np.int64)
 
 
 def _to_nearest(X: FloatArray, points: FloatArray, squares: FloatArray) -> FloatArray:

@@ -61,6 +61,8 @@ class JointFeatures:
     used: IntArray
     # (r,) times over which the changes of velocities are taken for `acceleration`, s
     rates: FloatArray = field(default_factory=lambda: np.zeros(0))
+    # (h, d) radii of the single plays of `memory`, in units of half the ranges
+    ladder: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         alike = {len(self.centre), len(self.half), len(self.centre if self.play is None else self.play.gap)}
@@ -68,6 +70,7 @@ class JointFeatures:
         twice = len(set(self.kinds)) < len(self.kinds)
         if len(alike) > 1 or np.ndim(self.lags) != 1 or np.ndim(self.rates) != 1 or unknown or twice:
             raise DataError(f"features of {len(self.centre)} joints do not fit together.")
+        object.__setattr__(self, "ladder", np.outer(LADDER, np.ones(len(self.centre))))
 
     @classmethod
     def learn(
@@ -155,11 +158,6 @@ class JointFeatures:
         """
         self._check(path)
         return np.hstack([self._columns(kind, path) for kind in self.kinds])[:, self.used]
-
-    @property
-    def ladder(self) -> FloatArray:
-        """Radii `(h, d)` of the single plays of `memory`, in units of half the ranges."""
-        return np.outer(LADDER, np.ones(len(self.centre)))
 
     def unsure(self, span: FloatArray) -> FloatArray | None:
         """Return by how much inputs `(..., k)` may be off on a path that has covered so much; None without `memory`.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import numpy as np
@@ -85,6 +85,9 @@ class JointView(PathView):
     stops: Stops | None = None
     # columns of the whole state; empty for a law that does not look at it, and in models of before
     state_names: tuple[str, ...] = ()
+    # (s,) joints that stood in training, and how far from there they may be, rad or m: a stream asks at 1 kHz
+    still: IntArray = field(init=False, repr=False)
+    still_within: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "moving", frozen_array(self.moving, np.int64))
@@ -95,6 +98,9 @@ class JointView(PathView):
             raise DataError(f"a model of {len(self.types)} joints rests in {self.rest.shape}.")
         if self.stops is not None and len(self.stops.low) != len(self.types):
             raise DataError(f"a model of {len(self.types)} joints has stops of {len(self.stops.low)}.")
+        still = np.setdiff1d(np.arange(len(self.types)), self.moving)
+        object.__setattr__(self, "still", still)
+        object.__setattr__(self, "still_within", np.array([STILL[self.types[j]] for j in still]))
 
     def reached(self, q: FloatArray) -> FloatArray:
         """Return joints `(..., d)` taken back to their stops: what the law sees of those that go in.
@@ -127,9 +133,8 @@ class JointView(PathView):
         joints[:, self.moving] += prediction.residual
         missing = np.asarray(~np.isfinite(joints).all(axis=1))
         joints[missing] = np.nan
-        still = np.setdiff1d(np.arange(len(self.types)), self.moving)
-        limit = np.array([STILL[self.types[j]] for j in still])
-        strayed = np.asarray((np.abs(given[:, still] - self.rest[still]) > limit).any(axis=1))
+        away = np.abs(given[:, self.still] - self.rest[self.still])
+        strayed = np.asarray((away > self.still_within).any(axis=1))
         std, interval95 = self.wide(prediction.std), self.wide(prediction.interval95)
         answer = Correction(None, None, joints, std, interval95, prediction.reasons)
         return answer.because(Reason.OUTSIDE, strayed).because(Reason.MISSING, missing)

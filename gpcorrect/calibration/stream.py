@@ -58,6 +58,7 @@ class _ViewStream:
         self._past: deque[tuple[float, FloatArray]] = deque(maxlen=MOST_PAST)
         self._memory: tuple[FloatArray, FloatArray, FloatArray] | None = None  # path, joints and plays so far
         self._ends: tuple[FloatArray, FloatArray] | None = None  # of what the path has covered
+        self._settled = False  # whether it has crossed every slack
         self._followed: dict[str, tuple[FloatArray, FloatArray]] = {}  # signals where last known, and lags behind them
 
     def _arrive(self, time: float, joints: FloatArray) -> bool:
@@ -96,10 +97,15 @@ class _ViewStream:
         features = self._features
         x = np.concatenate([self._column(kind, time, q, effort, state) for kind in features.kinds])[features.used]
         self._past.append((time, q))
-        scaled = features.scaled(q)
+        return x, None if self._settled else self._unsure(features.scaled(q))
+
+    def _unsure(self, scaled: FloatArray) -> FloatArray | None:
+        """Note what the path has covered; what it has crossed once it has crossed for good."""
         low, high = self._ends or (scaled, scaled)
         self._ends = np.minimum(low, scaled), np.maximum(high, scaled)
-        return x, features.unsure(self._ends[1] - self._ends[0])
+        unsure = self._features.unsure(self._ends[1] - self._ends[0])
+        self._settled = unsure is None or not unsure.any()
+        return unsure
 
     def _column(
         self, kind: str, time: float, q: FloatArray, effort: FloatArray | None, state: FloatArray | None
@@ -189,15 +195,38 @@ class JointStream(_ViewStream):
             The numbers do not fit the model, or time does not advance; the past stays.
         """
         view, law = self._corrector.view, self._corrector.law
-        joints = _numbers(q, len(view.types), "joints")
-        efforts = None if effort is None else _numbers(effort, len(view.types), "efforts")[view.moving]
-        rest = None if state is None else _numbers(state, view.features.n_state, "state columns")
-        leap = self._arrive(time, joints)
-        moving = view.reached(joints)[view.moving]
+        joints, efforts, rest = self._checked(q, effort, state)
+        leap, moving = self._arrive(time, joints), view.reached(joints)[view.moving]
         if not np.isfinite(moving).all():
             self._begin()
             return view.answer(joints[None], law.unknown())[0]
         return view.answer(joints[None], self._predict(time, moving, efforts, rest, leap))[0]
+
+    def follow(
+        self, time: float, q: ArrayLike, effort: ArrayLike | None = None, state: ArrayLike | None = None
+    ) -> None:
+        """Take note of a sample that nobody needs the answer of: those behind it are answered as after `correct`.
+
+        Parameters and errors are those of :meth:`correct`, of whose work this is a third.
+        """
+        view = self._corrector.view
+        joints, efforts, rest = self._checked(q, effort, state)
+        leap, moving = self._arrive(time, joints), view.reached(joints)[view.moving]
+        if not np.isfinite(moving).all():
+            self._begin()
+        elif not leap:
+            filters = isinstance(self._corrector.law.learned, CableModel)
+            (self._next if filters else self._inputs)(time, moving, efforts, rest)
+
+    def _checked(
+        self, q: ArrayLike, effort: ArrayLike | None, state: ArrayLike | None
+    ) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
+        """Return the joints (d,), and of the moving ones the efforts, and the state; a DataError for other numbers."""
+        view = self._corrector.view
+        joints = _numbers(q, len(view.types), "joints")
+        efforts = None if effort is None else _numbers(effort, len(view.types), "efforts")[view.moving]
+        rest = None if state is None else _numbers(state, view.features.n_state, "state columns")
+        return joints, efforts, rest
 
     def _next(self, time: float, q: FloatArray, effort: FloatArray | None, state: FloatArray | None) -> Prediction:
         """See :class:`_ViewStream`; a learner that filters the path follows it."""

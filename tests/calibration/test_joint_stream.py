@@ -32,14 +32,23 @@ def gp() -> JointCorrector:
 
 @pytest.mark.parametrize("method", LEARNERS)
 def test_a_stream_answers_as_the_path_does(method: str) -> None:
-    """Every method gives sample by sample what it gives of the whole recording, through a gap and a missing number."""
+    """Every method gives sample by sample what it gives of the whole recording, through a gap and a missing number.
+
+    So does a stream that answers every fifth sample, and only follows the others.
+    """
     corrector = fitted(method)
     q = np.array(Q)
     q[100] = np.nan
     time = LOG.time + np.where(np.arange(len(q)) > 200, 60.0, 0.0)
     path = corrector.correct_log(replace(LOG, measured_jp=q, time=time))
-    stream = JointStream(corrector)
+    stream, sparse = JointStream(corrector), JointStream(corrector)
     for i in range(300):
+        if i % 5:
+            sparse.follow(float(time[i]), q[i], EFFORT[i])
+        else:
+            np.testing.assert_allclose(
+                sparse.correct(float(time[i]), q[i], EFFORT[i]).joints, path.joints[i], atol=1e-9
+            )
         answer = stream.correct(float(time[i]), q[i], EFFORT[i])
         np.testing.assert_allclose(answer.joints, path.joints[i], atol=1e-9)
         np.testing.assert_allclose(answer.std, path.std[i], rtol=1e-6)

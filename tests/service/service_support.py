@@ -125,6 +125,10 @@ class LaggingStream:
         std = np.full(len(q), 1e-3)
         return Correction(None, None, self._joints, std, 2 * std, Reason.NONE)
 
+    def follow(self, time: float, q: FloatArray, effort: FloatArray | None = None) -> None:
+        """Take note of where the joints are."""
+        self.correct(time, q, effort)
+
 
 @dataclass(frozen=True)
 class LaggingCorrector:

@@ -17,7 +17,7 @@ from gpcorrect_service.protocol.answer import EstimateAnswer
 from gpcorrect_service.protocol.bounds import StreamClock
 from gpcorrect_service.protocol.errors import ServiceError
 from gpcorrect_service.protocol.messages import MSGPACK, JointState
-from gpcorrect_service.server.handlers import Estimator
+from gpcorrect_service.server.estimator import Estimator
 from gpcorrect_service.server.models import Active
 from gpcorrect_service.server.requests import Clock, Request, RequestParser
 
@@ -70,6 +70,27 @@ def test_estimates_of_samples_that_waited_in_a_socket_are_stale() -> None:
     now[0] = 17.0
     assert {status(1.8e9 + t) for t in np.arange(2.01, 6.9, 0.05)} == {"STALE"}
     assert status(1.8e9 + 7.0) == "OK"
+
+
+def test_only_the_newest_of_old_samples_is_answered() -> None:
+    """Of samples that waited, those that others wait behind are counted, and the last one is answered."""
+    now, counters = [10.0], Counters()
+    parser = RequestParser(
+        Active(None, lagging_joints()), ServerSettings(), open_logger(io.StringIO()), Clock(lambda: now[0])
+    )
+    estimator = Estimator(parser, counters)
+
+    def sent(stamp: float, *, newest: bool) -> bool:
+        payload = MSGPACK.encode(JointState(stamp, (0.0, 0.0, 0.1)))
+        sample = Request(payload, MSGPACK.encoding("joint_state"), b"", now[0])
+        return estimator.estimate(sample, newest=newest) is not None
+
+    assert sent(100.0, newest=False)
+    now[0] += 0.1
+    assert not sent(100.06, newest=False)
+    assert sent(100.08, newest=True)
+    assert sent(100.1, newest=False)
+    assert counters.counts()["estimate"] == {"OK": 3, "SKIPPED": 1}
 
 
 def test_a_reply_of_long_ago_is_not_taken() -> None:

@@ -28,7 +28,8 @@ from gpcorrect_service.protocol.messages import (
     JointState,
     codec_of,
 )
-from gpcorrect_service.server.handlers import Corrections, Estimator
+from gpcorrect_service.server.estimator import Estimator
+from gpcorrect_service.server.handlers import Corrections
 from gpcorrect_service.server.models import Active
 from gpcorrect_service.server.requests import Clock, Request, RequestParser, Response
 

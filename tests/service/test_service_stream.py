@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import time
 from collections.abc import Iterator
 from queue import Empty, SimpleQueue
@@ -9,7 +11,7 @@ from queue import Empty, SimpleQueue
 import numpy as np
 import pytest
 import zenoh
-from service_support import PATIENT, SLACK, ServerProcess, server_process, stranger, wait_for
+from service_support import PATIENT, SLACK, ServerProcess, hang, server_process, stranger, wait_for
 
 from gpcorrect_service.protocol.answer import EstimateAnswer
 from gpcorrect_service.protocol.messages import MSGPACK, JointState
@@ -19,12 +21,12 @@ CODEC = MSGPACK
 
 @pytest.fixture(scope="module")
 def server() -> Iterator[ServerProcess]:
-    with server_process("joints") as process:
+    with server_process("joints", stream_max_age=PATIENT) as process:  # whatever else the machine does
         yield process
 
 
 def test_a_thousand_samples_in_a_thousand_estimates_out(server: ServerProcess) -> None:
-    """Every sample of a robot that publishes its joints is answered, in order, as the model answers the path."""
+    """Every sample that does not wait long is answered, in order, as the model answers the path."""
     samples: SimpleQueue[zenoh.Sample] = SimpleQueue()
     rng = np.random.default_rng(2)
     path = np.cumsum(0.01 * rng.standard_normal((1000, 3)), axis=0)
@@ -36,19 +38,46 @@ def test_a_thousand_samples_in_a_thousand_estimates_out(server: ServerProcess) -
         result: list[EstimateAnswer] = []
         with listening, publisher:
             wait_for(lambda: bool(publisher.matching_status.matching) and listens(session, samples))
+            stamps = (time.monotonic() + 0.001 * np.arange(len(path))).tolist()
             for i, q in enumerate(path.tolist()):
-                state = JointState(1.0 + 0.001 * i, tuple(q))
+                state = JointState(stamps[i], tuple(q))
                 publisher.put(CODEC.encode(state), encoding=CODEC.encoding("joint_state"))
                 if i % 20 == 19:  # no more than that are under way: zenoh drops samples that nobody takes off its hands
                     result += [next_of(samples) for _ in range(20)]
-    assert [one.stamp for one in result] == [1.0 + 0.001 * i for i in range(len(path))]
-    assert {one.status for one in result} <= {"OK", "STALE"}
+    assert [one.stamp for one in result] == stamps
+    assert {one.status for one in result} == {"OK"}
     joints = path[0]
     for q, one in zip(path, result, strict=True):
         joints = np.clip(joints, q - SLACK, q + SLACK)
         np.testing.assert_allclose(one.joints, joints, atol=1e-12)
     with server.client() as client:
         assert sum(client.health().counts["estimate"].values()) > len(path)
+
+
+def test_old_samples_that_others_wait_behind_move_the_slack_alone() -> None:
+    """Of what came in while a server was stopped the newest is answered, from the slack of all that came before."""
+    samples: SimpleQueue[zenoh.Sample] = SimpleQueue()
+    path = np.concatenate([np.linspace(0.0, 0.2, 150), np.linspace(0.2, 0.19, 50)])
+    with server_process("joints") as process, stranger(process.endpoint) as session, process.client() as client:
+        callback = zenoh.handlers.Callback(samples.put, indirect=False)
+        block = zenoh.CongestionControl.BLOCK
+        publisher = session.declare_publisher("gpcorrect/arm1/measured_js", congestion_control=block)
+        with session.declare_subscriber("gpcorrect/arm1/estimate", callback), publisher:
+            wait_for(lambda: listens(session, samples))
+            before = client.health().counts["estimate"]
+            assert process.process.pid is not None
+            hang(process.process.pid)
+            for q in path.tolist():
+                state = JointState(time.monotonic(), (q,) * 3)
+                publisher.put(CODEC.encode(state), encoding=CODEC.encoding("joint_state"))
+            time.sleep(0.1)
+            os.kill(process.process.pid, signal.SIGCONT)
+            while (newest := next_of(samples)).stamp != state.stamp:
+                pass
+            counts = client.health().counts["estimate"]
+    assert newest.joints == pytest.approx([0.2 - SLACK] * 3)
+    assert counts["SKIPPED"] > 0
+    assert sum(counts.values()) - sum(before.values()) == len(path)
 
 
 def listens(session: zenoh.Session, samples: SimpleQueue[zenoh.Sample]) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -186,14 +187,18 @@ def checked_joints(rows: Sequence[Row], types: str) -> FloatArray:
     types : str, "R" or "P" for each joint
     """
     q = checked_rows(rows, len(types), "joints")
-    for joint, kind in enumerate(types):
-        most, unit = (
-            (LIMITS.sliding, "metres, not millimetres") if kind == "P" else (LIMITS.turned, "radians, not degrees")
-        )
-        worst = float(np.nanmax(np.abs(q[:, joint]), initial=0.0))
-        if worst > most:
-            raise bad_input(f"joint {joint + 1} is {worst:.4g} in the joints.", f"Send {unit}.")
+    far = np.abs(q) > _farthest(types)  # false where missing
+    if far.any():
+        joint = int(far.any(axis=0).argmax())
+        unit = "metres, not millimetres" if types[joint] == "P" else "radians, not degrees"
+        raise bad_input(f"joint {joint + 1} is {np.nanmax(np.abs(q[:, joint])):.4g} in the joints.", f"Send {unit}.")
     return q
+
+
+@lru_cache(maxsize=16)
+def _farthest(types: str) -> FloatArray:
+    """Return how far each joint may be, rad or m."""
+    return np.array([LIMITS.sliding if kind == "P" else LIMITS.turned for kind in types])
 
 
 def check_command(

@@ -1,7 +1,4 @@
-"""What answers the keys: corrections; models and pausing, for operators; health and metrics, for monitors; the stream.
-
-On the stream the robot's `measured_js` come in, and true joints and their spread go out on `estimate`.
-"""
+"""What answers the keys: corrections; models and pausing, for operators; health and metrics, for monitors."""
 
 from __future__ import annotations
 
@@ -14,21 +11,18 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import asdict
 
-from gpcorrect.calibration import Entry, JointStream, ModelStore, last_measured, refuse_other_use
+from gpcorrect.calibration import Entry, ModelStore, last_measured, refuse_other_use
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
 from gpcorrect.types import FloatArray
 from gpcorrect_service.ops.metrics import OPENMETRICS, Counters, Metrics
 from gpcorrect_service.protocol import limits, messages, ros
-from gpcorrect_service.protocol.answer import EstimateAnswer, JointsAnswer, PathAnswer, PoseAnswer, pack
-from gpcorrect_service.protocol.bounds import RateBound, StreamClock
+from gpcorrect_service.protocol.answer import JointsAnswer, PathAnswer, PoseAnswer, pack
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.server.models import JointModel, Model, check_arm, load_entry
 from gpcorrect_service.server.queues import WorkerQueue
-from gpcorrect_service.server.requests import Handler, Parsed, Request, RequestParser, Response, plain_response
+from gpcorrect_service.server.requests import Handler, Parsed, RequestParser, Response, plain_response
 
-CLOCK_STEP = 1.0  # chosen by hand: s that a stamp may lie behind the one before and be late; more is another clock
-LOG_EVERY = 1000  # refused samples between two lines about them in the log
 BESIDE_CDR = ("std", "interval95", "in_domain", "status", "reason", "flags")
 
 
@@ -283,93 +277,3 @@ def _listed(store: ModelStore, entry: Entry, *, active: bool) -> messages.ModelE
     errors = [messages.PartRmse(row.part, row.unit, row.rmse) for row in measured.corrected] if measured else []
     made = history[-1].date if history else ""
     return messages.ModelEntry(entry.id, entry.hash, entry.kind, entry.added, active, made, errors)
-
-
-class Estimator:
-    """Answers the samples of one arm's stream, one after the other, in one thread.
-
-    Of refused samples the first and every thousandth are logged.
-    """
-
-    def __init__(self, parser: RequestParser, counters: Counters) -> None:
-        self._active, self._settings, self._logger = parser.active, parser.settings, parser.logger
-        self._counters, self._monotonic = counters, parser.clock.monotonic
-        self._refused = 0
-        self._model: JointModel | None = None
-        self._stream: JointStream | None = None
-        self._bound: RateBound | None = None
-        self._last: messages.JointState | None = None
-        self._clock = StreamClock()
-
-    def estimate(self, sample: Request) -> tuple[bytes, str] | None:
-        """Return the estimate's bytes and encoding, or None for a sample that is refused, which is counted.
-
-        Parameters
-        ----------
-        sample : Request, bytes, zenoh encoding, and when it arrived
-        """
-        try:
-            codec = messages.codec_of(sample.encoding, "joint_state")
-            state = codec.decode(messages.JointState, sample.payload)
-            message = self._answer(state, sample.arrived)
-        except (ServiceError, DataError) as error:
-            self._refuse(error, sample.arrived)
-            return None
-        seconds = self._monotonic() - sample.arrived
-        self._counters.add("estimate", message.status, seconds, rows=1, outside=not message.in_domain)
-        return codec.encode(message), codec.encoding("estimate")
-
-    def _answer(self, state: messages.JointState, arrived: float) -> EstimateAnswer:
-        model = self._active.joint_model()
-        q = limits.checked_joints((state.position,), model.corrector.types)[0]
-        effort = None if state.effort is None else limits.checked_rows((state.effort,), len(q), "efforts")[0]
-        stream = self._stream_for(model, state)
-        answer = stream.correct(state.stamp, q, effort)
-        self._last = state
-        if self._settings.strict:
-            limits.check_inside(answer)
-        assert answer.joints is not None
-        if self._bound is not None:
-            correction, cut = self._bound.step(state.stamp, answer.joints - q)
-            answer = replace(answer, joints=q + correction).because(Reason.RATE_LIMITED, cut)
-        # What waited outside of this process, in a socket while it was stopped, came fresh by its arrival alone.
-        age = self._clock.delay(state.stamp, arrived) + self._monotonic() - arrived
-        answer = answer.because(Reason.STALE, age > self._settings.stream_max_age)
-        beside = {"stamp": state.stamp, "session": state.session, "model_hash": model.hash}
-        return pack(EstimateAnswer, answer, replica=self._settings.replica, **beside)
-
-    def _stream_for(self, model: JointModel, state: messages.JointState) -> JointStream:
-        """Return the path that this sample goes on with; it begins anew with a model, a session or another clock."""
-        last, rate = self._last, self._settings.stream_rate
-        limits.checked_stamp(state.stamp)
-        if self._stream is None or model is not self._model:
-            _check_estimates(model)
-            self._model, self._stream = model, model.corrector.stream()
-            self._bound = RateBound(rate) if np.isfinite(rate) else None
-        elif last is not None and (state.session != last.session or state.stamp < last.stamp - CLOCK_STEP):
-            # Not the clock: a sample that waited while the arm was homed is as old as it is.
-            self._stream.reset()
-            if self._bound is not None:
-                self._bound.reset()
-        elif last is not None and state.stamp <= last.stamp:
-            hint = "Send every sample once, in order."
-            raise bad_input(f"a sample stamped {state.stamp:.6f} came after one stamped {last.stamp:.6f}.", hint)
-        return self._stream
-
-    def _refuse(self, error: ServiceError | DataError, arrived: float) -> None:
-        status = error.status if isinstance(error, ServiceError) else "BAD_INPUT"
-        self._counters.add("estimate", status, self._monotonic() - arrived)
-        if self._refused % LOG_EVERY == 0:
-            self._logger.warning("sample refused", status=status, cause=error.message, refused=self._refused + 1)
-        self._refused += 1
-
-
-def _check_estimates(model: JointModel) -> None:
-    """Refuse a model that answers another question than where the reported joints really are."""
-    info = model.corrector.info()
-    direction, signal = info.get("direction", "estimate"), info.get("input", "measured_jp")
-    if direction != "estimate" or signal != "measured_jp":
-        what = "says what to command" if direction != "estimate" else f"was learned from {signal}"
-        cause = f"joint model {model.id} {what}, and measured_js holds what the robot reports."
-        hint = "Estimates need a model of reported joints: gpcorrect joint fit --input measured_jp"
-        raise ServiceError("NO_MODEL", cause, hint=hint)

@@ -30,7 +30,8 @@ from gpcorrect_service.protocol.messages import JSON, Kind
 from gpcorrect_service.protocol.sessions import live_key, open_server, wait_for
 from gpcorrect_service.protocol.settings import ServerSettings
 from gpcorrect_service.server import models
-from gpcorrect_service.server.handlers import Admin, Corrections, Estimator, Health
+from gpcorrect_service.server.estimator import Estimator
+from gpcorrect_service.server.handlers import Admin, Corrections, Health
 from gpcorrect_service.server.queues import WorkerQueue
 from gpcorrect_service.server.requests import CORRECTIONS, Clock, Handler, Request, RequestParser, Response, refusal
 from gpcorrect_service.server.ros_service import RosService, open_ros
@@ -264,7 +265,7 @@ class Server:
         publisher = session.declare_publisher(f"{s.arm}/estimate", congestion_control=drop)
 
         def _publish(sample: Request) -> None:
-            answer = estimator.estimate(sample)
+            answer = estimator.estimate(sample, newest=not queue.waiting)
             if answer is not None:
                 publisher.put(answer[0], encoding=answer[1])
 
