@@ -67,6 +67,11 @@ class ModelStore:
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
 
+    @property
+    def exists(self) -> bool:
+        """Whether anything was written there: a folder that was taken away says nothing, and not that nothing is so."""
+        return (self.folder / "store.json").exists()
+
     def models(self) -> tuple[Entry, ...]:
         """Return the models, oldest first."""
         return self._read().models

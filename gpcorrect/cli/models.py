@@ -16,7 +16,7 @@ from gpcorrect.errors import DataError
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from gpcorrect.calibration import Corrector, ModelStore, Step
+    from gpcorrect.calibration import Corrector, Entry, ModelStore, Step
     from gpcorrect_service.client.operator import Operator
 
 
@@ -180,14 +180,14 @@ def add(
 
 @models_app.command()
 def activate(model: Name, place: Place, json: Json = False) -> None:
-    """Make a model the active one: in the folder for the next start, or in every running server at once.
+    """Make a model the active one: in a folder, for its servers and the next start, or in every running server at once.
 
     Example: gpcorrect models activate monday --endpoint tcp/127.0.0.1:7449
     """
     if (folder := _stored(place)) is not None:
         entry = folder.find(model)
         folder.activate(entry)
-        print_result(asdict(entry), f"active {entry.kind}: {entry.id} {entry.hash[:DIGITS]}", as_json=json)
+        print_result(asdict(entry), _activated_words(entry), as_json=json)
         return
     with _operator(place) as operator:
         _show_activated(operator, model, as_json=json)
@@ -202,7 +202,7 @@ def rollback(place: Place, kind: Kind = "pose", json: Json = False) -> None:
     one_of(kind, ("pose", "joints"), "a kind")
     if (folder := _stored(place)) is not None:
         entry = folder.rollback(kind)
-        print_result(asdict(entry), f"active {kind}: {entry.id} {entry.hash[:DIGITS]}", as_json=json)
+        print_result(asdict(entry), _activated_words(entry), as_json=json)
         return
     with _operator(place) as operator:
         answer = operator.models()[0]
@@ -265,7 +265,7 @@ def state(
         return
     for answer in answers:
         forgets = state == "PAUSED" and not answer.stays
-        until = " until it is started again: it has no store to remember it" if forgets else ""
+        until = " until it is started again: it has no store, or could not write to it" if forgets else ""
         out.print(f"{answer.replica}: {answer.state}{until}")
 
 
@@ -288,6 +288,10 @@ def _show_activated(operator: Operator, model: str, *, back: bool = False, as_js
     for answer in answers:
         before = answer.before[:DIGITS] or "-"
         out.print(f"{answer.replica}: {answer.kind} {answer.id} {answer.hash[:DIGITS]}, before {before}")
+
+
+def _activated_words(entry: Entry) -> str:
+    return f"active {entry.kind}: {entry.id} {entry.hash[:DIGITS]}; servers of this folder take it within seconds"
 
 
 def _folder(path: Path) -> ModelStore:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -147,6 +149,35 @@ def test_a_pause_outlives_the_server(tmp_path: Path, model_files: tuple[Path, Pa
             client.correct([0.0, 0.0, -0.1, 1.0, 0.0, 0.0, 0.0])
         folder.pause(paused=False)
         wait_for(lambda: client.health().state == "ENABLED")
+
+
+def test_an_activation_reaches_every_server_of_the_store(tmp_path: Path, model_files: tuple[Path, Path]) -> None:
+    """Another server of the store takes over what one was told, what was rolled back there, and no damaged file."""
+    folder = ModelStore(tmp_path / "store")
+    for path in model_files:
+        folder.add(path, now=0.0)
+    folder.activate(folder.find("monday"))
+    monday, tuesday = (model_hash(path) for path in model_files)
+    with store_process(folder.folder) as one, store_process(folder.folder) as other, other.client() as client:
+        with Operator(ClientSettings((one.endpoint,), connect_timeout=PATIENT), patience=PATIENT) as of_one:
+            assert [answer.hash for answer in of_one.activate("tuesday")] == [tuesday]
+        wait_for(lambda: client.health().model_hash == tuesday)
+        folder.rollback()
+        wait_for(lambda: client.health().model_hash == monday)
+        with one.client() as first:
+            wait_for(lambda: first.health().model_hash == monday)
+        file = folder.path(folder.find("tuesday"))
+        file.write_bytes(file.read_bytes()[:-100])
+        folder.activate(folder.find("tuesday"), verified=True)
+        folder.pause(paused=True)
+        wait_for(lambda: client.health().state == "PAUSED")
+        assert client.health().model_hash == monday
+        shutil.rmtree(folder.folder)
+        time.sleep(2.5)  # more than two looks
+        assert client.health().state == "PAUSED"
+        with Operator(ClientSettings((other.endpoint,), connect_timeout=PATIENT), patience=PATIENT) as of_other:
+            assert not of_other.set_state("PAUSED")[0].stays
+        assert not folder.exists
 
 
 def test_a_server_that_does_not_answer_the_operator_is_named(tmp_path: Path, model_files: tuple[Path, Path]) -> None:

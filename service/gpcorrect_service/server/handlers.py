@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import asdict
 
-from gpcorrect.calibration import Entry, ModelStore, last_measured, refuse_other_use
+from gpcorrect.calibration import Entry, ModelStore, last_measured
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
 from gpcorrect.types import FloatArray
@@ -19,7 +19,7 @@ from gpcorrect_service.ops.metrics import OPENMETRICS, Counters, Metrics
 from gpcorrect_service.protocol import limits, messages, ros
 from gpcorrect_service.protocol.answer import JointsAnswer, PathAnswer, PoseAnswer, pack
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
-from gpcorrect_service.server.models import JointModel, Model, check_arm, load_entry
+from gpcorrect_service.server.models import JointModel, Model, load_next
 from gpcorrect_service.server.queues import WorkerQueue
 from gpcorrect_service.server.requests import Handler, Parsed, RequestParser, Response, plain_response
 
@@ -180,6 +180,7 @@ class Admin:
         self._parser, self._active, self._logger = parser, parser.active, parser.logger
         self._replica = parser.settings.replica
         self._store, self._changed = store, changed
+        self._stored = store is not None and store.exists
 
     def handlers(self) -> dict[messages.Kind, Handler]:
         """Return which key is answered by what."""
@@ -203,23 +204,20 @@ class Admin:
         if self._store is None:
             raise bad_input("this server has no model store.", "Start it with: gpcorrect serve --store FOLDER")
         entry = self._store.find(asked.model)
-        held: dict[str, Model | JointModel | None] = {"pose": self._active.pose, "joints": self._active.joints}
-        before = held.pop(entry.kind)
-        try:
-            model = load_entry(self._store, entry)
-            check_arm(self._parser.settings.arm, model, *held.values())
-            if before is not None:
-                refuse_other_use(model.id, model.corrector.info(), before.corrector.info())
-            self._store.activate(entry, verified=True, back=asked.back)
-        except ArtifactError as error:
-            raise bad_input(f"{error.message} The active model stays.", error.hint) from error
-        except DataError:
-            raise
-        except GpCorrectError as error:
-            # Nothing of the model is at fault: the disk is full, or may not be written.
-            raise ServiceError("BUSY", error.message, hint=error.hint) from error
-        self._active.activate(model)
-        self._changed()
+        with self._active.changing:
+            before = self._active.of(entry.kind)
+            try:
+                model = load_next(self._store, entry, self._active, self._parser.settings.arm)
+                self._store.activate(entry, verified=True, back=asked.back)
+            except ArtifactError as error:
+                raise bad_input(f"{error.message} The active model stays.", error.hint) from error
+            except DataError:
+                raise
+            except GpCorrectError as error:
+                # Nothing of the model is at fault: the disk is full, or may not be written.
+                raise ServiceError("BUSY", error.message, hint=error.hint) from error
+            self._active.activate(model)
+            self._changed()
         old = before.hash if before else ""
         self._logger.info("activated", kind=entry.kind, model_id=model.id, model_hash=model.hash, before=old)
         return plain_response(parsed, messages.ActivateAnswer(model.id, model.hash, entry.kind, old, self._replica))
@@ -231,6 +229,8 @@ class Admin:
         self._active.pause(paused)
         if self._store is not None:
             try:
+                if self._stored and not self._store.exists:
+                    raise DataError(f"the model store {self._store.folder} is gone.")
                 self._store.pause(paused=paused)
             except GpCorrectError as error:  # the disk is full: what was asked holds here and now all the same
                 stays = False

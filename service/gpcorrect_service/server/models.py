@@ -12,7 +12,14 @@ from typing import TypeVar
 
 import numpy as np
 
-from gpcorrect.calibration import CommandCorrector, Entry, JointCorrector, ModelStore, load_with_hash
+from gpcorrect.calibration import (
+    CommandCorrector,
+    Entry,
+    JointCorrector,
+    ModelStore,
+    load_with_hash,
+    refuse_other_use,
+)
 from gpcorrect.errors import ArtifactError
 from gpcorrect.types import FloatArray, PoseSignal
 from gpcorrect_service.protocol.errors import ServiceError
@@ -156,6 +163,23 @@ def load_entry(store: ModelStore, entry: Entry) -> Model | JointModel:
     return made(store.verified(entry), entry.id, entry.hash)
 
 
+def load_next(store: ModelStore, entry: Entry, active: Active, arm: str) -> Model | JointModel:
+    """Return a model of a store that may follow the active one of its kind; raises as :func:`load_entry`.
+
+    Parameters
+    ----------
+    store : ModelStore
+    entry : Entry
+    active : Active, what answers now: the new one is of the same use, and of the same arm as the one of the other kind
+    arm : str, as in :func:`check_arm`
+    """
+    model = load_entry(store, entry)
+    check_arm(arm, model, active.joints if entry.kind == "pose" else active.pose)
+    if (before := active.of(entry.kind)) is not None:
+        refuse_other_use(model.id, model.corrector.info(), before.corrector.info())
+    return model
+
+
 def check_arm(arm: str, *models: Model | JointModel | None) -> None:
     """Refuse, with an ArtifactError, models of different arms, or of a sister of the arm that is served.
 
@@ -188,6 +212,16 @@ class Active:
         self._paused = False
         self._failures = 0
         self._lock = threading.Lock()
+        self.changing = threading.Lock()  # held from the look at what is active to another model's activation
+
+    def of(self, kind: str) -> Model | JointModel | None:
+        """Return the model of a kind.
+
+        Parameters
+        ----------
+        kind : str, "pose" or "joints"
+        """
+        return self.pose if kind == "pose" else self.joints
 
     @property
     def hashes(self) -> tuple[str, str]:

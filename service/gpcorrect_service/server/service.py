@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
@@ -21,7 +21,7 @@ import zenoh
 from threadpoolctl import threadpool_limits
 
 from gpcorrect.calibration import CommandCorrector, ModelStore
-from gpcorrect.errors import DataError, GpCorrectError
+from gpcorrect.errors import DataError
 from gpcorrect_service.ops.logger import Logger, open_logger
 from gpcorrect_service.ops.metrics import Counters, metrics_over_http
 from gpcorrect_service.protocol.bounds import Throttle
@@ -35,6 +35,7 @@ from gpcorrect_service.server.handlers import Admin, Corrections, Health
 from gpcorrect_service.server.queues import WorkerQueue
 from gpcorrect_service.server.requests import CORRECTIONS, Clock, Handler, Request, RequestParser, Response, refusal
 from gpcorrect_service.server.ros_service import RosService, open_ros
+from gpcorrect_service.server.store_watch import StoreWatch
 
 REFUSALS = 4096  # chosen by hand: BUSY answers that may wait to be sent; beyond it queries end without one
 # s, a tenth of Python's own: a thread that loads a model hands the interpreter over when a query waits for it.
@@ -67,7 +68,8 @@ class Server:
     corrector : CommandCorrector, Model or None, what answers poses; None answers NO_MODEL
     settings : ServerSettings, optional
     joints : JointModel, optional
-    store : ModelStore, optional, from where models can be activated
+    store : ModelStore or StoreWatch, optional
+        From where models can be activated, or what watches it already.
     logger : Logger, optional, standard error by default
     clock : Clock, optional
 
@@ -83,7 +85,7 @@ class Server:
         settings: ServerSettings | None = None,
         *,
         joints: models.JointModel | None = None,
-        store: ModelStore | None = None,
+        store: ModelStore | StoreWatch | None = None,
         logger: Logger | None = None,
         clock: Clock | None = None,
     ) -> None:
@@ -93,14 +95,14 @@ class Server:
         model = corrector if isinstance(corrector, models.Model) or corrector is None else models.Model(corrector)
         models.check_arm(self.settings.arm, model, joints)
         self.active = models.Active(model, joints)
-        self._store = store
-        self._paused = False
+        self._watch: StoreWatch | None = StoreWatch(store) if isinstance(store, ModelStore) else store
         self._clock = clock or Clock()
         self._logger = logger or open_logger(arm=self.settings.arm, replica=self.settings.replica)
         self._counters = Counters()
         self._queues: dict[str, WorkerQueue[Any]] = {}
         self._refusals = WorkerQueue("refusals", self._refuse, self._drop, capacity=REFUSALS, logger=self._logger)
         self._throttle = Throttle(self.settings.max_rate)
+        self._session: zenoh.Session | None = None
         self._token: Any = None
         self._queryables = ExitStack()
         self._stack = ExitStack()
@@ -132,15 +134,9 @@ class Server:
         self._logger.info("serving", endpoint=str(s.config_file or s.endpoint), **(facts or {"model_id": ""}))
 
     def follow_store(self) -> None:
-        """Pause, or go on, where the store says so since the last look: while this server was down or hung, for one."""
-        if self._store is None:
-            return
-        with suppress(GpCorrectError):  # a store that cannot be read says nothing new
-            paused = self._store.paused
-            if paused != self._paused:
-                self._paused = paused
-                self.active.pause(paused)
-                self._logger.warning("state of the store", state=self.active.state)
+        """Do what the store says since the last look: while this server was down or hung, for one."""
+        if self._watch is not None:
+            self._watch.look(self.active, self.settings.arm, self._logger, self._announce)
 
     def stop(self) -> None:
         """Take no more queries, answer those that wait (at most `drain_seconds`), and close."""
@@ -168,25 +164,29 @@ class Server:
     ) -> None:
         """Declare the keys, the operator's and the monitor's last: who sees them finds the rest answering."""
         self._refusals.start()
-        if self._store is not None or self.active.joints is not None:
+        if self._watch is not None or self.active.joints is not None:
             self._declare_stream(session, parser)
         s = self.settings
         corrections = Corrections(parser).handlers()
-        admin = Admin(parser, self._store, lambda: self._announce(session))
+        admin = Admin(parser, None if self._watch is None else self._watch.store, self._announce)
         for kind, handler in {**corrections, **health.handlers(), **admin.handlers()}.items():
             self._declare_key(session, kind, handler)
         if ros_session is not None:
             ros = RosService(s, corrections["correct"], self._clock)
             receive = self._receiver("correct", ros.key, ros.answer, ros.refuse)
             ros.declare(ros_session, receive, self._queryables, self._logger)
-        self._announce(session)
+        with self.active.changing:
+            self._session = session
+            self._announce()
         self._queryables.callback(lambda: self._token.undeclare())  # noqa: PLW0108  # that of the moment
 
-    def _announce(self, session: zenoh.Session) -> None:
-        """Show that this server lives, and which models it holds."""
+    def _announce(self) -> None:
+        """Show that this server lives, and which models it holds; nobody before it listens."""
+        if self._session is None:
+            return
         before = self._token
         key = live_key(self.settings.arm, self.settings.replica, *self.active.hashes)
-        self._token = session.liveliness().declare_token(key)
+        self._token = self._session.liveliness().declare_token(key)
         if before is not None:
             before.undeclare()
 
@@ -322,6 +322,7 @@ def serve(
         A model file is refused; there is nothing to serve; the address is taken or cannot be used.
     """
     folder = None if store is None else ModelStore(store)
+    watch = None if folder is None else StoreWatch(folder)  # before models are read: later ones it takes over
     pose = models.load_model(model_path) if model_path is not None else _stored(folder, "pose")
     joints = models.load_joint_model(joint_path) if joint_path is not None else _stored(folder, "joints")
     if pose is None and joints is None and folder is None:
@@ -332,7 +333,7 @@ def serve(
     gc.collect()
     gc.freeze()
     sys.setswitchinterval(SWITCH_SECONDS)
-    with _stop_signal(stop_event) as stop, Server(pose, settings, joints=joints, store=folder) as server:
+    with _stop_signal(stop_event) as stop, Server(pose, settings, joints=joints, store=watch) as server:
         if on_ready is not None:
             on_ready(server)
         wait_for(stop, server.follow_store)
