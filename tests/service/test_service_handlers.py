@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -153,6 +154,22 @@ def test_deadline_is_a_time_span(deadline: float) -> None:
     """A deadline of nothing is a mistake, not an expired request."""
     body = CorrectRequest(tuple(POSE))
     assert Answering(ShiftCorrector()).correct(request("correct", body, deadline=deadline)).status == "BAD_INPUT"
+
+
+@pytest.mark.parametrize(
+    ("codec", "beside"),
+    [
+        (JSON, {"request_id": "q7", "deadlin": 0.5}),
+        (MSGPACK, {"request_id": "q7", "deadline": math.inf}),
+        (MSGPACK, {"request_id": "q7", "client_time": math.nan}),
+    ],
+    ids=["unknown", "infinite", "nan"],
+)
+def test_what_travels_beside_is_strict(codec: Codec, beside: dict[str, Any]) -> None:
+    """A misspelt deadline would be none: unknown names, and what is no number, are refused under the request's id."""
+    body, encoding = codec.encode(CorrectRequest(tuple(POSE))), codec.encoding("correct")
+    result = refusal(Answering(ShiftCorrector()).correct(Request(body, encoding, codec.encode(beside), NOW)))
+    assert (result.status, result.request_id) == ("BAD_INPUT", "q7")
 
 
 @pytest.mark.parametrize("client_time", [0.0, -5.0, 4e9])

@@ -187,6 +187,14 @@ def test_a_session_beyond_64_bits_is_refused(stream: MakeStream) -> None:
     assert live.count("BAD_INPUT") == 1
 
 
+def test_a_sample_with_an_unknown_field_is_refused(stream: MakeStream) -> None:
+    """A misspelt effort would be none."""
+    live, codec = stream(), CODECS["json"]
+    state = codec.encode(JointState(1.0, (0.0,) * 3)).replace(b'"effort"', b'"effrot"')
+    assert live.estimator.estimate(Request(state, codec.encoding("joint_state"), b"", NOW)) is None
+    assert live.count("BAD_INPUT") == 1
+
+
 def test_old_samples_are_answered_and_called_stale(stream: MakeStream) -> None:
     """A sample that waited too long still moves the slack; its estimate says that it is old."""
     live = stream()

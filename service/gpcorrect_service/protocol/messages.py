@@ -63,7 +63,7 @@ class CorrectJointsRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=Tr
     sessions: tuple[Session, ...] | None = None
 
 
-class JointState(msgspec.Struct, frozen=True):
+class JointState(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Joints as CRTK's `measured_js`: rad or m, a second, N m or N; `stamp` is the robot's clock, s, and never 0."""
 
     stamp: float
@@ -176,15 +176,20 @@ class ErrorAnswer(msgspec.Struct, frozen=True):
     schema_version: int = SCHEMA_VERSION
 
 
-class RequestMeta(msgspec.Struct, frozen=True):
+class RequestName(msgspec.Struct, frozen=True):
+    """What can be read of a :class:`RequestMeta` of any schema."""
+
+    schema_version: int = SCHEMA_VERSION
+    request_id: str = ""
+
+
+class RequestMeta(RequestName, frozen=True, forbid_unknown_fields=True):
     """What travels beside a request.
 
     `client_time` is the sender's clock (s since 1970), for logs only: clocks differ between machines. `deadline` is how
     many seconds after its arrival the answer is still wanted, measured on the server's monotonic clock.
     """
 
-    schema_version: int = SCHEMA_VERSION
-    request_id: str = ""
     client_time: float | None = None
     deadline: float | None = None
 

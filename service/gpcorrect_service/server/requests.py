@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -169,15 +170,28 @@ def _read_meta(codec: Codec, attachment: bytes) -> messages.RequestMeta:
     """Read what travels beside a request; nothing there means no deadline and no name."""
     if not attachment:
         return messages.RequestMeta()
-    meta = codec.decode(messages.RequestMeta, attachment)
-    if not 1 <= meta.schema_version <= messages.SCHEMA_VERSION:
-        cause = f"the request has schema {meta.schema_version}; this server speaks up to {messages.SCHEMA_VERSION}."
-        hint = "Upgrade the server, or use the client of its version."
-        raise ServiceError("BAD_INPUT", cause, hint=hint, request_id=meta.request_id)
-    if meta.deadline is not None and not meta.deadline > 0:
+    try:
+        meta = codec.decode(messages.RequestMeta, attachment)
+    except ServiceError as error:
+        named = codec.decode(messages.RequestName, attachment)
+        _check_schema(named)
+        raise ServiceError("BAD_INPUT", error.message, hint=error.hint, request_id=named.request_id) from error
+    _check_schema(meta)
+    if meta.deadline is not None and not 0 < meta.deadline < math.inf:
         cause, hint = f"deadline {meta.deadline} s is no time span.", "Send seconds above zero."
         raise ServiceError("BAD_INPUT", cause, hint=hint, request_id=meta.request_id)
+    if meta.client_time is not None and not math.isfinite(meta.client_time):
+        cause, hint = f"client_time {meta.client_time} s is no time.", "Send seconds since 1970, or nothing."
+        raise ServiceError("BAD_INPUT", cause, hint=hint, request_id=meta.request_id)
     return meta
+
+
+def _check_schema(name: messages.RequestName) -> None:
+    """Refuse a request of a schema that is not spoken here."""
+    if not 1 <= name.schema_version <= messages.SCHEMA_VERSION:
+        cause = f"the request has schema {name.schema_version}; this server speaks up to {messages.SCHEMA_VERSION}."
+        hint = "Upgrade the server, or use the client of its version."
+        raise ServiceError("BAD_INPUT", cause, hint=hint, request_id=name.request_id)
 
 
 def _error_response(codec: Codec, error: ServiceError, replica: str, request_id: str) -> Response:
