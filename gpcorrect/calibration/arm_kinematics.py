@@ -21,7 +21,7 @@ from gpcorrect.calibration.dataset import evenly_spread
 from gpcorrect.calibration.poses import rotations_of
 from gpcorrect.errors import DataError, DegenerateError, LogError
 from gpcorrect.rigid import register
-from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal, frozen_array
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, PoseSignal, frozen_array
 
 SOURCES = (("setpoint_cp", "setpoint_jp"), ("measured_cp", "measured_jp"))
 """Pairs of which one kinematics made the first from the second."""
@@ -31,6 +31,7 @@ NO_EFFECT = 1e-6  # m/rad or rad/rad: a joint that moves the tip less is a gripp
 LEAST_SHARE = 0.01
 """Of its largest, that the arm's smallest rate must reach in most of the training: else poses do not determine joints,
 and a correction in joints is as good as any other; chosen by hand."""
+POSE_NUMBERS = 6
 HEADROOM = 2.0  # by how much further from the arm's reach than in training a pose may lie; chosen by hand
 NOISE_FLOOR = 1e-6  # rad: what the inverse leaves of a pose that it reaches, with plenty to spare
 SAMPLES = 1000  # postures in the registration, two dozen unknowns of which need no more, and that are looked at
@@ -129,6 +130,20 @@ class ArmKinematics:
         q, left = self.chain.nearest(T, start, self.length)
         return q[0] if left[0] <= self.reach else np.full(len(q[0]), np.nan)
 
+    def determined(self, q: FloatArray) -> BoolArray:
+        """Return at which postures poses say where the joints are `(n,)`: not where two axes of a wrist fall together.
+
+        There, noise and small errors of a pose are large ones of joints, and a law of all samples would be theirs.
+
+        Parameters
+        ----------
+        q : (n, d) array, rad or m; False where one is missing
+        """
+        share = np.zeros(len(q))
+        known = np.isfinite(q).all(axis=1)
+        share[known] = _least_share(self.chain, q[known], self.length)
+        return np.asarray(share >= LEAST_SHARE)
+
     def carried(self, poses: PoseSignal, q: FloatArray, corrected: FloatArray) -> PoseSignal:
         """Return poses moved as the tip moves from joints to others; where the arm reaches them, onto its poses.
 
@@ -174,9 +189,14 @@ def _chain_of(q: FloatArray, T: FloatArray, kinds: Sequence[str]) -> Chain:
 
 def _require_determined(chain: Chain, q: FloatArray, length: float) -> None:
     """Refuse an arm whose poses do not say where its joints are."""
-    rates = np.linalg.svd(chain.jacobian(q) / np.array([length] * 3 + [1.0] * 3)[:, None], compute_uv=False)
-    if chain.dof > len(rates[0]) or np.median(rates[:, -1] / rates[:, 0]) < LEAST_SHARE:
+    if chain.dof > POSE_NUMBERS or np.median(_least_share(chain, q, length)) < LEAST_SHARE:
         raise DegenerateError(f"poses do not determine the {chain.dof} joints that move the tip.")
+
+
+def _least_share(chain: Chain, q: FloatArray, length: float) -> FloatArray:
+    """Return of postures `(n, d)` the arm's smallest rate over its largest `(n,)`: 0 where poses leave a joint open."""
+    rates = np.linalg.svd(chain.jacobian(q) / np.array([length] * 3 + [1.0] * 3)[:, None], compute_uv=False)
+    return np.asarray(rates[:, -1] / rates[:, 0])
 
 
 def _pose_matrices(poses: PoseSignal) -> FloatArray:

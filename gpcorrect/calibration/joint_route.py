@@ -64,6 +64,7 @@ class PoseJoints:
     # the poses
     reference: PoseSignal
     command: PoseSignal
+    known: BoolArray  # (n,) which have joints of a reference, in a posture where poses determine joints
 
     @classmethod
     def of(
@@ -94,12 +95,8 @@ class PoseJoints:
             meta=LogMeta(joint_types=kinematics.chain.joint_types),
             name=log.name,
         )
-        return cls(joints, asked, wanted, *pair)
-
-    @property
-    def known(self) -> BoolArray:
-        """Which samples `(n,)` have joints of a reference."""
-        return np.asarray(np.isfinite(self.wanted).all(axis=1))
+        known = np.isfinite(wanted).all(axis=1) & kinematics.determined(asked)
+        return cls(joints, asked, wanted, *pair, known)
 
 
 @dataclass(frozen=True, eq=False)
