@@ -13,6 +13,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from gpcorrect.calibration.cartesian import CommandCorrector
+from gpcorrect.calibration.changed_arm import CAUTION, OTHER_FRAME, clean_changed
 from gpcorrect.calibration.dataset import HoldOut, held_out
 from gpcorrect.calibration.fit import FitResult, fit_model
 from gpcorrect.calibration.history import HeldOut, PartErrors
@@ -20,8 +21,7 @@ from gpcorrect.calibration.joints import JointCorrector
 from gpcorrect.calibration.metrics import spread
 from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.calibration.task import Corrector, Measured
-from gpcorrect.cleaning import CleaningReport, require_segments
-from gpcorrect.errors import LogError
+from gpcorrect.cleaning import CleaningReport, Reason, require_segments
 from gpcorrect.logs.copies import LEAST, marks_of
 from gpcorrect.one_thread import on_one_thread
 from gpcorrect.types import BoolArray, CalibrationLog, Progress
@@ -241,7 +241,8 @@ def evaluate_model(
     corrector : Corrector, of any task
     log : CalibrationLog, n samples of the task's signals, on one clock
     cleaning : CleaningReport, optional
-        Which of the measured samples count as clean; classified by the training's thresholds without it.
+        Which of the measured samples count as clean; classified by the training's thresholds without it, or by the
+        log's own where those reject all samples of an arm that changed.
     held : (n,) mask, optional
         Samples to measure on; all without it. The motion before them is known, as it is to a stream: the side of its
         slack that a joint lies on, how long it rested. Where the robot ended up there is not looked at.
@@ -249,27 +250,30 @@ def evaluate_model(
     Raises
     ------
     LogError
-        The log lacks a signal, or no sample can be measured.
+        The log lacks a signal, no sample can be measured, or it is of another frame.
     DataError
         Its stamps cannot be seconds.
     """
     first = corrector.cautions(log) if held is None else ()
     held = np.ones(len(log), dtype=bool) if held is None else held
-    cleaning = cleaning or corrector.clean(log if held.all() else log.select(held))
+    part = log if held.all() else log.select(held)
+    cleaning = cleaning or corrector.clean(part)
     if not cleaning.keep.any():
-        reasons = ", ".join(f"{count} {code}" for code, count in cleaning.counts.items())
-        raise LogError(
-            f"cleaning rejects all {held.sum()} samples to measure on ({reasons}): by the training's "
-            "thresholds they are not of the same robot and frames, or the training is too short to tell.",
-            hint="See: gpcorrect validate LOG. Give more logs, or fit and measure nothing: --holdout 0",
-            path=log.name,
-        )
+        cleaning = clean_changed(corrector, part, cleaning, *_refused(held))
+        first = (*first, CAUTION)
     passed = np.zeros(len(log), dtype=bool)
     passed[held] = cleaning.keep
     place = np.cumsum(held) - 1
     clean, dirty = (corrector.measure(log, keep) for keep in (passed, held))
     clean, dirty = (replace(measured, rows=place[measured.rows]) for measured in (clean, dirty))
     return Evaluation(corrector, clean, dirty, cleaning, first)
+
+
+def _refused(held: BoolArray) -> tuple[tuple[Reason, ...], str]:
+    """Return for which reasons a log is not measured, and what can be done then: a part of the training for any."""
+    if held.all():
+        return OTHER_FRAME, "See: gpcorrect validate LOG. Where tracker, base or tool were moved: gpcorrect fit"
+    return tuple(Reason), "See: gpcorrect validate LOG. Give more logs, or fit and measure nothing: --holdout 0"
 
 
 def part_errors(corrector: Corrector, measured: Measured) -> tuple[PartErrors, ...]:

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from gpcorrect.calibration.cartesian import CommandCorrector
+from gpcorrect.calibration.changed_arm import OTHER_OR_MOVED, clean_changed
 from gpcorrect.calibration.dataset import Samples, folds_of, held_out
 from gpcorrect.calibration.domain import Bounds, Domain
 from gpcorrect.calibration.evaluate import Evaluation, evaluate_model
@@ -28,7 +29,7 @@ from gpcorrect.calibration.learners import GPMap, PolynomialMap
 from gpcorrect.calibration.learners.gp import CLEARLY
 from gpcorrect.calibration.poses import PosePairs
 from gpcorrect.calibration.task import Corrector, Measured, Part, recording_entry
-from gpcorrect.errors import DataError, LogError
+from gpcorrect.errors import DataError
 from gpcorrect.gpr import IntervalCalibration, LeftOut, Statistics
 from gpcorrect.gpr.statistics import Points, collected, resting_on
 from gpcorrect.logs.copies import marks_of
@@ -42,6 +43,7 @@ STIFFNESS = (1e9, 0.1, 1e-3)
 Of 13 new trajectories of an unchanged arm all slopes, free, took the error of joint 1 from .33 to .34 to .44 degrees,
 for every trajectory has its own slack; of a warm one zeros took .73 to .30, slopes .33. Chosen by hand."""
 ENOUGH = 5  # new trajectories from which intervals are calibrated on them alone; chosen by hand
+ANEW = "Where tracker, base or tool were moved, or the arm was rebuilt, fit anew: gpcorrect fit"
 TOLERATED, ALWAYS_WORSE = 0.01, 0.05
 """Relative growth of a held-out error up to which it is not called worse, and beyond which it always is; between them
 it is where the trajectories say so beyond chance, by Student's t (95 %, one side). Chosen by hand."""
@@ -117,13 +119,10 @@ def update_model(
     train = log.select(~held) if held.any() else log
     progress = progress or Progress()
     # By its own thresholds: the training's would reject an arm that changed.
-    keep = corrector.clean_afresh(train).keep
-    if not corrector.clean(train).keep.any():
-        raise LogError(
-            f"by the training's thresholds none of the {len(train)} samples is of the same robot and frames.",
-            hint="Where tracker, base or tool were moved, or the arm was rebuilt, fit anew: gpcorrect fit",
-            path=log.name,
-        )
+    usual = corrector.clean(train)
+    known = usual.keep.any()
+    fresh = corrector.clean_afresh(train) if known else clean_changed(corrector, train, usual, OTHER_OR_MOVED, ANEW)
+    keep = fresh.keep
     samples = corrector.samples(train, keep)
     law, weight, unseen, _ = _learn(corrector.law, samples, progress)
     changed: Corrector = replace(corrector, law=law)

@@ -17,6 +17,7 @@ from gpcorrect.calibration import (
     FitSettings,
     JointCorrector,
     Update,
+    evaluate_model,
     fit_corrector,
     fit_model,
     load,
@@ -28,6 +29,8 @@ from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import SparseGPR
 from gpcorrect.gpr.statistics import Points, resting_on
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal, Progress
+
+SAG = 0.006  # m: more than the smooth model explains, little more than the registration leaves
 
 
 def aged_log(seed: int, amount: float, trajectories: int = 10) -> CalibrationLog:
@@ -45,6 +48,14 @@ def corrector() -> CommandCorrector:
     return fit_corrector(
         aged_log(0, 0.0, trajectories=12), FitSettings(inducing=150, search_samples=150, marker="none")
     )
+
+
+def mirrored(log: CalibrationLog) -> CalibrationLog:
+    """Return a recording whose tracker has its first axis the other way."""
+    assert log.tracker_cp is not None
+    assert log.tracker_cp.quaternion is not None
+    p, q = log.tracker_cp.position * [-1, 1, 1], log.tracker_cp.quaternion * [1, 1, -1, -1]
+    return replace(log, tracker_cp=PoseSignal(p, q))
 
 
 def rmse(evaluation: object) -> float:
@@ -232,6 +243,25 @@ def test_a_method_that_takes_no_more_data_is_refused() -> None:
         update_model(linear, aged_log(1, 0.0))
 
 
+def sagging_log(seed: int, amount: float, trajectories: int = 15) -> CalibrationLog:
+    """Return a recording of an arm that hangs lower by `amount` metres everywhere, as under a load."""
+    log = aged_log(seed, 0.0, trajectories)
+    assert log.tracker_cp is not None
+    down = np.array([0.0, 0.0, amount])
+    return replace(log, tracker_cp=PoseSignal(log.tracker_cp.position - down, log.tracker_cp.quaternion))
+
+
+def test_a_load_that_fails_all_samples_is_measured_and_learned(corrector: CommandCorrector) -> None:
+    """Thresholds of the training pass none: the recording's own do, which is said first, and an update follows."""
+    log = sagging_log(1, SAG)
+    assert not corrector.clean(log).keep.any()
+    measured = evaluate_model(corrector, log)
+    assert len(measured.clean.rows) > 0.9 * len(log)
+    assert "CHANGED" in measured.cautions[0]
+    assert rmse(measured) > 0.8e3 * SAG
+    assert rmse(update_model(corrector, log).after) < 0.5 * rmse(measured)
+
+
 def test_a_tracker_that_was_moved_is_not_learned_as_the_robots_error(corrector: CommandCorrector) -> None:
     """A recording in another frame is refused, whatever is forced: the registration stays, and would be corrected."""
     log = aged_log(1, 0.0)
@@ -242,3 +272,9 @@ def test_a_tracker_that_was_moved_is_not_learned_as_the_robots_error(corrector: 
     moved = replace(log, tracker_cp=PoseSignal(log.tracker_cp.position @ turn.T, turned))
     with pytest.raises(LogError, match="robot and frames"):
         update_model(corrector, moved)
+    assert "CHANGED" in evaluate_model(corrector, moved).cautions[0]  # may be a heavy load: measured, not learned
+    for other in (sagging_log(1, 0.3), mirrored(log)):
+        with pytest.raises(LogError, match="robot and frames"):
+            update_model(corrector, other)
+        with pytest.raises(LogError, match="robot and frames"):
+            evaluate_model(corrector, other)
