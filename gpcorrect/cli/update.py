@@ -230,7 +230,8 @@ def explore(
     """Propose the poses and velocities that reduce the uncertainty in the task region most, best first.
 
     Poses are in the frame that the model is asked in: m, wxyz, m/s, rad/s. Whether the arm can reach them safely is
-    for you to check.
+    for you to check. Useful where a recording covers a part of the task only: after a few dozen postures over all of
+    it, as many random ones were as good or better (docs/adaptation.md).
 
     Examples
     --------
@@ -265,6 +266,10 @@ def explore(
     else:
         out.print(f"{len(rows)} proposals: {output}")
     err.print(f"uncertainty left in the task region after all of them: {100 * found.remaining[-1]:.1f} % of today's")
+    note(
+        "that is the model's own count, and errors may fall by less: random postures over the ranges of all joints can "
+        "do as well or better"
+    )
 
 
 def _proposals(found: Proposal) -> list[dict[str, float]]:
