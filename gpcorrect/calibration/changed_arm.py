@@ -44,7 +44,7 @@ def clean_changed(
         Most samples are rejected for what is refused.
     """
     counts = report.counts
-    if sum(counts.get(code, 0) for code in refused) >= MOST * (len(log) - counts.get(Reason.INVALID, 0)):
+    if sum(counts.get(code, 0) for code in refused) > MOST * (len(log) - counts.get(Reason.INVALID, 0)):
         reasons = ", ".join(f"{count} {code}" for code, count in counts.items())
         raise LogError(
             f"cleaning rejects all {len(log)} samples ({reasons}): by the training's thresholds they are not of the"

@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 from support import real_data, short_search, small_log
 
+<<<<<<< HEAD
 from gpcorrect import se3
 <<<<<<< HEAD
 from gpcorrect.arms import Chain, Joint
 =======
+=======
+>>>>>>> 04faf0e9 (Tests of singular postures and of a load that fails all samples: numbers of the simulated arms; most means more than half)
 from gpcorrect.arms import Chain
 >>>>>>> ad092146 (Joints of poses: samples near a wrist's singularity are not learned from, whose joint errors of 30 degrees hid that joints help)
 from gpcorrect.calibration import (
@@ -30,7 +33,6 @@ from gpcorrect.calibration import (
     update_model,
 )
 from gpcorrect.calibration.arm_kinematics import ArmKinematics
-from gpcorrect.calibration.joint_route import PoseJoints
 from gpcorrect.calibration.model_file import _digest, read_parts, seal_of
 from gpcorrect.errors import ArtifactError, DataError, DegenerateError, LogError
 from gpcorrect.logs import read_log
@@ -254,12 +256,8 @@ def test_joints_are_not_learned_where_poses_hardly_tell_them() -> None:
     assert log.setpoint_jp is not None
     kinematics = ArmKinematics.of(log)
     q = np.repeat(log.setpoint_jp[:1], 4, axis=0)
-    q[:, 4] = [0.0, np.pi / 2 - 0.005, np.pi / 2 - 0.5, np.nan]
+    q[:, 4] = [0.0, np.pi / 2 - 0.005, 0.7, np.nan]
     np.testing.assert_array_equal(kinematics.determined(q), [True, False, True, False])
-    poses = kinematics.chain.forward(q[:3])
-    asked = PoseSignal(*se3.to_parts(poses))
-    joints = PoseJoints.of(log.select(np.arange(3)), (asked, asked), kinematics)
-    np.testing.assert_array_equal(joints.known, [True, False, True])
 
 
 def test_what_a_log_lacks_is_said() -> None:

@@ -30,7 +30,7 @@ from gpcorrect.gpr import SparseGPR
 from gpcorrect.gpr.statistics import Points, resting_on
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal, Progress
 
-SAG = 0.006  # m: more than the smooth model explains, little more than the registration leaves
+SAG = 0.0068  # m: more than the smooth model explains, little more than the registration leaves
 
 
 def aged_log(seed: int, amount: float, trajectories: int = 10) -> CalibrationLog:
