@@ -7,8 +7,10 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from gpcorrect import se3
+from gpcorrect.errors import LogError
 from gpcorrect.types import QUATERNION_TOLERANCE, FloatArray
 
+FULL_TURN = 2 * np.pi  # rad; most orientations of a tool are written as less
 ROUNDING = 1e-12  # nearer to one than this a quaternion is left as it is, so that a written log reads back exactly
 
 
@@ -51,6 +53,31 @@ def _nearest_rotations(flat: FloatArray) -> FloatArray:
     result = np.full(matrix.shape, np.nan)
     result[proper] = se3.nearest_rotation(matrix[proper])
     return result
+
+
+def refuse_degrees(signal: str, form: str, values: FloatArray) -> None:
+    """Refuse, with a LogError, angles in radians of which most are more than a full turn.
+
+    Parameters
+    ----------
+    signal : str, that they are of
+    form : str, a key of :data:`CONVERTERS`
+    values : (n, k) array, as they came
+    """
+    known = values[np.isfinite(values).all(axis=1)]
+    if form not in ("rotvec", "rpy") or not len(known):
+        return
+    with np.errstate(over="ignore"):
+        size = float(np.median(np.linalg.norm(known, axis=1)))
+    if size > FULL_TURN:
+        hint = (
+            "rpy_deg takes angles in degrees."
+            if form == "rpy"
+            else "Rotation vectors are in radians: divide by 57.2958."
+        )
+        raise LogError(
+            f"{signal}: its {form} is {size:.3g} rad long in most samples: it looks like degrees.", hint=hint
+        )
 
 
 CONVERTERS: Mapping[str, Callable[[FloatArray], FloatArray]] = {

@@ -13,7 +13,7 @@ import numpy as np
 from gpcorrect.errors import LogError
 from gpcorrect.logs.columns import ArrayColumns, Column, ColumnMap, PoseColumns
 from gpcorrect.logs.order import Disorder, check_order
-from gpcorrect.logs.orientation import CONVERTERS
+from gpcorrect.logs.orientation import CONVERTERS, refuse_degrees
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal
 
 INDEX = ("time", "trajectory", "session")
@@ -118,6 +118,7 @@ def _signal(table: Table, name: str, columns: PoseColumns | ArrayColumns | None)
         return PoseSignal(position), []
     form, names = columns.orientation
     values = table.stack(names)
+    refuse_degrees(name, form, values)
     quaternion = CONVERTERS[form](values)
     bad = int((np.isfinite(values).all(axis=1) & np.isnan(quaternion).any(axis=1)).sum())  # given, but no rotation
     remarks = [f"{bad} samples of {name} have no valid rotation; it counts as missing."] if bad else []

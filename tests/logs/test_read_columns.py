@@ -40,6 +40,24 @@ def test_every_form_of_orientation_is_the_same_rotation(tmp_path: Path, form: st
     assert np.isfinite(pose.quaternion).all()
 
 
+@pytest.mark.parametrize("form", ["rotvec", "rpy"])
+def test_angles_in_degrees_are_not_read_as_radians(tmp_path: Path, form: str) -> None:
+    """Angles of which most are more than a full turn are refused by name; a lone one of more is read."""
+    mapping = write(
+        tmp_path / "m.toml", f'time = "t"\n[tracker_cp]\nposition = ["p", "p", "p"]\n{form} = ["a", "b", "c"]\n'
+    )
+    for factor, refused in ((57.3, True), (1.0, False)):
+        values = factor * FORMS[form]
+        values[0] += 7.0
+        columns = {"t": np.arange(6), "p": np.zeros(6)} | dict(zip("abc", values.T, strict=True))
+        data = table(tmp_path / f"{factor}.csv", columns)
+        if refused:
+            with pytest.raises(LogError, match="looks like degrees"):
+                read_log(data, columns=mapping)
+        else:
+            assert read_log(data, columns=mapping).tracker_cp is not None
+
+
 def test_units_are_scaled_and_offsets_added(tmp_path: Path):
     data = table(
         tmp_path / "a.csv",
