@@ -72,9 +72,10 @@ class Samples:
         """Return inputs `(k, d)` and targets `(k, m)` to learn from."""
         rows, fewest = self.rows, LIMITS.fewest_samples
         if len(rows) < fewest:
+            complete = np.isfinite(self.X).all(axis=1) & np.isfinite(self.target).all(axis=1)
             raise DataError(
                 f"only {len(rows)} of {len(self)} samples can be learned from; at least {fewest} are needed.",
-                hint="Look at what is wrong with the recording: gpcorrect validate LOG; or keep everything: --no-clean",
+                hint=too_few_hint(len(self), rejected=bool((complete & ~self.usable).any())),
             )
         return self.X[rows], self.target[rows]
 
@@ -95,6 +96,22 @@ class Layout:
     # columns that say where the arm is, as joints or as a pose; of those and of efforts: all that is not of the past
     place: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     present: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+
+
+def too_few_hint(count: int, *, rejected: bool, static: bool = False) -> str:
+    """Return what to do where too few samples can be learned from.
+
+    Parameters
+    ----------
+    count : int, samples that there are
+    rejected : bool, whether cleaning rejected some
+    static : bool, whether they are poses without a clock
+    """
+    if count < LIMITS.fewest_samples:
+        what = "poses or more, spread over where the robot will work" if static else "samples or more"
+        return f"Record {LIMITS.few_recorded} {what}: a fifth of them is held out, to measure the model on."
+    keep = "; or keep everything: --no-clean" if rejected else ""
+    return f"Look at what is wrong with the recording: gpcorrect validate LOG{keep}"
 
 
 def path_starts(time: FloatArray, session: IntArray, known: BoolArray) -> BoolArray:

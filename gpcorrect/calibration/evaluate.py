@@ -87,14 +87,18 @@ class Evaluation:
 
     def _in_vain(self) -> Iterator[str]:
         """Name the parts where learning did not beat the simplest remedy."""
-        clean = self.clean
+        clean, learned = self.clean, len(self.corrector.law.zero)
         for part in self.corrector.parts(clean.raw.shape[1]):
+            if max(part.columns) >= learned:  # rotations, where positions alone are corrected
+                continue
             before, after = (spread(part.sizes(errors))["rmse"] for errors in (clean.registered, clean.corrected))
             if after >= before > 0:
                 remedy = "registration" if self.corrector.METHODS[1] == "rigid" else "a fixed offset"
                 yield (
                     f"on held-out trajectories the learned part does not lessen the {part.name} error (RMSE "
-                    f"{before:.3g} {part.unit} after {remedy}, {after:.3g} {part.unit} corrected): record more motion"
+                    f"{before:.3g} {part.unit} after {remedy}, {after:.3g} {part.unit} corrected). More motion is "
+                    "needed, or the parts of the recording do not go together: the tracker, base or tool moved between "
+                    "sessions, rows were exchanged, clocks are apart. See: gpcorrect validate LOG"
                 )
 
     @property

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.calibration.dataset import evenly_spread, path_starts
+from gpcorrect.calibration.dataset import evenly_spread, path_starts, too_few_hint
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.errors import LogError
 from gpcorrect.gpr import LeftOut
@@ -34,6 +34,16 @@ def rotations_of(signal: PoseSignal) -> FloatArray | None:
     signal : PoseSignal, n poses
     """
     return None if signal.quaternion is None else se3.matrix_from_quaternion(signal.quaternion)
+
+
+def without_orientation(signal: PoseSignal) -> PoseSignal:
+    """Return the positions of a signal alone.
+
+    Parameters
+    ----------
+    signal : PoseSignal, n poses
+    """
+    return PoseSignal(signal.position)
 
 
 def observed_twists(log: CalibrationLog, signal: PoseSignal, keep: BoolArray, step: float | None) -> FloatArray:
@@ -188,11 +198,16 @@ class PosePairs:
             raise LogError(
                 f"only {rows.size} of {len(log)} samples can be learned from; at least {LIMITS.fewest_samples} are"
                 " needed.",
-                hint="Look at what is wrong with the recording: gpcorrect validate LOG; or keep everything: --no-clean",
+                hint=too_few_hint(len(log), rejected=not keep.all(), static=log.static),
                 path=log.name,
             )
         new = path_starts(log.time[rows], log.session[rows], np.ones(len(rows), dtype=bool))
         return cls(observed[rows], commanded[rows], twist[rows], rows, new)
+
+    @property
+    def positions(self) -> Self:
+        """The same samples without their orientations."""
+        return replace(self, observed=without_orientation(self.observed), command=without_orientation(self.command))
 
     @property
     def check_queries(self) -> FloatArray:

@@ -84,6 +84,7 @@ class Limits:
 
     # complete samples below which nothing is learned: fewer do not fill one fold of four with a motion. Chosen by hand.
     fewest_samples: int = 20
+    few_recorded: int = 30  # samples that a person is told to record who has fewer: four fifths of them are enough
     # largest believed correction over the largest in training: a query between training poses may need a little more
     # than any of them. Chosen by hand; half of it (no headroom) cut 0.1 % of held-out simulated answers.
     headroom: float = 1.5
@@ -97,6 +98,14 @@ class Limits:
     # motions (or pieces of `piece_seconds` of a longer one) below which a fit says that they are few: intervals are
     # then widened by more than a quarter
     enough_motions: int = 9
+    # Commanded orientations that lie less than so many times as far about their mean as the robot misses them are not
+    # learned from: of a tilt asked for, regression passes on c^2 / (c^2 + m^2), with spreads c of what is commanded and
+    # m of what is missed, and claims errors sqrt(c^2 / (c^2 + 2 m^2)) of the real ones. At 1 half a tilt is undone, and
+    # 0.58 of the error claimed; an answer that leaves the orientation as it is misses no more.
+    least_turning: float = 1.0
+    # m from the marker to the tool tip that intervals allow for where the orientation was held: it cannot be
+    # observed then, and an asked turn by 1 deg moves the marker by 0.9 mm. Chosen by hand, of usual mountings.
+    unseen_lever: float = 0.05
     folds: int = 4  # parts of neighbouring trajectories that are left out in turn; chosen by hand
     # length of the pieces, s, whose errors are ranked against each other in the test for ageing. Chosen by hand.
     piece_seconds: float = 20.0

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from joint_logs import joint_log
-from support import short_search
+from support import short_search, small_log
 
 from gpcorrect.calibration import FitSettings, JointCorrector, fit_model, run_experiment
+from gpcorrect.errors import LogError
 from gpcorrect.logs import align
 from gpcorrect.sim import debridement_log
 from gpcorrect.types import CalibrationLog
@@ -89,3 +90,13 @@ def test_a_clock_is_compared_with_that_of_the_training(stated: str) -> None:
     size = float(said.split("--time-offset ")[1])
     assert size == pytest.approx(0.05, abs=0.01)
     assert corrector.on_one_clock(align(more, size, signals=("external_jp",)), "auto")[1].notes == ()
+
+
+@pytest.mark.parametrize("clean", [True, False])
+def test_too_few_static_poses_say_how_many_to_record(clean: bool) -> None:
+    """A person with a dozen poses is told how many to record, and not to switch off a cleaning that rejected none."""
+    log = small_log(trajectories=1, samples=12)
+    with pytest.raises(LogError, match="at least 20 are needed") as refused:
+        fit_model(replace(log, static=True, trajectory=np.arange(12)), FitSettings(clean=clean))
+    assert "Record 30 poses" in refused.value.hint
+    assert "--no-clean" not in refused.value.hint
