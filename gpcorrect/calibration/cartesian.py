@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from gpcorrect.calibration.arm_kinematics import ArmKinematics
 from gpcorrect.calibration.dataset import Layout, Samples, folds_of, path_starts
+from gpcorrect.calibration.held_orientation import HeldOrientation, hardly_turns, register_held
 from gpcorrect.calibration.joint_route import JointRoute
 from gpcorrect.calibration.memory import Memory, MemoryMap, choose_memory
 from gpcorrect.calibration.metrics import error_table
@@ -32,7 +33,7 @@ from gpcorrect.cleaning import POSES, FittedCleaner, Pair
 from gpcorrect.correction import Correction
 from gpcorrect.errors import DataError, GpCorrectError, LogError
 from gpcorrect.gpr import FeatureMap
-from gpcorrect.rigid import RigidModel, pose_residual
+from gpcorrect.rigid import Registration, RigidModel, pose_residual
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, PoseSignal
 
 INDUCING = 700
@@ -75,7 +76,7 @@ class CommandCorrector(PoseAnswers):
         shown = log.select(pairs.rows)
         # What is asked for is refused before the work.
         kinematics = ArmKinematics.of(shown) if JOINTS in kinds else None
-        registration = pairs.register(log, settings)
+        pairs, registration, turns = _registered(pairs, log, settings)
         rigid = registration.model
         reference = rigid.apply(pairs.observed)
         moved = reference_twists(rigid, rotations_of(pairs.observed), pairs.twist)
@@ -83,9 +84,8 @@ class CommandCorrector(PoseAnswers):
         samples = _samples_of_poses(pairs, log, rigid, features, None)
         law, left_out = learn_law(samples, _pose_layout(features, None))
         used = [kind for kind in kinds if kind not in (MEMORY, JOINTS)]
-        remarks = [f"registration: {registration.reason}"]
-        if not features.has_orientation:
-            remarks.append("the log holds positions only: orientations are turned into the base frame, not corrected")
+        held = None if turns is None else turns.held(samples)
+        remarks = [f"registration: {registration.reason}", *_not_corrected(features, held)]
         memory, route, intervals = None, None, law.intervals
         if MEMORY in kinds:
             folds, labels = folds_of(log.trajectory[pairs.rows]), np.cumsum(pairs.new, dtype=np.int64)
@@ -99,7 +99,7 @@ class CommandCorrector(PoseAnswers):
                 remarks[-1] += ": not worth its time here, features pose,velocity do as well"
             left_out, intervals = recalled, recalling.intervals
             used.append(MEMORY)
-        if JOINTS in kinds or (not settings.features and not log.static and log.setpoint_jp is not None):
+        if _tries_joints(kinds, log, settings, held):
             try:
                 kinematics = kinematics or ArmKinematics.of(shown)
                 alone = None if JOINTS in kinds else left_out
@@ -129,16 +129,33 @@ class CommandCorrector(PoseAnswers):
             check_queries=pairs.check_queries,
             memory=memory,
             route=route,
+            held=held,
         )
+        if turns is not None and held is not None:
+            left_out, intervals = held.beside(left_out, intervals, turns.reference, turns.command)
         low, high = pairs.observed.position.min(axis=0), pairs.observed.position.max(axis=0)
         report = {
             "frames": {"input": "tracker", "output": "base"},
             "units": {"position": "m", "rotation": "rad", "quaternion": "wxyz"},
             "features": used,
             "orientation": features.has_orientation,
+            **({} if held is None else {"held_orientation": held.to_dict()}),
             "training_region": {"position_min": low.tolist(), "position_max": high.tolist()},
         }
         return Outcome(corrector, samples, left_out, intervals, report, tuple(remarks), registration)
+
+    def having_seen(self, log: CalibrationLog, keep: BoolArray) -> Self:
+        """See :class:`Corrector`; what rotations miss is no less than it was."""
+        changed = super().having_seen(log, keep)
+        if self.held is None or pose_pair(log)[0].quaternion is None:
+            return changed
+        pairs = PosePairs.of(log, keep, self.velocity_step)
+        turns = _Turns(self.rigid.apply(pairs.observed), pairs.command)
+        return replace(changed, held=self.held.joined(turns.held(self.samples(log, keep))))
+
+    def cautions(self, log: CalibrationLog) -> tuple[str, ...]:
+        """See :class:`Corrector`."""
+        return (*super().cautions(log), *(() if self.held is None else (self.held.sentence,)))
 
     def query_path(self, log: CalibrationLog) -> FloatArray:
         """See :class:`Corrector`."""
@@ -157,8 +174,7 @@ class CommandCorrector(PoseAnswers):
             raise LogError("the model corrects orientations, and the log holds none.", path=log.name)
         pairs = PosePairs.of(log, keep, self.velocity_step)
         if not self.has_orientation:
-            positions = PoseSignal(pairs.observed.position), PoseSignal(pairs.command.position)
-            pairs = replace(pairs, observed=positions[0], command=positions[1])
+            pairs = pairs.positions
         states = self.memory.states if with_memory and self.memory is not None else None
         return _samples_of_poses(pairs, log, self.rigid, self.features, states)
 
@@ -214,6 +230,55 @@ class CommandCorrector(PoseAnswers):
         if self.route is not None:
             found.append(self.route.check_answers(self.rigid.apply(desired), self.law.bounds))
         return np.vstack(found)
+
+
+@dataclass(frozen=True, eq=False)
+class _Turns:
+    """Registered observations and commands of a log whose orientations are not learned from."""
+
+    reference: PoseSignal
+    command: PoseSignal
+
+    def held(self, samples: Samples) -> HeldOrientation:
+        """Return what is known of rotations, where positions are learned from these samples."""
+        return HeldOrientation.of(self.reference, self.command, samples.trajectory[samples.rows], samples.widening)
+
+
+def _registered(
+    pairs: PosePairs, log: CalibrationLog, settings: FitSettings
+) -> tuple[PosePairs, Registration, _Turns | None]:
+    """Return the samples as they are learned from, their registration, and orientations that are not learned from."""
+    registration = pairs.register(log, settings)
+    reference = registration.model.apply(pairs.observed)
+    if not settings.rigid or not hardly_turns(reference, pairs.command):
+        return pairs, registration, None
+    rows = log.trajectory[pairs.rows]
+    registration = register_held(registration, pairs.observed, pairs.command, rows, settings.marker)
+    turns = _Turns(registration.model.apply(pairs.observed), pairs.command)
+    if JOINTS in settings.features:
+        raise LogError(
+            "the commanded orientations vary less than the robot misses them, and joints follow from whole poses.",
+            hint="Leave joints out of --features, or record commands that turn the tool.",
+            path=log.name,
+        )
+    return pairs.positions, registration, turns
+
+
+def _tries_joints(
+    kinds: tuple[str, ...], log: CalibrationLog, settings: FitSettings, held: HeldOrientation | None
+) -> bool:
+    """Whether an answer in the arm's joints is asked for, or may be tried; joints would undo asked turns too."""
+    own_choice = not settings.features and not log.static and log.setpoint_jp is not None
+    return held is None and (JOINTS in kinds or own_choice)
+
+
+def _not_corrected(features: FeatureMap, held: HeldOrientation | None) -> tuple[str, ...]:
+    """Return why rotations are not corrected, where they are not."""
+    if held is not None:
+        return (held.sentence,)
+    if features.has_orientation:
+        return ()
+    return ("the log holds positions only: orientations are turned into the base frame, not corrected",)
 
 
 def _features_of(log: CalibrationLog, settings: FitSettings) -> tuple[tuple[str, ...], FeatureMap]:

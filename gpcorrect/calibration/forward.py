@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from gpcorrect import se3
 from gpcorrect.calibration import queries
 from gpcorrect.calibration.cartesian import CommandCorrector
-from gpcorrect.calibration.poses import inverse_reference_twists
+from gpcorrect.calibration.poses import inverse_reference_twists, rotations_of
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError
 from gpcorrect.rigid import RigidModel, apply_residual, pose_residual
@@ -69,7 +69,8 @@ def reached(corrector: CommandCorrector, commands: ArrayLike, twist: ArrayLike |
         poses = rigid.inverse(apply_residual(rigid.apply(poses), missed))
     unsolved = left >= SOLVED
     std = corrector.law.domain.widen(answer.std[:, : len(corrector.law.zero)], answer.in_domain & ~unsolved)
-    std, width = (_observed_std(rigid, poses, v) for v in (std, corrector.law.intervals.interval95(std)))
+    both = corrector.six(std, corrector.law.intervals.interval95(std), rotations_of(target))
+    std, width = (_observed_std(rigid, poses, v) for v in both)
     found = Correction(poses.position, poses.quaternion, None, std, width, answer.reasons)
     found = found.because(Reason.OUTSIDE, unsolved)
     if corrector.memory is not None or corrector.route is not None:
@@ -78,12 +79,10 @@ def reached(corrector: CommandCorrector, commands: ArrayLike, twist: ArrayLike |
 
 
 def _observed_std(rigid: RigidModel, poses: PoseSignal, std: FloatArray) -> FloatArray:
-    """Return deviations of commands `(n, 6)` or `(n, 3)`, base frame, as those of poses `(n, 6)`, observer's frame."""
-    variance = np.zeros((len(std), 6))
-    variance[:, : std.shape[1]] = std**2
+    """Return deviations of commands `(n, 6)`, base frame, as those of poses `(n, 6)`, observer's frame."""
+    variance = std**2
     position = variance[:, :3] @ (rigid.R_position**2)
     if poses.quaternion is not None and rigid.needs_orientation:
         lever = se3.hat(se3.matrix_from_quaternion(poses.quaternion) @ rigid.offset) @ rigid.R_left.T
         position = position + np.einsum("nij,nj->ni", lever**2, variance[:, 3:])
-    rotation = variance[:, 3:] @ (rigid.R_left**2) if std.shape[1] > 3 else np.full((len(std), 3), np.nan)
-    return np.asarray(np.sqrt(np.hstack([position, rotation])))
+    return np.asarray(np.sqrt(np.hstack([position, variance[:, 3:] @ (rigid.R_left**2)])))

@@ -9,10 +9,11 @@ from numpy.typing import ArrayLike
 
 from gpcorrect import se3
 from gpcorrect.calibration import queries
+from gpcorrect.calibration.held_orientation import HeldOrientation
 from gpcorrect.calibration.joint_route import JointRoute
 from gpcorrect.calibration.memory import Memory, advance, steps
 from gpcorrect.calibration.one_pose import Frame, command, frame, inputs
-from gpcorrect.calibration.poses import reference_twists, rotations_of
+from gpcorrect.calibration.poses import reference_twists, rotations_of, without_orientation
 from gpcorrect.calibration.queries import POSE, POSITION, TWIST
 from gpcorrect.calibration.task import Corrector
 from gpcorrect.calibration.training_motion import MotionLimits, StreamGuard
@@ -41,6 +42,9 @@ class PoseAnswers(Corrector):
     check_queries : (k, 13) array, training queries (pose, twist) that a model file asks again at load
     memory : Memory or None, what was learned with memory features, for paths and streams
     route : JointRoute or None, what was learned of the arm's joints, by which paths and streams are answered
+    held : HeldOrientation or None
+        What is known of rotations that the training hardly commanded; None of a model that corrects them, or that never
+        saw any.
     """
 
     rigid: RigidModel
@@ -50,6 +54,7 @@ class PoseAnswers(Corrector):
     check_queries: FloatArray
     memory: Memory | None = None
     route: JointRoute | None = None
+    held: HeldOrientation | None = None
     frame: Frame = field(init=False, repr=False)
     region: FloatArray = field(init=False, repr=False)
 
@@ -65,6 +70,8 @@ class PoseAnswers(Corrector):
         """Refuse parts that do not fit together before compiled code, which does not look, reads them."""
         sizes, d = (3, 3) if self.has_orientation else (3,), self.features.n_features
         laws = [(self.law, d)]
+        if self.held is not None and self.has_orientation:
+            raise DataError("a model that corrects orientations does not hold one.")
         if self.memory is not None:
             laws.append((self.memory.law, d + self.memory.states.radii.size))
         fits = self.features.spread.shape == (d,) and self.law.domain.low.shape == (d,)
@@ -89,7 +96,8 @@ class PoseAnswers(Corrector):
         ----------
         pose : (7,) or (3,) array
             Desired position (m) and unit quaternion wxyz in the frame of the training's observed poses; a
-            position-only model takes three numbers, and with seven only turns the orientation into the base frame.
+            position-only model takes three numbers, and with seven only turns the orientation into the base frame. So
+            does one whose training held the orientation, which says too by how much it is then missed.
         twist : (6,) array, optional
             Desired velocity, m/s and rad/s, same frame. Without it the pose is taken as at rest, and the answer is
             marked.
@@ -123,14 +131,31 @@ class PoseAnswers(Corrector):
             raise queries.bad_query(query, twist)
         mean, std, novelty = law.unguarded_one(x)
         position, quaternion, limited = command(position, rotation, mean, law.bounds.largest)
+        oriented = len(query) > POSITION
         in_domain = near and novelty <= law.domain.novelty and bool(law.domain.surrounded(x[None])[0])
+        if self.held is not None and oriented:
+            in_domain = in_domain and not self.held.beyond(rotation[None])[0]
         if not in_domain:
             self.trained.refuse_far(query[:POSITION])
             std, reasons = law.domain.widen(std, in_domain), reasons | int(Reason.OUTSIDE)
         if limited:
             reasons |= int(Reason.LIMITED)
-        turned, interval95 = None if len(query) == POSITION else quaternion, law.intervals.interval95(std)
-        return Correction(position, turned, None, _six(std), _six(interval95), Reason(reasons))
+        std, interval95 = self.six(std, law.intervals.interval95(std), rotation if oriented else None)
+        return Correction(position, quaternion if oriented else None, None, std, interval95, Reason(reasons))
+
+    def six(
+        self, std: FloatArray, interval95: FloatArray, rotations: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return deviations and half widths of whole poses `(..., 6)`; NaN where nothing is known of rotations.
+
+        Parameters
+        ----------
+        std, interval95 : (..., 3) or (..., 6) arrays, of the law
+        rotations : (..., 3, 3) array or None, registered orientations, where the poses have any
+        """
+        if self.held is None or rotations is None:
+            return _six(std), _six(interval95)
+        return self.held.whole(std, interval95, rotations)
 
     def stream(self) -> PoseStream:
         """Return a stream, which answers poses one after the other and takes velocity and memory from those before."""
@@ -199,11 +224,14 @@ class PoseAnswers(Corrector):
         X = self.features.transform(reference.position, rotations_of(reference), moved)
         law = self.law
         if self.memory is not None and commands is not None and new is not None:
-            states = self.memory.states.transform(commands, reference, np.cumsum(new, dtype=np.int64))
+            past = [p if self.has_orientation else without_orientation(p) for p in (commands, reference)]
+            states = self.memory.states.transform(past[0], past[1], np.cumsum(new, dtype=np.int64))
             X, law = np.hstack([X, states]), self.memory.law
-        prediction = law.predict_rows(X)
+        prediction, rotations = law.predict_rows(X), rotations_of(reference)
+        if self.held is not None and rotations is not None:
+            prediction = law.outside(prediction, self.held.beyond(rotations))
         answer = apply_residual(reference, np.nan_to_num(_six(prediction.residual)))
-        std, interval95 = _six(prediction.std), _six(prediction.interval95)
+        std, interval95 = self.six(prediction.std, prediction.interval95, rotations)
         return Correction(answer.position, answer.quaternion, None, std, interval95, prediction.reasons)
 
     def without_joints(self, alone: Correction) -> Correction:
