@@ -11,15 +11,8 @@ import numpy as np
 import pytest
 from support import real_data, short_search, small_log
 
-<<<<<<< HEAD
 from gpcorrect import se3
-<<<<<<< HEAD
 from gpcorrect.arms import Chain, Joint
-=======
-=======
->>>>>>> 04faf0e9 (Tests of singular postures and of a load that fails all samples: numbers of the simulated arms; most means more than half)
-from gpcorrect.arms import Chain
->>>>>>> ad092146 (Joints of poses: samples near a wrist's singularity are not learned from, whose joint errors of 30 degrees hid that joints help)
 from gpcorrect.calibration import (
     CommandCorrector,
     FitResult,
