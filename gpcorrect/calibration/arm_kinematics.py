@@ -19,6 +19,7 @@ from gpcorrect import se3
 from gpcorrect.arms import Chain, identify_chain, workspace
 from gpcorrect.calibration.dataset import evenly_spread
 from gpcorrect.calibration.poses import rotations_of
+from gpcorrect.calibration.queries import TWIST
 from gpcorrect.errors import DataError, DegenerateError, LogError
 from gpcorrect.rigid import register
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, PoseSignal, frozen_array
@@ -31,7 +32,6 @@ NO_EFFECT = 1e-6  # m/rad or rad/rad: a joint that moves the tip less is a gripp
 LEAST_SHARE = 0.01
 """Of its largest, that the arm's smallest rate must reach in most of the training: else poses do not determine joints,
 and a correction in joints is as good as any other; chosen by hand."""
-POSE_NUMBERS = 6
 HEADROOM = 2.0  # by how much further from the arm's reach than in training a pose may lie; chosen by hand
 NOISE_FLOOR = 1e-6  # rad: what the inverse leaves of a pose that it reaches, with plenty to spare
 SAMPLES = 1000  # postures in the registration, two dozen unknowns of which need no more, and that are looked at
@@ -189,7 +189,7 @@ def _chain_of(q: FloatArray, T: FloatArray, kinds: Sequence[str]) -> Chain:
 
 def _require_determined(chain: Chain, q: FloatArray, length: float) -> None:
     """Refuse an arm whose poses do not say where its joints are."""
-    if chain.dof > POSE_NUMBERS or np.median(_least_share(chain, q, length)) < LEAST_SHARE:
+    if chain.dof > TWIST or np.median(_least_share(chain, q, length)) < LEAST_SHARE:
         raise DegenerateError(f"poses do not determine the {chain.dof} joints that move the tip.")
 
 

@@ -19,6 +19,7 @@ OTHER_FRAME = (Reason.WORKSPACE, Reason.ROTATION)
 OTHER_OR_MOVED = (*OTHER_FRAME, Reason.OUTLIER)
 """Of what is learned from: a tracker moved by 5 cm errs as a heavy load does, and the registration would stay."""
 MOST = 0.5  # of the samples that can be read: where they are rejected for more, the log is refused; chosen by hand
+# What `evaluate` says of such a log.
 CAUTION = (
     "CHANGED: no sample passes cleaning by the training's thresholds, for all err otherwise than there, as with "
     "another load or tool, slack that grew, or frames that moved a little: cleaned by thresholds of the recording's own"

@@ -43,7 +43,6 @@ STIFFNESS = (1e9, 0.1, 1e-3)
 Of 13 new trajectories of an unchanged arm all slopes, free, took the error of joint 1 from .33 to .34 to .44 degrees,
 for every trajectory has its own slack; of a warm one zeros took .73 to .30, slopes .33. Chosen by hand."""
 ENOUGH = 5  # new trajectories from which intervals are calibrated on them alone; chosen by hand
-ANEW = "Where tracker, base or tool were moved, or the arm was rebuilt, fit anew: gpcorrect fit"
 TOLERATED, ALWAYS_WORSE = 0.01, 0.05
 """Relative growth of a held-out error up to which it is not called worse, and beyond which it always is; between them
 it is where the trajectories say so beyond chance, by Student's t (95 %, one side). Chosen by hand."""
@@ -120,9 +119,11 @@ def update_model(
     progress = progress or Progress()
     # By its own thresholds: the training's would reject an arm that changed.
     usual = corrector.clean(train)
-    known = usual.keep.any()
-    fresh = corrector.clean_afresh(train) if known else clean_changed(corrector, train, usual, OTHER_OR_MOVED, ANEW)
-    keep = fresh.keep
+    if usual.keep.any():
+        keep = corrector.clean_afresh(train).keep
+    else:
+        hint = "Where tracker, base or tool were moved, or the arm was rebuilt, fit anew: gpcorrect fit"
+        keep = clean_changed(corrector, train, usual, OTHER_OR_MOVED, hint).keep
     samples = corrector.samples(train, keep)
     law, weight, unseen, _ = _learn(corrector.law, samples, progress)
     changed: Corrector = replace(corrector, law=law)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.signal import lfilter
 
+from gpcorrect.sim import Model, machine_of, model_from_dict, simulate
 from gpcorrect.sim.effects import Effect, in_order
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan, Segment, plan_of
@@ -65,3 +68,22 @@ def raven_swings(seed: int, runs: int, seconds: float) -> Plan:
         path = middle + swing * np.sin(rate * t + phase)
         segments.append(Segment(path, np.full(len(path), run), 0, 0.0, 0.2))
     return plan_of(segments, 100.0)
+
+
+def held_up_raven(*external_jp_white: float) -> Model:
+    """Return a RAVEN-II's first three joints, held up by their controller, with such noise of outside encoders."""
+    return model_from_dict(
+        {
+            "arm": "raven2_left",
+            "joints": [1, 2, 3],
+            "log_rate_hz": 100,
+            "controller": {"kp": [200.0, 200.0, 3000.0], "kd": [10.0, 10.0, 150.0], "feedforward": "gravity"},
+            "noise": {"external_jp_white": list(external_jp_white)},
+        }
+    )
+
+
+def swings_of(model: Model, *hidden: Effect) -> CalibrationLog:
+    """Return a recording of its swings with these effects, without a tracker."""
+    log = simulate(machine_of(model).with_effects(*hidden), raven_swings(5, 8, 4.0), seed=7)
+    return replace(log, tracker_cp=None)

@@ -6,30 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from discrepancy_core import raven_swings
+from discrepancy_core import held_up_raven, swings_of
 
 from gpcorrect.discrepancy import find_discrepancy
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.search.candidates import all_candidates
 from gpcorrect.discrepancy.search.needs import split_by_needs
-from gpcorrect.sim import machine_of, model_from_dict, simulate
 from gpcorrect.types import CalibrationLog, FloatArray
 
-MODEL = model_from_dict(
-    {
-        "arm": "raven2_left",
-        "joints": [1, 2, 3],
-        "log_rate_hz": 100,
-        "controller": {"kp": [200.0, 200.0, 3000.0], "kd": [10.0, 10.0, 150.0], "feedforward": "gravity"},
-        "noise": {"external_jp_white": [5e-5, 5e-5, 1e-5]},
-    }
-)
+MODEL = held_up_raven(5e-5, 5e-5, 1e-5)
 RADIUS, INERTIA, SUB = 2e-3, 0.001, 20
-
-
-def recorded() -> CalibrationLog:
-    return replace(simulate(machine_of(MODEL), raven_swings(5, 8, 4.0), seed=7), tracker_cp=None)
 
 
 def seen(log: CalibrationLog) -> Scene:
@@ -51,7 +38,7 @@ def fallen(load: FloatArray) -> FloatArray:
 
 def test_a_gap_is_looked_for_where_its_load_changes_sign() -> None:
     """Elsewhere it is an offset of the joint, and would stand beside each."""
-    log = recorded()
+    log = swings_of(MODEL)
     scene = seen(log)
     able, _ = split_by_needs(all_candidates(scene), scene, log)
     assert {c.joint for c in able if c.name == "loaded_backlash"} == {2}
@@ -61,7 +48,7 @@ def test_a_gap_is_looked_for_where_its_load_changes_sign() -> None:
 @pytest.mark.slow
 def test_a_gap_that_is_held_on_one_flank_or_the_other_is_named() -> None:
     """A gear's gap had acted like a stretched cable. What falling across takes is no name, and stays: UNKNOWN."""
-    log = recorded()
+    log = swings_of(MODEL)
     load, external = seen(log).load()[:, 1], np.array(log.external_jp)
     for run in np.unique(log.trajectory):
         rows = log.trajectory == run

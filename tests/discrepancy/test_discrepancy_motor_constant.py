@@ -1,31 +1,19 @@
-"""A motor that delivers less torque than was commanded: gains and what is fed forward are lower by one fraction."""
+"""What a controller asks for and the motor does not deliver, and what it was told of and the arm does not carry."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
-from discrepancy_core import raven_swings
+from discrepancy_core import held_up_raven, swings_of
 
 from gpcorrect.discrepancy import DiscrepancyResult, find_discrepancy
-from gpcorrect.sim import machine_of, model_from_dict, simulate
 from gpcorrect.sim.effects import Effect
-from gpcorrect.sim.effects.dynamics import FeedforwardError, MotorConstantError
+from gpcorrect.sim.effects.dynamics import BelievedPayload, FeedforwardError, MotorConstantError
 
 
 def found(*hidden: Effect) -> DiscrepancyResult:
     """Return the verdict on swings of an arm whose controller holds it up, with encoders outside."""
-    model = model_from_dict(
-        {
-            "arm": "raven2_left",
-            "joints": [1, 2, 3],
-            "log_rate_hz": 100,
-            "controller": {"kp": [200.0, 200.0, 3000.0], "kd": [10.0, 10.0, 150.0], "feedforward": "gravity"},
-            "noise": {"external_jp_white": [5e-5, 5e-5, 1e-5]},
-        }
-    )
-    log = simulate(machine_of(model).with_effects(*hidden), raven_swings(5, 8, 4.0), seed=7)
-    return find_discrepancy(model, replace(log, tracker_cp=None))
+    model = held_up_raven(5e-5, 5e-5, 1e-5)
+    return find_discrepancy(model, swings_of(model, *hidden))
 
 
 @pytest.mark.slow
@@ -42,3 +30,16 @@ def test_a_controller_that_feeds_less_forward_is_no_weak_motor() -> None:
     (effect,) = found(FeedforwardError(2, -0.2)).effects
     assert (effect.name, effect.joint) == ("feedforward_error", 2)
     assert effect.parameters["fraction"].value == pytest.approx(-0.2, rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_payload_that_the_controller_alone_believes_is_named() -> None:
+    """Eight effects of links and gains had stood in for it; a model that has it has no other discrepancy."""
+    model = held_up_raven(5e-5, 5e-5, 1e-5)
+    hidden = BelievedPayload("all", 0.2)
+    log = swings_of(model, hidden)
+    (effect,) = find_discrepancy(model, log).effects
+    assert effect.name == "believed_payload"
+    assert effect.parameters["mass"].value == pytest.approx(0.2, rel=0.1)
+    completed = model.model_copy(update={"effects": (hidden,)})
+    assert not find_discrepancy(completed, log).effects

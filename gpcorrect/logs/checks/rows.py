@@ -18,8 +18,8 @@ BELONGS = 0.5  # of the difference that chance leaves: rows that belong together
 SHIFTS = (-1, 1)  # rows by which measured poses may be late or early: one reading doubled, or one missed
 LEAST_CHANCE = 0.1  # of the typical distance: where chance leaves less, most rows are repeated, and none is found wrong
 LEAST_TURN = np.deg2rad(5.0)  # between typical rows; turns of less may be all noise
-LEAST_SHIFTED = 0.05  # of the rows, and MOST_EXPLAINED of those that do not belong, must belong when shifted
-MOST_EXPLAINED = 0.8
+LEAST_SHIFTED = 0.05  # of the rows must belong when shifted; chosen by hand
+LEAST_EXPLAINED = 0.8  # likewise, of those that do not belong as they are; chosen by hand
 REFERENCES = ("setpoint_cp", "measured_cp")
 
 
@@ -36,7 +36,7 @@ def _rows_unrelated(evidence: Evidence) -> Iterator[Finding]:
     belongs = _belongs(commanded, observed)
     for shift in SHIFTS:
         shifted = ~belongs & _belongs_shifted(commanded, observed, belongs, shift)
-        if shifted.sum() >= max(LEAST_SHIFTED * len(rows), MOST_EXPLAINED * (~belongs).sum(), 2):
+        if shifted.sum() >= max(LEAST_SHIFTED * len(rows), LEAST_EXPLAINED * (~belongs).sum(), 2):
             yield _shifted(reference, rows[_from_where(shifted) :], shift, len(rows))
             return
     if belongs.mean() < BELONGS:

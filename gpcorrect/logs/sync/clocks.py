@@ -198,7 +198,8 @@ def seconds_of(text: str) -> float:
     except ValueError:
         seconds = math.nan
     if not math.isfinite(seconds):
-        raise DataError(f"the time offset is auto, none, or a number of seconds; got {text!r}.")
+        hint = "Commands know motion too: all that the motion says, drift included."
+        raise DataError(f"the time offset is auto, none, or a number of seconds; got {text!r}.", hint=hint)
     return seconds
 
 

@@ -19,7 +19,7 @@ from gpcorrect_service.ops.metrics import OPENMETRICS, Counters, Metrics
 from gpcorrect_service.protocol import limits, messages, ros
 from gpcorrect_service.protocol.answer import JointsAnswer, PathAnswer, PoseAnswer, pack
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
-from gpcorrect_service.server.models import JointModel, Model, load_next
+from gpcorrect_service.server.models import KINDS, JointModel, Model, load_next
 from gpcorrect_service.server.queues import WorkerQueue
 from gpcorrect_service.server.requests import Handler, Parsed, RequestParser, Response, plain_response
 
@@ -194,7 +194,7 @@ class Admin:
         serving = {kind: model.hash for kind, model in held if model is not None}
         entries, history = [], {}
         if self._store is not None:
-            history = {kind: [entry.hash for entry in self._store.history(kind)] for kind in ("pose", "joints")}
+            history = {kind: [entry.hash for entry in self._store.history(kind)] for kind in KINDS}
             entries = [_listed(self._store, e, active=serving.get(e.kind) == e.hash) for e in self._store.models()]
         return plain_response(parsed, messages.ModelListAnswer(self._replica, entries, history, serving))
 

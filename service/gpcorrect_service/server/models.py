@@ -31,6 +31,7 @@ M = TypeVar("M", "Model", "JointModel")
 ONE_OF_SEVERAL = re.compile(r"(.*?)(\d+|left|right)", re.IGNORECASE)
 """The name of an arm that has sisters: PSM1, raven2_left."""
 
+KINDS = ("pose", "joints")  # of models, of which a server holds one each
 FAULTS_IN_A_ROW = 10  # chosen by hand: after so many failures without one answer a model is not asked any more
 QUICK_SECONDS = 5e-4  # half of a planner's period at 1 kHz; what takes longer would hold up its connection
 CHECK_TOLERANCE = 1e-7  # m and rad: as when a model file is read

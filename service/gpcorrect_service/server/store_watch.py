@@ -8,9 +8,7 @@ from contextlib import suppress
 from gpcorrect.calibration import ModelStore
 from gpcorrect.errors import GpCorrectError
 from gpcorrect_service.ops.logger import Logger
-from gpcorrect_service.server.models import Active, load_next
-
-KINDS = ("pose", "joints")
+from gpcorrect_service.server.models import KINDS, Active, load_next
 
 
 class StoreWatch:
