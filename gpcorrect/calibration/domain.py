@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
+from numba import njit
 
 from gpcorrect.calibration.dataset import evenly_spread, folds_of
 from gpcorrect.calibration.learners.polynomial import Scaler
@@ -40,9 +41,7 @@ class Surroundings:
     # (p,) inputs that are places, and the same distance in them alone; none in older files
     place: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     farthest_place: float = np.inf
-    squares: FloatArray = field(init=False, repr=False)  # of the points' lengths: a stream asks at 1 kHz
-    places: FloatArray = field(init=False, repr=False)  # (k, p) the points' places
-    place_squares: FloatArray = field(init=False, repr=False)
+    tables: tuple[Any, ...] = field(init=False, repr=False)  # the same as a query reads it: a stream asks at 1 kHz
 
     def __post_init__(self) -> None:
         inputs = self.points.shape[1:]
@@ -50,9 +49,11 @@ class Surroundings:
             raise DataError(f"points {self.points.shape} do not surround {len(self.scaler.centre)} inputs.")
         if not set(self.place.tolist()) <= set(range(*inputs)):
             raise DataError(f"places {self.place} are not all among {inputs[0]} inputs.")
-        object.__setattr__(self, "squares", (self.points**2).sum(axis=1))
-        object.__setattr__(self, "places", np.ascontiguousarray(self.points[:, self.place]))
-        object.__setattr__(self, "place_squares", (self.places**2).sum(axis=1))
+        arrays = (self.scaler.centre, self.scaler.spread, self.points)
+        limits = float(self.farthest) ** 2, float(self.farthest_place) ** 2
+        # Copies: another layout or a read-only array would be compiled for anew.
+        tables = (*(np.array(a, dtype=np.float64) for a in arrays), np.array(self.place, dtype=np.int64), *limits)
+        object.__setattr__(self, "tables", tables)
 
     @classmethod
     def of(cls, X: FloatArray, trajectory: IntArray, place: IntArray | None = None) -> Self:
@@ -84,11 +85,9 @@ class Surroundings:
         ----------
         X : (n, d) array, inputs
         """
-        scaled = self.scaler.apply(X)
-        near = _to_nearest(scaled, self.points, self.squares) <= self.farthest
-        if self.place.size:
-            near &= _to_nearest(scaled[:, self.place], self.places, self.place_squares) <= self.farthest_place
-        return np.asarray(near)
+        if X.shape[1:] != self.points.shape[1:]:  # compiled code does not look
+            raise DataError(f"points {self.points.shape} were asked whether they surround inputs {X.shape}.")
+        return _hold(np.array(X, dtype=np.float64, order="C"), *self.tables)
 
     def joined(self, X: FloatArray) -> Self:
         """Return the surroundings of these training inputs too, with no more points than a training has.
@@ -299,6 +298,42 @@ def _lengths(values: FloatArray, sizes: tuple[int, ...]) -> FloatArray:
 def _starts(sizes: tuple[int, ...]) -> IntArray:
     """Return the first column `(g,)` of each group."""
     return frozen_array(np.concatenate([[0], np.cumsum(sizes)[:-1]]), np.int64)
+
+
+@njit(cache=True, nogil=True)
+def _hold(
+    X: FloatArray,
+    centre: FloatArray,
+    spread: FloatArray,
+    points: FloatArray,
+    place: IntArray,
+    farthest: float,
+    farthest_place: float,
+) -> BoolArray:
+    """Return which inputs `(n, d)` have a point `(k, d)` within one squared distance, and one within another in place.
+
+    The first that is near enough ends the search: amid training samples after a few.
+    """
+    near, scaled = np.empty(len(X), dtype=np.bool_), np.empty(X.shape[1])
+    for i in range(len(X)):
+        for d in range(len(scaled)):
+            scaled[d] = (X[i, d] - centre[d]) / spread[d]
+        found, found_place = False, len(place) == 0
+        for point in points:
+            if not found_place:
+                total = 0.0
+                for d in place:
+                    total += (scaled[d] - point[d]) ** 2
+                found_place = total <= farthest_place
+            if not found:
+                total = 0.0
+                for d in range(len(scaled)):
+                    total += (scaled[d] - point[d]) ** 2
+                found = total <= farthest
+            if found and found_place:
+                break
+        near[i] = found and found_place
+    return near
 
 
 def _to_nearest(X: FloatArray, points: FloatArray, squares: FloatArray) -> FloatArray:

@@ -17,7 +17,7 @@ from gpcorrect.calibration.model_file import load, save
 from gpcorrect.correction import Correction
 from gpcorrect.errors import DataError
 from gpcorrect.logs import read_log
-from gpcorrect.types import FloatArray, PoseSignal
+from gpcorrect.types import FloatArray, IntArray, PoseSignal
 
 REGION = Domain.of(
     np.random.default_rng(0).uniform(-1.0, 3.0, (2000, 2)),
@@ -95,6 +95,20 @@ def test_a_place_that_no_training_sample_was_near_is_outside_however_many_other_
     assert joined.hold(away).mean() > 0.5
     with pytest.raises(DataError, match="places"):
         replace(near, place=np.array([42]))
+
+
+@pytest.mark.parametrize("place", [np.arange(0), np.array([3, 1])])
+def test_an_input_is_near_where_some_point_is(place: IntArray) -> None:
+    """As all distances say, one after the other; the compiled search stops at the first."""
+    rng = np.random.default_rng(7)
+    X = rng.standard_normal((1200, 5)) @ rng.standard_normal((5, 5))
+    near = Surroundings.of(X, np.arange(1200) // 100, place)
+    asked = rng.permuted(1.4 * X, axis=0)[:, ::-1][:, :5]  # a view: neither its order nor its flags matter
+    away = (near.scaler.apply(asked)[:, None] - near.points) ** 2
+    expected = (away.sum(axis=2) <= near.farthest**2).any(axis=1)
+    expected &= (away[..., place].sum(axis=2) <= near.farthest_place**2).any(axis=1)
+    assert 0.05 < expected.mean() < 0.95
+    np.testing.assert_array_equal(near.hold(asked), expected)
 
 
 def test_points_that_do_not_fit_the_inputs_are_refused() -> None:
