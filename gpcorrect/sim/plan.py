@@ -46,6 +46,9 @@ class Plan:
     session : (N,) int array, index of the session of each run, from 0
     start : (N,) array, session time at which each run begins, s
     payload : (N,) array, kg at the tip; NaN is the model's own
+    begins : (2, N, dof) array or None
+        Where the motors are at the start, and how fast, where that is known; held in balance by their controllers when
+        None.
     """
 
     rate_hz: float
@@ -54,6 +57,7 @@ class Plan:
     session: IntArray
     start: FloatArray
     payload: FloatArray
+    begins: FloatArray | None = None
 
     def __post_init__(self) -> None:
         if self.q.ndim != 3 or len(self.q) < 4:
@@ -80,6 +84,7 @@ class Plan:
             session=self.session[runs],
             start=self.start[runs],
             payload=self.payload[runs],
+            begins=None if self.begins is None else self.begins[:, runs],
         )
 
     def spline(self) -> CubicSpline:

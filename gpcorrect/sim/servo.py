@@ -208,7 +208,12 @@ class Loop:
 
 
 def follow(
-    drive: Drive, reference: Reference, clock: Clock, joints: tuple[int, ...], effects: Sequence[Effect]
+    drive: Drive,
+    reference: Reference,
+    clock: Clock,
+    joints: tuple[int, ...],
+    effects: Sequence[Effect],
+    begins: FloatArray | None = None,
 ) -> ServoPath:
     """Run the loop over a reference, from a state that follows it in balance, with the effects that act in the loop.
 
@@ -227,7 +232,10 @@ def follow(
     loop = Loop(drive, joints, effects)
     loop.check_stable(reference.inertia, clock.step)
     pulled = reference.feedforward[0] - reference.load[0]
-    return loop.run(reference, clock, loop.balanced(reference.position[:, 0], pulled, reference.velocity[:, 0]))
+    state = loop.balanced(reference.position[:, 0], pulled, reference.velocity[:, 0])
+    if begins is not None:
+        state = state._replace(position=np.array(begins[0]), velocity=np.array(begins[1]), seen=np.array(begins[1]))
+    return loop.run(reference, clock, state)
 
 
 def _own_laws(drive: Drive) -> tuple[list[tuple[int, int, FrictionLaw]], list[tuple[int, TorqueLaw]]]:

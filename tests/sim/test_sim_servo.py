@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -12,6 +14,7 @@ from gpcorrect.sim.effects import (
     CoulombFriction,
     IntegralAction,
     StribeckFriction,
+    TorqueSaturation,
     VelocityFilter,
     ViscousFriction,
 )
@@ -71,6 +74,18 @@ def test_a_sampled_controller_holds_its_torque(rate_hz):
         state = A @ state + B[:, 0] * (-kp * state[0] - kd * state[1])
     reached = path.position[1:, 0, 0]
     np.testing.assert_allclose(reached, expected[:: round(rate_hz / RATE_HZ)][: len(reached)], atol=1e-12)
+
+
+@pytest.mark.parametrize("effects", [(), (TorqueSaturation(1, limit=0.03),)])
+def test_a_run_that_begins_where_another_has_been_goes_on_as_that(effects):
+    """Position and speed are the whole state of such a loop: saturated or not, it does not matter how it came there."""
+    plan, machine, k = moves(runs=2), weightless(*effects), 40
+    whole = run(machine, plan).motion
+    begins = np.stack([whole.position[k], whole.velocity[k]])
+    rest = run(machine, replace(plan, q=plan.q[k:], trajectory=plan.trajectory[k:], begins=begins)).motion
+    balanced = run(machine, replace(plan, q=plan.q[k:], trajectory=plan.trajectory[k:])).motion
+    off, ever = (np.abs(m.position - whole.position[k:])[..., 0].max() for m in (rest, balanced))
+    assert off < 1e-3 * ever
 
 
 def test_without_friction_a_constant_speed_is_followed():

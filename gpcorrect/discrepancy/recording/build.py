@@ -10,6 +10,7 @@ from scipy.stats import chi2
 from gpcorrect import se3
 from gpcorrect.discrepancy.recording.layout import Layout, layout_of
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, estimate_noise, outliers
+from gpcorrect.discrepancy.recording.replay_memory import ReplayMemory
 from gpcorrect.discrepancy.recording.scene import Channel, Scene
 from gpcorrect.discrepancy.recording.servo_clock import RUN_OUT, commanded_plan, holes, settled_stamps
 from gpcorrect.discrepancy.recording.tracker import (
@@ -118,6 +119,9 @@ def build_scene(
         refuse_mixed_joints(machine.body, f"setpoint_jp and {source}", roughly, exactly, off)
     if _begun_elsewhere(scene, of_motor, label, settling):
         observed[settling[:, None] & of_motor] = np.nan
+        if scene.measured and plan is not None:
+            begins = np.stack([motion.position[0], motion.velocity[0]])
+            scene = replace(scene, plan=replace(plan, begins=begins), memory=ReplayMemory())
     if log.tracker_cp is None or machine.body.chain is None:
         return scene
     seen = log.tracker_cp
@@ -298,6 +302,7 @@ def _begun_elsewhere(scene: Scene, of_motor: BoolArray, label: IntArray, settlin
     """Whether motors stand farther from the simulated ones in motions' first rows than they are later, beyond chance.
 
     What the controller's integral held, or what it held against, is in no log: simulated motions begin in balance.
+    Otherwise they begin where the motors were measured: an arm that sank in a pause, saturated, goes on sinking.
     """
     if scene.plan is None or settling.all() or not of_motor.any():
         return False

@@ -21,6 +21,7 @@ from gpcorrect.discrepancy.recording.layout import Layout
 from gpcorrect.discrepancy.recording.replay_memory import ReplayMemory
 from gpcorrect.discrepancy.recording.servo_clock import Stamps
 from gpcorrect.discrepancy.recording.tracker import Slack, Tracker
+from gpcorrect.discrepancy.settings import CLOCK
 from gpcorrect.sim.dynamics import JointPath, link_load
 from gpcorrect.sim.effects import Effect, PathEffect, Stage, in_order, of_kind
 from gpcorrect.sim.effects.base import SIDES, FrictionEffect, JointEffect
@@ -119,9 +120,14 @@ class Scene:
         return self.layout.gather(self._replay(self._machine(())).load)
 
     def peak_torque(self) -> FloatArray | None:
-        """Largest torque `(k,)` that the controllers ask for, N m or N; None where the closed loop cannot be run."""
-        loop = self._loop(self._machine(()))
-        return None if loop is None else np.abs(loop.torque).max(axis=(0, 1))
+        """Largest torque `(k,)` that the controllers ask for, N m or N; None where the closed loop cannot be run.
+
+        Once they have forgotten how the motions began: motors that began elsewhere are pulled back by far more.
+        """
+        if (loop := self._loop(self._machine(()))) is None:
+            return None
+        later = self.motion.time - self.motion.time[0] >= CLOCK.settles
+        return np.asarray(np.abs(loop.torque).max(axis=(0, 1), where=later[..., None], initial=0.0))
 
     def predict(self, effects: Sequence[Effect] = ()) -> FloatArray:
         """Return what the channels `(n, c)` should say with these effects beyond the model's own.

@@ -72,6 +72,11 @@ class Candidate:
         return tuple(i for i, c in enumerate(self.coordinates) if c.amplitude)
 
     @property
+    def starts_as_it_is(self) -> bool:
+        """Whether its first estimate is its start, whatever multiple of its change the data ask for."""
+        return not self.amplitudes and self.coordinates[0].kind != "log"
+
+    @property
     def instant(self) -> int | None:
         """Index of the coordinate that is a change-point, if there is one."""
         return next((i for i, c in enumerate(self.coordinates) if c.parameter.change_point), None)
