@@ -13,6 +13,7 @@ from gpcorrect.discrepancy.naming.posterior import Level, Named
 from gpcorrect.discrepancy.outcome.result import ChannelGap, NamedEffect, PlaceVerdict
 from gpcorrect.discrepancy.outcome.verdict import headline, is_plain, place_verdicts
 from gpcorrect.discrepancy.recording.scene import Channel
+from gpcorrect.discrepancy.search.candidates import Estimate
 from gpcorrect.discrepancy.settings import SETTINGS
 
 THRESHOLD = 10.0
@@ -65,6 +66,18 @@ def test_what_is_plainly_left_at_a_joint_is_as_large_as_its_largest_finding(size
     (place,) = place_verdicts([effect], [gap], localisation(1600.0, size=size))
     assert (place.level, place.remaining) == (level, pytest.approx(size))
     assert headline(Level.EXACT, [effect], (), [place]) == level
+
+
+@pytest.mark.parametrize(("step", "level"), [(1.8, Level.UNKNOWN), (2.4, Level.EXACT)])
+def test_what_half_a_count_may_do_is_nothing_unknown(step: float, level: Level) -> None:
+    """A controller that works with counts holds its motor half a count off; more than that is no rounding."""
+    counts = {"step": Estimate(step, (step, step), "rad")}
+    effect = NamedEffect("encoder_quantisation", 1, "noise", Level.EXACT, 1.0, 9e3, counts, (), ())
+    gap = ChannelGap(1.0, 1.0, 1.0, (2.0, 2.0), (3.0, 3.0), 0.0, (0.0, 0.0), A, 1.0, 0.0)
+    (place,) = place_verdicts([effect], [gap], localisation(1600.0, size=1.1))
+    assert place.level == level
+    slip = replace(effect, name="cable_slip", family="time")  # whose step is no count
+    assert place_verdicts([slip], [gap], localisation(1600.0, size=1.1))[0].level == Level.UNKNOWN
 
 
 def test_a_place_with_a_name_shows_the_channel_that_the_name_closes() -> None:

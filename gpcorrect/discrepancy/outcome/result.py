@@ -81,6 +81,12 @@ class NamedEffect:
         return self.is_constant and self.is_whole
 
     @property
+    def half_count(self) -> float:
+        """How far, rad or m, what it rounds may be off in the mean: motors that a controller holds at a count stay."""
+        rounds = self.family == Family.NOISE and "step" in self.parameters
+        return 0.5 * float(self.parameters["step"].value) if rounds else 0.0  # type: ignore[arg-type]
+
+    @property
     def is_minor(self) -> bool:
         """Whether it is too small to matter, however sure: it does not lead a headline."""
         return self.size < TESTS.equivalence

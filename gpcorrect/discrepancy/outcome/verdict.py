@@ -53,6 +53,8 @@ def verdict_level(
     if effects and (fitted or not before.something):
         return _least_sure(effects)
     joints = {e.joint for e in effects}  # of effects on noise, which say what is odd there
+    if any(e.half_count for e in effects):
+        joints.add(0)  # a tracker sees what rounding does to the joint
     elsewhere = np.array([c.joint not in joints for c in dataset.scene.channels])
     channels = {c for c in dataset.scene.channels if c.joint not in joints}
     view = view_of(state, prepared)
@@ -142,10 +144,13 @@ def _place_verdict(
     if here:  # where what they close shows, such as a table error in a tracker
         seen = [g for g in own if g.narrows] or [g for g in gaps if g.narrows] or seen
     worst = max(seen, key=lambda g: (np.nan_to_num(g.before) / g.noise, g.channel.signal != "measured_jp"))
-    channels = {g.channel for g in own}
-    findings = [f for f in left.findings if f.counts and f.channel in channels]
+    rounded = max((e.half_count for e in here), default=0.0)
+    allowed = {g.channel: rounded / g.noise for g in own}
+    channels = set(allowed)
+    findings = [f for f in left.findings if f.counts and f.channel in channels and f.size > allowed[f.channel]]
     plain = [f for f in findings if f.nats > VERDICT.plain * left.threshold]
-    rests = [np.sqrt(max(np.nan_to_num(g.after) ** 2 / g.noise**2 - 1.0, 0.0)) for g in own]
+    squares = [(np.nan_to_num(g.after) ** 2 - rounded**2) / g.noise**2 for g in own]
+    rests = [np.sqrt(max(square - 1.0, 0.0)) for square in squares]
     remaining = float(max([*rests, *(f.size for f in plain)], default=0.0))
     rare = [b for b in bursts if b.channel in channels]
     if (
