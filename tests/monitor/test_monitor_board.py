@@ -53,7 +53,8 @@ def test_a_snapshot_shows_what_was_received():
     board = Board("ns")
     board.received("arm1", "operating_state", OperatingState(10.0, "ENABLED", True, False), 99.0)
     board.received("arm1", "heartbeat", Heartbeat(10.0, 500.0, 0), 99.0)
-    board.received("arm1", "corrected/report", report(), 99.0)
+    for stamp in (10.0, 10.02):
+        board.received("arm1", "corrected/report", report(stamp), 99.0)
     board.received("arm1", "tracker_cp", tracked(10.01, 0.102), 99.5)
     shown = arm(board)
     assert shown["operating_state"] == "ENABLED"
@@ -75,11 +76,78 @@ def test_what_was_not_learned_is_not_shown_as_a_number():
 
 
 def test_poses_of_different_moments_are_not_compared():
-    """A tracked pose long after the desired one says nothing of the correction."""
+    """A tracked pose of no report's moment says nothing of the correction; the page says why there is none."""
+    for stamps, off, why in (
+        ((10.0, 10.02), -5.0, "5.00 s behind"),
+        ((10.0, 10.02), 3.0, "3.00 s ahead"),
+        ((10.0, 10.5), -0.25, "more than 0.15 s apart"),
+    ):
+        board = Board("ns")
+        for stamp in stamps:
+            board.received("arm1", "corrected/report", report(stamp), 99.5)
+        board.received("arm1", "tracker_cp", tracked(stamps[-1] + off), 99.5)
+        shown = arm(board)
+        assert shown["error"] is None
+        assert shown["drift"]["idle_seconds"] is None
+        assert why in shown["drift"]["why"]
+
+
+def moving(late: float, *, jump: float = 0.0, seconds: float = 20.0, behind: float = 0.0, speed: float = 0.2) -> Board:
+    """Return a board that saw a tool go to and fro, tracked at 50 Hz, `late` s later, by a clock that is `behind`."""
+    board, seen = Board("ns"), []
+    for k in range(int(100 * seconds)):
+        t = 0.01 * k
+        x = 0.1 + speed / 3.0 * np.sin(3.0 * t)
+        board.received("arm1", "corrected/report", replace(report(1000.0 + t), desired=(x, 0.0, 0.0, *UPRIGHT)), t)
+        if k % 2:
+            seen.append((t + late, tracked(1000.0 + t - behind, x + jump)))
+        while seen and seen[0][0] <= t:
+            board.received("arm1", "tracker_cp", seen.pop(0)[1], t)
+    return board
+
+
+@pytest.mark.parametrize("late", [0.0, 0.025, 0.05, 0.2, 0.9])
+def test_a_late_tracker_is_compared_with_the_reports_of_its_moment(late):
+    """Stamped honestly, a pose may come late: the miss of a fast healthy tool is nought, and a jump is an alarm."""
+    healthy, jumped = arm(moving(late), 20.0), arm(moving(late, jump=0.0075), 20.0)
+    assert healthy["error"]["mm"] < 0.05
+    assert not healthy["drift"]["alarm"]
+    assert healthy["drift"]["votes"] > 15
+    assert jumped["error"]["mm"] == pytest.approx(7.5, abs=0.05)
+    assert jumped["drift"]["alarm"]
+
+
+def test_a_tracker_whose_clock_is_off_errs_by_the_way_of_that_time():
+    """Nothing can tell a clock that is 80 ms behind from an arm that leads: the miss is speed times 80 ms."""
+    slow, fast = (arm(moving(0.0, behind=0.08, speed=speed, seconds=21 * np.pi / 3), 22.0) for speed in (0.02, 0.2))
+    assert slow["error"]["mm"] == pytest.approx(1.6, rel=0.05)
+    assert fast["error"]["mm"] == pytest.approx(16.0, rel=0.05)
+
+
+def test_poses_tracked_before_their_report_wait_for_it():
+    """A pose that is later than the newest report is compared when the next one comes."""
     board = Board("ns")
     board.received("arm1", "corrected/report", report(10.0), 99.0)
-    board.received("arm1", "tracker_cp", tracked(10.5), 99.5)
+    board.received("arm1", "tracker_cp", tracked(10.01, 0.102), 99.0)
     assert arm(board)["error"] is None
+    board.received("arm1", "corrected/report", report(10.02), 99.0)
+    assert arm(board)["error"]["mm"] == pytest.approx(2.0)
+
+
+def test_evidence_of_long_ago_says_so():
+    """Where the tracker fell silent, or the model does not know the poses, nothing is compared, and it says so."""
+    board = moving(0.0)
+    assert arm(board, 20.0)["drift"]["why"] == ""
+    dead = arm(board, 27.0)
+    assert dead["drift"]["idle_seconds"] == pytest.approx(7.0, abs=0.1)
+    assert dead["drift"]["why"]
+    assert dead["error"]["age"]["old"]
+    for k in range(500):
+        board.received("arm1", "corrected/report", report(1030.0 + 0.01 * k, inside=False), 30.0 + 0.01 * k)
+        board.received("arm1", "tracker_cp", tracked(1030.0 + 0.01 * k), 30.0 + 0.01 * k)
+    outside = arm(board, 35.0)
+    assert not outside["error"]["age"]["old"]
+    assert "does not know" in outside["drift"]["why"]
 
 
 def test_the_fraction_out_of_domain_is_that_of_the_last_minute():

@@ -82,6 +82,7 @@ def test_the_page_shows_two_living_arms(tmp_path):
         text = page.run("document.querySelector('#arm-arm1').innerText")
         for words in ("ENABLED", "homed", "desired", "commanded", "measured", "tracked", "± 2.00 mm", "shift", "drift"):
             assert words in text, text
+        assert "nothing compared: tracked" in page.run("document.querySelector('#arm-PSM2').innerText")
         assert "0 %" in page.run("document.querySelector('#arm-arm1 [data-at=outside]').textContent")
         assert "DISABLED" in page.run("document.querySelector('#arm-PSM2').innerText")
         with Bus(second) as stranger:

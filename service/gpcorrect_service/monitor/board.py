@@ -16,7 +16,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.plain import json_ready
 from gpcorrect_service.crtk import messages
-from gpcorrect_service.monitor.drift import DriftWatch, outside
+from gpcorrect_service.monitor.comparison import Comparison, difference, sizes
 from gpcorrect_service.protocol.errors import ServiceError, bad_input
 from gpcorrect_service.protocol.limits import checked_pose
 from gpcorrect_service.protocol.messages import HealthAnswer
@@ -72,7 +72,6 @@ class BoardSettings:
 
     window: float = 60.0  # s of reports that fractions are taken over
     latencies: int = 4096  # reports that latencies are taken over: a minute at 70 Hz
-    together: float = 0.03  # s between a tracked pose and the desired one that it is compared with
     # s of silence after which a replica is shown as gone, and after which it is not shown
     gone: float = 5.0
     forgotten: float = 60.0
@@ -189,7 +188,7 @@ class _ArmView:
         self._received = -math.inf
         self._reports: deque[tuple[float, bool]] = deque()
         self._latencies: deque[float] = deque(maxlen=SETTINGS.latencies)
-        self._drift = DriftWatch()
+        self._comparison = Comparison()
         self._refused = 0
         self._error = ""
 
@@ -204,12 +203,13 @@ class _ArmView:
             case _:
                 self.latest[name] = message
         if name == "tracker_cp":
-            self._compare(message)
+            self._comparison.tracked(message, now)
 
     def _reported(self, report: messages.Report, now: float) -> None:
         before = self.latest.get("report")
         if before is not None and before.model_hash != report.model_hash:
-            self._drift = DriftWatch()
+            self._comparison = Comparison()
+        self._comparison.reported(report, now)
         self.latest["report"] = report
         self._reports.append((now, report.in_domain))
         self._latencies.append(report.seconds)
@@ -218,13 +218,6 @@ class _ArmView:
     def _forget(self, now: float) -> None:
         while self._reports and self._reports[0][0] < now - SETTINGS.window:
             self._reports.popleft()
-
-    def _compare(self, tracked: messages.Pose) -> None:
-        report = self.latest.get("report")
-        if report is None or abs(tracked.stamp - report.stamp) > SETTINGS.together or not report.in_domain:
-            return
-        miss = _difference(tracked.pose, report.desired).tolist()
-        self._drift.see(tracked.stamp, outside(miss, report.interval95))
 
     def snapshot(self, now: float) -> dict[str, Any]:
         """Return everything of this arm.
@@ -236,10 +229,6 @@ class _ArmView:
         self._forget(now)
         self.replicas = {k: r for k, r in self.replicas.items() if now - r.now < SETTINGS.forgotten}
         report, state = self.latest.get("report"), self.latest.get("operating_state")
-        tracked = self.latest.get("tracker_cp")
-        error = None  # of the tracked tool against the desired pose, where both are of one moment
-        if report is not None and tracked is not None and abs(tracked.stamp - report.stamp) <= SETTINGS.together:
-            error = _sizes(tracked.pose, report.desired)
         there = [r.answer for r in self.replicas.values() if now - r.now < SETTINGS.gone]
         # Planners that change between servers of different models make the arm step.
         models = {(answer.model_hash, answer.joint_model_hash) for answer in there}
@@ -254,10 +243,10 @@ class _ArmView:
             "rate_hz": getattr(self.latest.get("heartbeat"), "rate", None),
             "poses": self._poses(report, now),
             "correction": report and {**_correction(report), "age": self._age("corrected/report", now)},
-            "error": error,
+            "error": self._comparison.miss and {**self._comparison.miss, "age": _age(self._comparison.missed_at, now)},
             "outside_share": np.mean([not inside for _, inside in self._reports]).item() if self._reports else None,
             "latency_ms": self._latency_ms(),
-            "drift": self._drift.state,
+            "drift": self._comparison.state(now, self._apart(now)),
             "view": self._age("view", now),
             "unreadable": self.unreadable,
             "last_unreadable": self.last_unreadable,
@@ -275,10 +264,14 @@ class _ArmView:
 
     def _age(self, name: str, now: float) -> dict[str, Any] | None:
         """Return how long ago a topic last said something, s, and whether that is old; None where it never did."""
-        if name not in self._at:
+        return _age(self._at[name], now) if name in self._at else None
+
+    def _apart(self, now: float) -> float | None:
+        """Return by how much tracked poses are stamped later than reports, s; None where not both come."""
+        names = ("tracker_cp", "corrected/report")
+        if any(now - self._at.get(name, -math.inf) > SETTINGS.old for name in names):
             return None
-        seconds = now - self._at[name]
-        return {"seconds": seconds, "old": seconds > SETTINGS.old}
+        return float(self.latest["tracker_cp"].stamp - self.latest["report"].stamp)
 
     def _poses(self, report: messages.Report | None, now: float) -> dict[str, Any]:
         """Return desired, commanded, measured and tracked pose: mm, degrees, the frame, and the age."""
@@ -293,6 +286,10 @@ class _ArmView:
             k: None if pose is None else {**_shown(pose), "age": self._age(topic, now)}
             for k, (pose, topic) in named.items()
         }
+
+
+def _age(at: float, now: float) -> dict[str, Any]:
+    return {"seconds": now - at, "old": now - at > SETTINGS.old}
 
 
 def _shown_replica(replica: _Replica, now: float) -> dict[str, Any]:
@@ -320,23 +317,12 @@ def _shown(pose: messages.Pose) -> dict[str, Any]:
     return {"mm": 1e3 * numbers[:3], "deg": turn, "frame": pose.frame}
 
 
-def _sizes(one: tuple[float, ...], other: tuple[float, ...]) -> dict[str, float]:
-    """Return how far two poses lie apart."""
-    apart = _difference(one, other)
-    return {"mm": 1e3 * float(np.linalg.norm(apart[:3])), "deg": math.degrees(float(np.linalg.norm(apart[3:])))}
-
-
-def _difference(one: tuple[float, ...], other: tuple[float, ...]) -> Any:
-    """Return (6,) `one` less `other`: m, then the rotation vector between them, rad."""
-    a, b = np.array(one), np.array(other)
-    R = se3.matrix_from_quaternion(np.stack([a[3:], b[3:]]))
-    return np.concatenate([a[:3] - b[:3], se3.rotvec_from_matrix((R[0] @ R[1].T)[None])[0]])
-
-
 def _correction(report: messages.Report) -> dict[str, Any]:
     """Return how large the correction is beyond registration, how sure, and what was said of it."""
     wide = [math.nan if w is None else w for w in report.interval95]
-    size = {"mm": None, "deg": None} if report.reference is None else _sizes(report.command, report.reference)
+    size = (
+        {"mm": None, "deg": None} if report.reference is None else sizes(difference(report.command, report.reference))
+    )
     return {
         **size,
         "interval_mm": 1e3 * np.array(wide[:3]),

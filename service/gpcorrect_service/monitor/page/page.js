@@ -41,7 +41,7 @@ function show(arm, now) {
   pill(at.status, c && (since.old ? `${c.status} ${since.seconds.toFixed(0)} s ago` : c.status), c && since.old ? "" : c && c.status === "OK" ? "good" : "bad");
   pill(at.models, arm.models_differ ? "MODELS DIFFER" : "", "bad");
   pill(at.alarm, arm.drift.alarm ? "DRIFT" : "", "bad");
-  dated(at.error, arm.error ? `${number(arm.error.mm, 2)} mm, ${number(arm.error.deg, 1)}°` : "–", arm.error && since);
+  dated(at.error, arm.error ? `${number(arm.error.mm, 2)} mm, ${number(arm.error.deg, 1)}°` : "–", arm.error && arm.error.age);
   dated(at.interval, c ? `± ${number(wide, 2)} mm, ${number(turn, 1)}°` : "–", since);
   dated(at.correction, c && c.mm !== null ? `${number(c.mm, 2)} mm, ${number(c.deg, 1)}°` : "–", since);
   at.outside.textContent = arm.outside_share === null ? "–" : `${(100 * arm.outside_share).toFixed(0)} %`;
@@ -64,12 +64,14 @@ function show(arm, now) {
   root.querySelector(".replicas").hidden = !arm.replicas.length;
   const full = Math.min(1, Math.max(0, Math.log(arm.drift.evidence) / Math.log(arm.drift.threshold)));
   at.drift.style.width = `${100 * full}%`;
+  const { why, idle_seconds: idle } = arm.drift, none = idle === null ? "nothing compared" : `nothing compared for ${idle.toFixed(0)} s`;
   at.drift.className = arm.drift.alarm ? "bad" : "";
-  at.evidence.textContent = `${arm.drift.alarm ? "alarm: " : ""}evidence ${arm.drift.evidence.toPrecision(2)} of ${arm.drift.threshold.toExponential(0)}, ${arm.drift.votes} s compared`;
+  at.drift.parentElement.parentElement.classList.toggle("old", Boolean(why));
+  at.evidence.textContent = `${arm.drift.alarm ? "alarm: " : ""}evidence ${arm.drift.evidence.toPrecision(2)} of ${arm.drift.threshold.toExponential(0)}, ${arm.drift.votes} s compared${why ? `; ${none}: ${why}` : ""}`;
   const told = [arm.refused ? `${arm.refused} refused, last: ${arm.last_refusal}` : "", arm.unreadable ? `${arm.unreadable} unreadable, last: ${arm.last_unreadable}` : ""];
   at.refusal.textContent = told.filter(Boolean).join("; ");
   const fresh = c && !since.old;
-  past.push({ now, error: fresh && arm.error ? arm.error.mm : null, wide: fresh ? wide : null, desired: arm.poses.desired && arm.poses.desired.mm, tracked: arm.poses.tracked && arm.poses.tracked.mm });
+  past.push({ now, error: arm.error && !arm.error.age.old ? arm.error.mm : null, wide: fresh ? wide : null, desired: arm.poses.desired && arm.poses.desired.mm, tracked: arm.poses.tracked && arm.poses.tracked.mm });
   while (past.length && past[0].now < now - KEEP_SECONDS) past.shift();
   drawPath(at.path, past.filter((p) => p.now > now - PATH_SECONDS));
   drawHistory(at.history, past, now);
