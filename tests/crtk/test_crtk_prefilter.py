@@ -152,6 +152,24 @@ def test_a_robot_that_was_held_up_is_believed_again_once_it_was_disabled():
     assert not passes(5.5)
 
 
+@pytest.mark.parametrize("back", [0.3, 2.0, 60.0])
+def test_a_robot_whose_clock_was_set_back_is_told_so_and_believed_after_a_second(back):
+    """Poses are refused with the clock as the reason while it is not known, and pass again by themselves."""
+    wall, said = Wall(), []
+    answering = Prefilter(model(ShiftCorrector()), monotonic=wall)
+    for k in range(50):
+        wall.now = 50.0 + 0.1 * k
+        stamp = 1000.0 + 0.1 * k - (back if k > 20 else 0.0)
+        answering.robot_is(OperatingState(stamp, "ENABLED", True, False))
+        try:
+            answering.servo(pose(stamp + 0.001))
+            said.append("")
+        except ServiceError as error:
+            said.append(str(error))
+    assert set(said[:21]) == set(said[33:]) == {""}
+    assert all("behind the robot's clock" in one and "was set back" in one for one in said[21:31])
+
+
 @pytest.mark.parametrize("off", [-3600.0, -0.3, 0.3, 3600.0])
 def test_a_clock_that_is_not_the_robots_says_nothing_of_age(off):
     """Poses stamped by a planner's clock that is behind the robot's, or ahead of it, are refused, with the reason."""

@@ -32,6 +32,7 @@ from gpcorrect_service.server.models import Model
 WAITING = 64  # chosen by hand: poses that may wait; a stream that is further behind loses its oldest
 SETTLING = 1.0  # chosen by hand: s in which what waited for a process that was stopped has come in
 LOG_EVERY = 1000  # refusals between two lines about them in the log
+CLOCK_HINT = "Where that was set back, wait for a second; where it was held up, disable and enable the robot."
 
 
 Correct = Callable[[Pose], tuple[Pose, Report]]
@@ -72,7 +73,7 @@ class Prefilter:
         self._stream = model.corrector.stream()
         self._state: OperatingState | None = None
         self._clock = StreamClock(self._settings.time_scale)
-        self._newest = self._settled_at = -math.inf
+        self._newest = self._settled_at = self._heard_at = -math.inf
         self._last: _Step | None = None
         self._lock = threading.Lock()
 
@@ -95,7 +96,7 @@ class Prefilter:
                 self._clock.reset()
                 self._settled_at = now + SETTLING
             self._clock.delay(state.stamp, now)
-            self._state = state
+            self._state, self._heard_at = state, now
 
     def servo(self, message: Pose) -> tuple[Pose, Report]:
         """Return the command for one of a stream of desired poses, and what was made of it.
@@ -151,10 +152,13 @@ class Prefilter:
         return answer
 
     def _checked(self, message: Pose) -> tuple[FloatArray, FloatArray | None]:
-        state = self._state
-        if state is None or self._clock.age(state.stamp, self._monotonic()) > self._settings.state_age:
+        state, now, most = self._state, self._monotonic(), self._settings.state_age
+        if state is None or now - self._heard_at > most:
             hint = "Is the robot running and connected?"
             raise ServiceError("STALE", "the robot's operating state is not known.", hint=hint)
+        if (age := self._clock.age(state.stamp, now)) > most:
+            cause = f"the robot's operating state comes, and is stamped {age:.2f} s behind the robot's clock."
+            raise ServiceError("STALE", cause, hint=CLOCK_HINT)
         if not _ready(state):
             homed = "homed" if state.is_homed else "not homed"
             raise ServiceError("STALE", f"the robot is {state.state} and {homed}.", hint="Enable and home it first.")
@@ -181,7 +185,7 @@ class Prefilter:
                 "STALE",
                 f"the pose is stamped {abs(age):.2f} s {'behind' if age > 0 else 'ahead of'} the robot's clock; "
                 f"{most:g} s are allowed.",
-                hint="Stamp poses with the robot's clock. Where that was set or held up: disable and enable the robot.",
+                hint=f"Stamp poses with the robot's clock. {CLOCK_HINT}",
             )
 
     def _bounded(self, last: _Step, stamp: float, pose: FloatArray, answer: Correction) -> Correction:

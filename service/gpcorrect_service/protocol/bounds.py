@@ -16,7 +16,8 @@ BURST_SECONDS = 0.1  # chosen by hand: of the rate that may come at once, for cl
 OLDEST = 0.25
 """s: nothing older moves a robot. Chosen by hand: a person reacts in 0.2 s, and a tool at 5 cm/s goes 12 mm."""
 DRIFT = 1e-3  # of a clock against ours: ten times what cheap quartz does, so that a backlog is not believed soon
-STEP = 1.0  # chosen by hand: s by which stamps lie behind, for as long, before they are taken for those of a set clock
+JITTER = 0.02  # chosen by hand: s by which messages overtake each other; clocks are stepped by 0.1 and more
+SETTLED = 1.0  # chosen by hand: s for which stamps that went back must go on so, before the clock is taken to be set
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,8 @@ class StreamClock:
     """Another machine's clock, as the stamps and arrivals of its messages show it.
 
     The message that was quickest on its way says how far the two clocks are apart; what took longer was held up: in a
-    process that was stopped, a router, a network. Where the two clocks were set to plays no part.
+    process that was stopped, a router, a network. Where the two clocks were set to plays no part. What was held up
+    comes in order: stamps that go back, and stay behind by the same for a second, are of a clock that was set back.
 
     Parameters
     ----------
@@ -136,8 +138,8 @@ class StreamClock:
     def reset(self) -> None:
         """Forget the clock: the next message is taken to be quick."""
         self._apart: float | None = None
-        self._newest, self._at = 0.0, 0.0
-        self._behind_since: float | None = None
+        self._stamp, self._at = 0.0, 0.0
+        self._back: tuple[float, float] | None = None  # how far the clocks are apart since stamps went back, and when
 
     def delay(self, stamp: float, now: float) -> float:
         """Take note of a message; return how much longer it was on its way than the quickest one, s.
@@ -147,12 +149,8 @@ class StreamClock:
         stamp, now : float, s of its clock; s of ours, when it came
         """
         apart = now - stamp / self._rate
-        if self._apart is None or self._was_set(stamp, now):
-            self._apart, self._newest, self._behind_since = apart, stamp, None
-        else:
-            self._apart = min(self._apart + DRIFT * (now - self._at), apart)
-            self._newest = max(stamp, self._newest)
-        self._at = now
+        self._apart = apart if self._apart is None else min(apart, self._known(stamp, now))
+        self._stamp, self._at = stamp, now
         return apart - self._apart
 
     def age(self, stamp: float, now: float) -> float:
@@ -164,11 +162,17 @@ class StreamClock:
         """
         return 0.0 if self._apart is None else now - stamp / self._rate - self._apart
 
-    def _was_set(self, stamp: float, now: float) -> bool:
-        """Whether stamps have been far behind for so long that the clock was set back, and not its messages held up."""
-        if stamp >= self._newest - STEP * self._rate:
-            self._behind_since = None
-            return False
-        if self._behind_since is None:
-            self._behind_since = now
-        return now - self._behind_since > STEP
+    def _known(self, stamp: float, now: float) -> float:
+        """Return how far the clocks are apart, as messages before this one say and stamps that went back."""
+        assert self._apart is not None
+        known, apart = self._apart + DRIFT * (now - self._at), now - stamp / self._rate
+        if self._back is None and stamp >= self._stamp - JITTER * self._rate:
+            return known
+        if apart <= self._apart + JITTER:  # one came late, and those of the clock as it was go on
+            self._back = None
+            return known
+        if self._back is None or apart < self._back[0] - JITTER:
+            self._back = apart, now
+        if now - self._back[1] > SETTLED:
+            known, self._back = self._back[0], None
+        return known

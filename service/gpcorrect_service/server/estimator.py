@@ -66,9 +66,9 @@ class Estimator:
         model = self._active.joint_model()
         q = limits.checked_joints((state.position,), model.corrector.types)[0]
         effort = None if state.effort is None else limits.checked_rows((state.effort,), len(q), "efforts")[0]
-        stream = self._stream_for(model, state)
         # What waited outside of this process, in a socket while it was stopped, came fresh by its arrival alone.
-        left = arrived - self._clock.delay(state.stamp, arrived)
+        left = arrived - self._clock.delay(limits.checked_stamp(state.stamp), arrived)
+        stream = self._stream_for(model, state)
         most = self._settings.stream_max_age
         if not newest and self._monotonic() - left > SKIPPED_FROM * most:
             stream.follow(state.stamp, q, effort)
@@ -89,7 +89,6 @@ class Estimator:
     def _stream_for(self, model: JointModel, state: messages.JointState) -> JointStream:
         """Return the path that this sample goes on with; it begins anew with a model, a session or another clock."""
         last, rate = self._last, self._settings.stream_rate
-        limits.checked_stamp(state.stamp)
         if self._stream is None or model is not self._model:
             _check_estimates(model)
             self._model, self._stream = model, model.corrector.stream()
