@@ -32,6 +32,9 @@ def serve(
     max_rate: Annotated[float, typer.Option(help="Corrections a second; more are answered BUSY.")] = math.inf,
     max_mm: Annotated[float, typer.Option(help="Largest learned correction of position, mm.")] = math.inf,
     max_deg: Annotated[float, typer.Option(help="Largest learned correction of orientation, degrees.")] = math.inf,
+    robot: Annotated[
+        str, typer.Option(help="Address of the robot whose joints are estimated; without it one that connects here.")
+    ] = "",
     stream_rate: Annotated[
         float, typer.Option(help="Largest change of a streamed joint correction, rad/s and m/s.")
     ] = math.inf,
@@ -49,6 +52,8 @@ def serve(
     """Serve models until stopped with Ctrl-C or SIGTERM: keys correct, correct_path, correct_joints, estimate, health.
 
     Examples: gpcorrect serve model.gpc --arm PSM1; gpcorrect serve --store models/ --max-mm 5
+
+    gpcorrect serve --joints joints.gpc --robot tcp/127.0.0.1:7448
     """
     stop = stop_signal()
     from gpcorrect_service import ServerSettings  # zenoh is an extra; other commands work without it
@@ -65,6 +70,7 @@ def serve(
         config_file=config,
         bound=CorrectionBound(max_mm / 1e3, math.radians(max_deg)),
         max_rate=max_rate,
+        robot=robot,
         stream_rate=stream_rate,
         strict=strict,
         frame=frame,

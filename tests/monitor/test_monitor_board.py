@@ -150,6 +150,14 @@ def test_evidence_of_long_ago_says_so():
     assert "does not know" in outside["drift"]["why"]
 
 
+def test_what_comes_by_two_ways_counts_once():
+    """A server that is connected to the robot hands its messages on; where one way is silent the other counts."""
+    board = Board("ns")
+    for now, way in ((99.0, "robot"), (99.001, "server"), (103.0, "server"), (103.001, "robot")):
+        board.received("arm1", "error", Text(now, "not homed"), now, way)
+    assert arm(board)["refused"] == 2
+
+
 def test_the_fraction_out_of_domain_is_that_of_the_last_minute():
     """Reports older than a minute no longer count."""
     board = Board("ns")

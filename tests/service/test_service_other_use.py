@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import io
+import subprocess
+import sys
+from contextlib import ExitStack
 from pathlib import Path
+from queue import SimpleQueue
 
 import pytest
+import zenoh
+from service_support import PATIENT, endpoint_of, free_port
 
 from gpcorrect.calibration import FitSettings, JointCorrector, ModelStore, fit_model, save
 from gpcorrect.errors import ArtifactError
 from gpcorrect.sim import joint_motion_log, preset
 from gpcorrect_service import ServerSettings
+from gpcorrect_service.crtk import BusSettings
+from gpcorrect_service.crtk.bus import open_session
 from gpcorrect_service.ops.logger import open_logger
 from gpcorrect_service.ops.metrics import Counters
+from gpcorrect_service.protocol.answer import EstimateAnswer
 from gpcorrect_service.protocol.messages import MSGPACK, JointState
 from gpcorrect_service.server.estimator import Estimator
 from gpcorrect_service.server.models import Active, load_joint_model
@@ -45,6 +54,27 @@ def test_only_a_model_of_reported_joints_estimates_where_they_are(joint_files: d
         )
         assert (estimator.estimate(sample) is not None) == answered
         assert ("NO_MODEL" in str(counters.counts())) == (not answered)
+
+
+def test_a_robot_that_listens_is_heard_by_a_server_that_connects(joint_files: dict[str, Path]) -> None:
+    """`serve --robot` finds a robot that comes later; who is connected to the robot hears the estimates."""
+    robot, served = endpoint_of(free_port()), endpoint_of(free_port())
+    commands = (
+        ("serve", "--joints", str(joint_files["estimate"]), "--robot", robot, "--endpoint", served),
+        ("sim", "serve", "--machine", "raven2_calibration", "--ready", "--endpoint", robot),
+    )
+    heard: SimpleQueue[zenoh.Sample] = SimpleQueue()
+    with ExitStack() as stack:
+        for words in commands:
+            process = subprocess.Popen([sys.executable, "-m", "gpcorrect", *words], stderr=subprocess.DEVNULL)
+            stack.callback(process.wait, PATIENT)
+            stack.callback(process.kill)
+        place = BusSettings(robot, patience=4 * PATIENT)  # the simulator is compiled first
+        session = stack.enter_context(open_session(place))
+        callback = zenoh.handlers.Callback(heard.put, indirect=False)
+        stack.enter_context(session.declare_subscriber("gpcorrect/arm1/estimate", callback))
+        estimate = MSGPACK.decode(EstimateAnswer, heard.get(timeout=PATIENT).payload.to_bytes())
+    assert len(estimate.joints) == 3
 
 
 def test_a_model_that_answers_otherwise_is_not_activated(joint_files: dict[str, Path], tmp_path: Path) -> None:

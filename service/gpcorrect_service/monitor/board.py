@@ -103,7 +103,7 @@ class Board:
         self._arms: dict[str, _ArmView] = {}
         self._lock = threading.Lock()
 
-    def received(self, arm: str, name: str, message: Any, now: float) -> None:
+    def received(self, arm: str, name: str, message: Any, now: float, way: str = "") -> None:
         """Take note of a message on a topic; one that cannot be shown is counted, and changes nothing else.
 
         Parameters
@@ -111,6 +111,7 @@ class Board:
         arm, name : str, of the arm and of the topic
         message : Struct
         now : float, clock of this machine, s
+        way : str, by which address it came: what comes by another one while the first goes on, is the same once more
         """
         try:
             _require_readable(message)
@@ -119,7 +120,7 @@ class Board:
             return
         with self._lock:
             if (view := self._view(arm)) is not None:
-                view.received(name, message, now)
+                view.received(name, message, now, way)
 
     def unreadable(self, arm: str, name: str, cause: str) -> None:
         """Count a message that could not be read.
@@ -185,6 +186,7 @@ class _ArmView:
         self.last_unreadable = ""
         self.latest: dict[str, Any] = {}
         self._at: dict[str, float] = {}
+        self._ways: dict[str, str] = {}
         self._received = -math.inf
         self._reports: deque[tuple[float, bool]] = deque()
         self._latencies: deque[float] = deque(maxlen=SETTINGS.latencies)
@@ -192,8 +194,11 @@ class _ArmView:
         self._refused = 0
         self._error = ""
 
-    def received(self, name: str, message: Any, now: float) -> None:
+    def received(self, name: str, message: Any, now: float, way: str) -> None:
         """Take note of a message, as :meth:`Board.received` does."""
+        if self._ways.get(name, way) != way and now - self._at[name] <= SETTINGS.old:
+            return
+        self._ways[name] = way
         self._received = self._at[name] = now
         match message:
             case messages.Report():

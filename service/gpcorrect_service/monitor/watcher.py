@@ -72,13 +72,13 @@ class Watcher:
                 stack.enter_context(session)
                 for name in WATCHED:
                     key = f"{self._board.namespace}/*/{name}"
-                    callback = zenoh.handlers.Callback(self._receiver(TOPICS[name]), indirect=False)
+                    callback = zenoh.handlers.Callback(self._receiver(TOPICS[name], place.where), indirect=False)
                     stack.enter_context(session.declare_subscriber(key, callback))
                 while not self._stop.wait(ASK_EVERY):
                     with suppress(zenoh.ZError):  # the link is down: asked again
                         self._ask(session)
 
-    def _receiver(self, what: Topic) -> Callable[[zenoh.Sample], None]:
+    def _receiver(self, what: Topic, way: str) -> Callable[[zenoh.Sample], None]:
         depth = what.name.count("/") + 2
 
         def _receive(sample: zenoh.Sample) -> None:
@@ -88,7 +88,7 @@ class Watcher:
             except ServiceError as error:
                 self._board.unreadable(arm, what.name, error.message)
                 return
-            self._board.received(arm, what.name, message, time.monotonic())
+            self._board.received(arm, what.name, message, time.monotonic(), way)
 
         return _receive
 

@@ -175,7 +175,8 @@ def server_config(settings: ServerSettings) -> zenoh.Config:
     ----------
     settings : ServerSettings
     """
-    config = _config(settings.config_file, {"listen/endpoints": [settings.endpoint]}, settings.namespace)
+    robot = {**CLIENT, "connect/endpoints": [settings.robot]} if settings.robot else {}
+    config = _config(settings.config_file, {**robot, "listen/endpoints": [settings.endpoint]}, settings.namespace)
     for endpoint in listen_endpoints(config):
         check_loopback(endpoint, allow_remote=settings.allow_remote)
     return config

@@ -46,6 +46,7 @@ class ServerSettings:
         A zenoh JSON5 configuration instead of `endpoint`; its `namespace`, where given, wins over the default.
     bound : CorrectionBound, what no correction may exceed; the model's own bounds hold as well
     max_rate : float, corrections a second that are answered; the others hear BUSY
+    robot : str, address of the robot whose joints are estimated, which may come later; empty for one that connects
     stream_key : str, the robot's joints come under this key of the arm
     stream_max_age : float, seconds after which an estimate of the stream is called STALE
     stream_rate : float, largest change of a streamed joint correction, rad/s and m/s
@@ -67,6 +68,7 @@ class ServerSettings:
     config_file: Path | None = None
     bound: CorrectionBound = field(default_factory=CorrectionBound)
     max_rate: float = math.inf
+    robot: str = ""
     stream_key: str = "measured_js"
     stream_max_age: float = 0.05
     stream_rate: float = math.inf
@@ -89,9 +91,10 @@ class ServerSettings:
             _at_least(name, getattr(self, name), 1e-6)
         _at_least("queue_capacity", self.queue_capacity, 1)
         _at_least("drain_seconds", self.drain_seconds, 0)
-        refuse_two_places(self.config_file, given=self.endpoint != DEFAULT_ENDPOINT)
+        refuse_two_places(self.config_file, given=bool(self.robot) or self.endpoint != DEFAULT_ENDPOINT)
         if self.config_file is None:
-            _parse_endpoint(self.endpoint)
+            for endpoint in (self.endpoint, *([self.robot] if self.robot else [])):
+                _parse_endpoint(endpoint)
             check_loopback(self.endpoint, allow_remote=self.allow_remote)
 
 
