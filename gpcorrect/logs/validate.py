@@ -19,6 +19,8 @@ MISREAD = (
     "position_unit",
     "joint_unit",
     "joint_sense",
+    "joint_turn",
+    "joint_dead",
     "mirrored",
     "orientation_inverted",
     "unrelated",

@@ -9,6 +9,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.arms import RemoteCentreArm, arm_named
 from gpcorrect.logs.checks.evidence import MIN_PAIRED, Evidence, Finding, Severity, check, spread
+from gpcorrect.logs.checks.one_joint import turned_joints
 from gpcorrect.logs.sync import TimeOffset
 from gpcorrect.types import QUATERNION_TOLERANCE, BoolArray, FloatArray
 
@@ -141,8 +142,9 @@ def _points(arm: RemoteCentreArm, q: FloatArray, *, wrist: bool = False) -> Floa
 @check
 def _unrelated(evidence: Evidence) -> Iterator[Finding]:
     """Ask whether what was observed is the motion that was commanded, at some shift in time."""
+    turned = {name for name, _ in turned_joints(evidence)}  # said by themselves
     for offset in evidence.offsets:
-        if offset.verdict != "unrelated":
+        if offset.verdict != "unrelated" or offset.observed in turned:
             continue
         if _follows(evidence, offset):
             what = "its time offset is not observable: its speed is not that of the command, though its place is."

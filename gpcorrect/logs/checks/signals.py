@@ -60,7 +60,7 @@ def _missing(evidence: Evidence) -> Iterator[Finding]:
             continue
         fraction = rows.size / len(lost)
         severity: Severity = "error" if fraction == 1.0 else "warning" if fraction > MANY_MISSING else "info"
-        longest = int(np.diff(_runs(lost), axis=1).max())
+        longest = int(np.diff(runs(lost), axis=1).max())
         what = f"{rows.size} of {len(lost)} samples ({fraction:.1%}) are missing, at most {longest} in a row."
         yield Finding(severity, "missing", name, what, "", rows.size, rows)
 
@@ -124,7 +124,7 @@ def _frozen(evidence: Evidence) -> Iterator[Finding]:
             continue
         same = _repeats(evidence, name)
         moves = ~_repeats(evidence, reference) & np.isfinite(evidence.steps) & evidence.known[reference]
-        repeated = _runs(same)
+        repeated = runs(same)
         usual = _usual_hold(repeated) if moves.any() and same[moves].mean() > HELD_SHARE else 0.0
         least = max(FROZEN_SAMPLES, HELD_FACTOR * usual)
         stuck = [r for r in repeated if r[1] - r[0] >= least and _displaced(evidence, reference, r)]
@@ -212,7 +212,12 @@ def _marker_misfit(evidence: Evidence) -> Iterator[Finding]:
         yield Finding("warning", "marker_misfit", "tracker_cp", what, hint)
 
 
-def _runs(mask: BoolArray) -> IntArray:
-    """Unbroken runs of True as `(r, 2)`: first row, and the row after the last."""
+def runs(mask: BoolArray) -> IntArray:
+    """Return unbroken runs of True as `(r, 2)`: first row, and the row after the last.
+
+    Parameters
+    ----------
+    mask : (n,) bool array
+    """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return edges.reshape(-1, 2)

@@ -18,6 +18,7 @@ from gpcorrect.logs.checks.evidence import (
     extent,
     spread,
 )
+from gpcorrect.logs.checks.one_joint import turned_joints
 from gpcorrect.types import FloatArray
 
 WIDEST = 5.0  # m; no arm here reaches so far, and 5 mm is less than any workspace in millimetres
@@ -68,9 +69,11 @@ def _joint_unit(evidence: Evidence) -> Iterator[Finding]:
 def _misread_joints(evidence: Evidence) -> dict[tuple[str, int], str]:
     """Why each suspicious (signal, joint index) is not in rad or m: by itself, or against another signal of it."""
     found: dict[tuple[str, int], str] = {}
+    turned = turned_joints(evidence)
     for name in JOINT_POSITIONS:
         if name in evidence.present:
-            found.update({(name, j): what for j, what in _too_wide(evidence, name)})
+            suspicious = _too_wide(evidence, name)
+            found.update({(name, j): what for j, what in suspicious if (name, j) not in turned})
     for name, other in evidence.both(JOINT_PAIRS):
         for j, (a, b) in enumerate(zip(evidence.tables[name].T, evidence.tables[other].T, strict=False)):
             ratio, wide = _spread_ratio(a, b), max(spread(a[:, None]), spread(b[:, None]))
@@ -109,9 +112,12 @@ def _length_unit(evidence: Evidence, joint: int, column: FloatArray) -> str:
 @check
 def _joint_sense(evidence: Evidence) -> Iterator[Finding]:
     """Ask whether each joint moves as itself in every signal, and the same way: signs and columns are mixed up."""
+    turned = turned_joints(evidence)
     for name, other in evidence.both(JOINT_PAIRS):
         like = _likeness(evidence.tables[name], evidence.tables[other])
         for joint in np.flatnonzero(np.diag(like) < -MIN_CORRELATION):
+            if (name, int(joint)) in turned:
+                continue
             what = f"joint {joint + 1} moves the other way than in {other} (correlation {like[joint, joint]:.2f})."
             hint = "Set scale = -1 for its column in the mapping file, or for that of the other signal."
             yield Finding("error", "joint_sense", name, what, hint, len(evidence.log))

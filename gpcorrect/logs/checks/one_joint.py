@@ -1,0 +1,118 @@
+"""Checks of each joint by itself: a whole turn off, dead, late. Signals of all joints together hide one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from gpcorrect.logs.checks.evidence import MIN_PAIRED, Evidence, Finding, Severity, check
+from gpcorrect.logs.checks.signals import MANY_MISSING, MOVED_JOINT, runs
+from gpcorrect.types import FloatArray, IntArray
+
+PAIRS = (("measured_jp", "setpoint_jp"), ("external_jp", "measured_jp"), ("external_jp", "setpoint_jp"))
+TURN = 2 * np.pi  # rad
+MOST_TURNS = 4  # more are another unit
+NEAR_TURN = 0.5
+"""rad about whole turns in which differences lie: the wrists of the real recordings miss by up to 0.3 rad, and degrees
+taken for radians lie within by chance only, a sixth of them."""
+NEARLY_ALL = 0.9  # of the samples, that must lie so near
+LONE = 0.01  # of the samples, up to which turns are faults of single samples, which cleaning rejects
+DEAD_TRAVEL = 0.25  # of what the motor covers, while its joint's reading stays to the last bit: no slack is so wide
+
+
+@dataclass(frozen=True)
+class Turned:
+    """Where a joint's reading is whole turns off what another signal has: `turns` (n,), NaN where one is unknown."""
+
+    turns: FloatArray
+    other: str  # signal that it was compared with
+    jumps: IntArray  # rows at which the turns change
+
+    @property
+    def lone(self) -> bool:
+        """Whether so few samples are off that they are faults of their own."""
+        known = self.turns[np.isfinite(self.turns)]
+        return bool((known != np.median(known)).mean() < LONE) and float(np.median(known)) == 0.0
+
+
+def turned_joints(evidence: Evidence) -> dict[tuple[str, int], Turned]:
+    """Return which joints, by signal and index, read whole turns more or less than another signal of them.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    """
+    found: dict[tuple[str, int], Turned] = {}
+    for name, other in evidence.both(PAIRS):
+        for j, (a, b) in enumerate(zip(evidence.tables[name].T, evidence.tables[other].T, strict=False)):
+            slides = evidence.joint_types[j : j + 1] == "P"
+            turns = None if slides or (other, j) in found or (name, j) in found else _turns(a - b)
+            if turns is not None:
+                known = np.flatnonzero(np.isfinite(turns))
+                found[name, j] = Turned(turns, other, known[1:][np.diff(turns[known]) != 0])
+    return found
+
+
+def _turns(gap: FloatArray) -> FloatArray | None:
+    """Return by how many turns each difference `(n,)` is off; None where they are none, or no whole turns."""
+    known = gap[np.isfinite(gap)]
+    if len(known) < MIN_PAIRED:
+        return None
+    usual = known - TURN * np.round(known / TURN)
+    offset = float(np.median(usual))  # within a turn: its zero, which is learned
+    turns = np.round((gap - offset) / TURN)
+    left = np.abs(known - offset - TURN * np.round((known - offset) / TURN))
+    most = np.nanmax(np.abs(turns))
+    return turns if 0 < most <= MOST_TURNS and (left < NEAR_TURN).mean() > NEARLY_ALL else None
+
+
+@check
+def _joint_turn(evidence: Evidence) -> Iterator[Finding]:
+    """Ask whether a joint reads a whole turn more or less than what moves it, always or from some row on."""
+    for (name, j), turned in turned_joints(evidence).items():
+        count = int((turned.turns[np.isfinite(turned.turns)] != 0).sum())
+        if turned.jumps.size:
+            times = "once" if len(turned.jumps) == 1 else f"{len(turned.jumps)} times, first"
+            what = f"joint {j + 1} jumps by a turn against {turned.other}, {times} at row {turned.jumps[0]}."
+            hint = "Unwrap its column: add or take away 2 pi from there on, so that it runs on as the joint does."
+        else:
+            k = int(np.nanmedian(turned.turns))
+            turns = "a whole turn" if abs(k) == 1 else f"{abs(k)} whole turns"
+            what = f"joint {j + 1} reads {turns} {'more' if k > 0 else 'less'} than in {turned.other}."
+            hint = f"Set offset = {-k * TURN:.6g} for its column in the mapping file."
+        severity: Severity = "warning" if turned.lone else "error"
+        yield Finding(severity, "joint_turn", name, what, hint, count, turned.jumps)
+
+
+@check
+def _joint_dead(evidence: Evidence) -> Iterator[Finding]:
+    """Find joints whose outside reading stays to the last bit while their motors move: for the whole log, or a part."""
+    reference = next((r for r in ("measured_jp", "setpoint_jp") if {"external_jp", r} <= evidence.present), None)
+    if reference is None:
+        return
+    outside, motors = evidence.tables["external_jp"], evidence.tables[reference]
+    same = (outside == outside[evidence.previous]) & (evidence.previous >= 0)[:, None]
+    for j in range(min(outside.shape[1], motors.shape[1])):
+        least = 0.1 * MOVED_JOINT if evidence.joint_types[j : j + 1] == "P" else MOVED_JOINT
+        stuck = [
+            (start, stop)
+            for start, stop in runs(same[:, j]).tolist()
+            if not same[start:stop].all() and _moved_on(motors[start - 1 : stop, j], motors[:, j], least)
+        ]
+        if not stuck:
+            continue
+        count, known = sum(stop - start for start, stop in stuck), outside[np.isfinite(outside[:, j]), j]
+        dead = bool((known == known[0]).all())
+        where = "never changes" if dead else f"is frozen in {count} samples, from row {stuck[0][0]} on,"
+        hint = "Is its encoder dead? Mend it and record anew" + ("." if dead else ", or leave these rows out.")
+        severity: Severity = "error" if dead or count > MANY_MISSING * len(known) else "warning"
+        what = f"joint {j + 1} {where} while {reference} moves."
+        yield Finding(severity, "joint_dead", "external_jp", what, hint, count, [start for start, _ in stuck])
+
+
+def _moved_on(part: FloatArray, whole: FloatArray, least: float) -> bool:
+    """Whether a motor covered, in a part of its path, more than any slack."""
+    covered, span = (float(np.ptp(x[np.isfinite(x)])) if np.isfinite(x).any() else 0.0 for x in (part, whole))
+    return covered > max(DEAD_TRAVEL * span, least)
