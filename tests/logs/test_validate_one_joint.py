@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from support import real_data
 from validate_support import clean_log, findings
 
 from gpcorrect.errors import LogError
+from gpcorrect.logs import read_log
 from gpcorrect.logs.validate import refuse_misread, validate_log
 from gpcorrect.types import CalibrationLog, FloatArray, LogMeta
 
@@ -70,3 +73,23 @@ def test_a_dead_or_frozen_encoder_of_one_joint_is_named() -> None:
     assert "from row 801 on" in frozen.message
     coarse = np.round(path / 0.02) * 0.02  # an encoder of one degree stands between its steps
     assert not findings(outside(1, coarse), "joint_dead")
+
+
+@pytest.mark.parametrize("late", [-0.08, 0.08])
+def test_one_late_encoder_is_named_by_how_much_it_is_late(late: float) -> None:
+    """The delay of all joints together hardly changes; whoever fits is told, and a log without one is left in peace."""
+    log = clean_log()
+    path = log.external_jp[:, 1].copy()
+    for _, rows in log.trajectories():
+        path[rows] = np.interp(log.time[rows] - late, log.time[rows], path[rows])
+    (found,) = refuse_misread(outside(1, path), ("external_jp", "measured_jp"))
+    assert (found.code, found.signal) == ("joint_late", "external_jp")
+    joint, size, word = re.match(r"joint (\d) is (\d+) ms (\w+)", found.message).groups()
+    assert (joint, word) == ("2", "later" if late > 0 else "earlier")
+    assert float(size) == pytest.approx(80.0, abs=10.0)
+
+
+def test_no_recorded_joint_is_called_late() -> None:
+    """Wrists whose slack and noise hide their delay by 0.2 s are not judged."""
+    for name in ("dvrk_pick_place.parquet", "dvrk_random.csv", "dvrk_wiggle_1.csv", "dvrk_wiggle_2.csv"):
+        assert not validate_log(read_log(real_data(name)), ("joint_late",)).findings

@@ -9,6 +9,7 @@ import numpy as np
 
 from gpcorrect.logs.checks.evidence import MIN_PAIRED, Evidence, Finding, Severity, check
 from gpcorrect.logs.checks.signals import MANY_MISSING, MOVED_JOINT, runs
+from gpcorrect.logs.sync import joint_delays
 from gpcorrect.types import FloatArray, IntArray
 
 PAIRS = (("measured_jp", "setpoint_jp"), ("external_jp", "measured_jp"), ("external_jp", "setpoint_jp"))
@@ -19,6 +20,9 @@ NEAR_TURN = 0.5
 taken for radians lie within by chance only, a sixth of them."""
 NEARLY_ALL = 0.9  # of the samples, that must lie so near
 LONE = 0.01  # of the samples, up to which turns are faults of single samples, which cleaning rejects
+LATE = {"measured_jp": 0.03, "setpoint_jp": 0.05}
+"""s by which a joint's delay differs from that of the others, above which it is late: drives with six plays and
+viscoelastic cables differed by up to 8 ms, servos by a usual lag. A step of a slow log, if that is more."""
 DEAD_TRAVEL = 0.25  # of what the motor covers, while its joint's reading stays to the last bit: no slack is so wide
 
 
@@ -110,6 +114,26 @@ def _joint_dead(evidence: Evidence) -> Iterator[Finding]:
         severity: Severity = "error" if dead or count > MANY_MISSING * len(known) else "warning"
         what = f"joint {j + 1} {where} while {reference} moves."
         yield Finding(severity, "joint_dead", "external_jp", what, hint, count, [start for start, _ in stuck])
+
+
+@check
+def _joint_late(evidence: Evidence) -> Iterator[Finding]:
+    """Ask whether each outside reading is as late as those of the other joints."""
+    for offset in evidence.offsets:
+        if offset.observed != "external_jp" or not np.isfinite(offset.offset):
+            continue
+        delays, halves = joint_delays(evidence.log, offset.observed, offset.reference, offset.offset)
+        shown = np.flatnonzero(np.isfinite(delays).all(axis=0))
+        least = max(LATE[offset.reference], evidence.typical_step)
+        for j in shown if len(shown) > 2 else ():  # of two, none tells which is late
+            late = delays[:, j] - np.median(delays[:, shown[shown != j]], axis=1)
+            sure = (np.abs(late) - halves[:, j] > least).all()
+            if not sure or abs(late[0] - late[1]) > least + halves[:, j].sum():
+                continue
+            size = f"{1e3 * abs(late.mean()):.0f} ms {'later' if late[0] > 0 else 'earlier'}"
+            what = f"joint {j + 1} is {size} than the other joints are, behind {offset.reference}."
+            hint = "If its encoder, filter or clock is late, shift its column by that; --time-offset shifts all joints."
+            yield Finding("error", "joint_late", offset.observed, what, hint, len(evidence.log))
 
 
 def _moved_on(part: FloatArray, whole: FloatArray, least: float) -> bool:
