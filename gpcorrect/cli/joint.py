@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args
@@ -14,7 +15,7 @@ from gpcorrect.cli.reading import Reading
 from gpcorrect.errors import DataError
 
 if TYPE_CHECKING:
-    from gpcorrect.calibration import FitSettings, JointErrors
+    from gpcorrect.calibration import Evaluation, FitSettings, JointErrors
 
 joint_app = typer.Typer(no_args_is_help=True)
 
@@ -90,7 +91,9 @@ def fit(
         console.print_json(result)
         return
     console.note(*result.get("cautions", ()))
-    show_joint_errors(f"Held-out errors, {experiment.n_test} samples that pass cleaning", result["errors"])
+    show_joint_errors(
+        f"Held-out errors, {experiment.n_test} samples that pass cleaning", result["errors"], experiment.evaluation
+    )
     dropped = console.dropped_words(result["model"]["fit"]["dropped"])
     console.out.print(
         f"trained on {result['n_train']} samples in {experiment.seconds:.1f} s; dropped: {dropped} -> {output}"
@@ -120,7 +123,7 @@ def evaluate(model: Model, logs: opt.Logs, reading: Reading, report: opt.Report 
     if json:
         console.print_json(result)
     else:
-        show_joint_errors(f"Errors on {result['n_test']} samples", result["errors"])
+        show_joint_errors(f"Errors on {result['n_test']} samples", result["errors"], evaluation)
     for row in result["zeros"]:
         if row["moved"]:
             console.note(
@@ -217,20 +220,24 @@ def _settings(
     )
 
 
-def show_joint_errors(title: str, errors: dict[str, JointErrors]) -> None:
+def show_joint_errors(title: str, errors: dict[str, JointErrors], evaluation: Evaluation | None = None) -> None:
     """Print a table of joint errors, before and after.
 
     Parameters
     ----------
     title : str
     errors : dict, of each method, a row a joint; empty where nothing was held out
+    evaluation : Evaluation, optional, which shares of the corrected errors the 95 % intervals hold
     """
     if not errors:
         console.note("nothing was held out, so nothing was measured")
         return
-    table = console.plain_table("joint", "unit", "", "rmse", "mean", "SD", "p95", "max", title=title, left=0)
+    covered = ("95 % hold",) if evaluation else ()
+    table = console.plain_table("joint", "unit", "", "rmse", "mean", "SD", "p95", "max", *covered, title=title, left=0)
     for name, rows in errors.items():
-        for row in rows:
+        for j, row in enumerate(rows):
             leaves = [f"{row[k]:.4f}" for k in ("rmse", "mean", "sd", "p95", "max")]
+            if evaluation and name == "corrected" and not math.isnan(share := evaluation.clean.coverage95[j]):
+                leaves.append(f"{100 * share:.0f} %")
             table.add_row(str(row["joint"]), str(row["unit"]), name, *leaves)
     console.out.print(table)

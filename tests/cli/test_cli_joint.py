@@ -49,6 +49,15 @@ def test_fit_and_evaluate_say_what_other_programs_rely_on(gpcorrect: CommandLine
     assert "the model was made from this recording" in page.read_text()
 
 
+def test_intervals_are_judged_joint_by_joint(gpcorrect: CommandLine, linear: Path, tmp_path: Path) -> None:
+    """One joint of three that is missed is named, with the share that its intervals hold, and the others are not."""
+    path = written(joint_log(2, trajectories=6, shift=0.05), tmp_path / "moved.csv")
+    result = gpcorrect("joint", "evaluate", linear, path)
+    held = [int(line.split()[-2]) for line in result.out.splitlines() if "corrected" in line]
+    assert f"cover only {held[1]} % of the errors of joint 2: the arm misses" in result.said
+    assert held[1] < 60 < 80 < min(held[0], held[2])
+
+
 def test_compare_has_a_row_for_every_method(gpcorrect: CommandLine, tmp_path: Path) -> None:
     """Raw and every learner, each with every joint."""
     short = written(joint_log(1, trajectories=5, seconds=6.0), tmp_path / "short.csv")
