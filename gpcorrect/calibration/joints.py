@@ -290,6 +290,7 @@ class JointTask:
         if stops is not None:
             remarks += stops.remarks(sent, types)
             source = stops.reached(source)
+        missed = np.abs(truth - source)[np.ix_(rows, np.setdiff1d(np.arange(len(types)), moving))]
         features = JointFeatures.learn(kinds, path, error, rows, searched=searched)
         view = JointView(
             direction=settings.direction,
@@ -301,6 +302,7 @@ class JointTask:
             end_to_end=settings.end_to_end and settings.method != "ukf",
             stops=stops,
             state_names=state_columns(log)[0] if "state" in kinds else (),
+            missed=np.percentile(missed, LIMITS.range_quantiles[1], axis=0),
         )
         samples = view.samples(path, log.trajectory, error, keep)
         remarks += features.remarks((moving + 1).tolist())
