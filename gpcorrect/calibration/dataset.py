@@ -96,6 +96,9 @@ class Layout:
     # columns that say where the arm is, as joints or as a pose; of those and of efforts: all that is not of the past
     place: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     present: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    # columns that are efforts, and velocities of the joints that have them
+    efforts: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    velocities: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 def too_few_hint(count: int, *, rejected: bool, static: bool = False) -> str:

@@ -11,6 +11,7 @@ from numba import njit
 
 from gpcorrect.calibration.dataset import evenly_spread, folds_of
 from gpcorrect.calibration.learners.polynomial import Scaler
+from gpcorrect.calibration.loads import Loads
 from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import novelty_limit
@@ -129,6 +130,8 @@ class Domain:
     kept: FloatArray = field(default_factory=lambda: np.zeros(0))
     # training inputs near which a query must lie; None in older files
     near: Surroundings | None = None
+    # which efforts a motion takes; None where efforts are no inputs, and in older files
+    loads: Loads | None = None
     # middle and half, (f,) each, of the region of the inputs that fade: a stream asks at 1 kHz
     faded: tuple[FloatArray, FloatArray] = field(init=False, repr=False)
 
@@ -224,13 +227,14 @@ class Domain:
         return inside
 
     def surrounded(self, X: FloatArray) -> BoolArray:
-        """Return which inputs `(n, D)` lie near training samples; all, where these are not known.
+        """Return which inputs `(n, D)` lie near training samples, under its loads; all, where these are not known.
 
         Parameters
         ----------
         X : (n, D) array, inputs
         """
-        return np.ones(len(X), dtype=bool) if self.near is None else self.near.hold(X[:, : len(self.low)])
+        held = np.ones(len(X), dtype=bool) if self.near is None else self.near.hold(X[:, : len(self.low)])
+        return held if self.loads is None else held & self.loads.hold(X)
 
     def widen(self, std: FloatArray, inside: BoolArray | bool) -> FloatArray:
         """Return standard deviations `(..., m)`, outside the region no smaller than :attr:`spread`.

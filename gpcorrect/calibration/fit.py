@@ -15,6 +15,7 @@ from gpcorrect.calibration.domain import Bounds, Domain, Surroundings
 from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import learner_named
+from gpcorrect.calibration.loads import Loads
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.calibration.task import Corrector, recording_entry
 from gpcorrect.cleaning import CleaningReport, Pair, Reason, fit_cleaner
@@ -180,7 +181,8 @@ def _learn_law(samples: Samples, layout: Layout, settings: FitSettings, progress
     uncorrected = IntervalCalibration.fit(correction[known], raw, trajectory, parts).factor
     worth = np.where(intervals.factor > 0.0, uncorrected / np.maximum(intervals.factor, np.finfo(float).tiny), 1.0)
     near = Surroundings.of(bounded, samples.trajectory[rows], layout.place)
-    domain = replace(domain, spread=domain.spread * worth, near=near)
+    loads = Loads.of(bounded, samples.trajectory[rows], layout)
+    domain = replace(domain, spread=domain.spread * worth, near=near, loads=loads)
     law = Law(
         learned=fitted.learned,
         intervals=intervals.widened(samples.widening),

@@ -17,7 +17,8 @@ from gpcorrect.calibration.aim import Aim
 from gpcorrect.calibration.arm_kinematics import ArmKinematics
 from gpcorrect.calibration.dataset import Layout, Samples, clocks, folds_of
 from gpcorrect.calibration.domain import Bounds
-from gpcorrect.calibration.joints import JointCorrector, JointTask
+from gpcorrect.calibration.joint_task import JointTask
+from gpcorrect.calibration.joints import JointCorrector
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import PolynomialMap
 from gpcorrect.calibration.learners.learner import cross_predicted

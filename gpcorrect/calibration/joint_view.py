@@ -271,6 +271,8 @@ def joint_layout(features: JointFeatures, targets: int, *, owned: bool, inducing
         fading=np.flatnonzero(np.isin(features.origins[0], ("velocity", "acceleration"))),
         place=np.flatnonzero(features.origins[0] == "position"),
         present=np.flatnonzero(np.isin(features.origins[0], ("position", "effort", "state"))),
+        efforts=np.flatnonzero(features.origins[0] == "effort"),
+        velocities=np.flatnonzero(features.origins[0] == "velocity"),
     )
 
 

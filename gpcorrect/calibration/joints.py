@@ -8,30 +8,27 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from gpcorrect.calibration.dataset import Layout, Samples
+from gpcorrect.calibration.dataset import Samples
 from gpcorrect.calibration.history import step_now
-from gpcorrect.calibration.joint_features import JointFeatures
-from gpcorrect.calibration.joint_path import effort_kind, joint_path, state_columns, usual_steps
-from gpcorrect.calibration.joint_view import JointView, ViewCorrector, directed, joint_layout, path_and_error
+from gpcorrect.calibration.joint_path import joint_path
+from gpcorrect.calibration.joint_task import JointTask, complete_rows, input_signal_of
+from gpcorrect.calibration.joint_view import JointView, ViewCorrector, directed
 from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.leaps import Apart
 from gpcorrect.calibration.metrics import joint_units, spread
 from gpcorrect.calibration.queries import checked_times, numbers
-from gpcorrect.calibration.settings import LIMITS, FitSettings, InputSignal
-from gpcorrect.calibration.stops import Stops
+from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.calibration.stream import JointStream
 from gpcorrect.calibration.task import LearnLaw, Measured, Outcome, Part
 from gpcorrect.calibration.training_motion import UNITS, TrainingMotion
 from gpcorrect.cleaning import FittedCleaner, Pair, joint_pair
 from gpcorrect.correction import Correction
-from gpcorrect.errors import DataError, DegenerateError, LogError
-from gpcorrect.logs import validate_log
+from gpcorrect.errors import DataError
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
-LEAST_MOTION = {"R": 1e-5, "P": 1e-6}  # rad and m: a joint that moves less shows its encoder's noise; chosen by hand
 LEAST_RUN_SECONDS = 5.0  # s of motion from which zeros are set anew; chosen by hand
 MOVED_STDS = 1.0  # a mean error of this many standard deviations of the model is beyond chance; chosen by hand
-INDUCING = 500  # points of the Gaussian process; chosen by hand
+MOST_LEFT = 0.5  # of an error, that a new zero may leave: homings left 0.1 to 0.3 of it, other motion 0.6 and more
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -63,8 +60,8 @@ class JointCorrector(ViewCorrector):
     @classmethod
     def pair(cls, log: CalibrationLog, settings: FitSettings) -> Pair:
         """See :class:`Corrector`."""
-        name = _input_signal(log, settings)
-        _complete(log, name, settings.direction, np.ones(len(log), dtype=bool))
+        name = input_signal_of(log, settings)
+        complete_rows(log, name, settings.direction, np.ones(len(log), dtype=bool))
         return joint_pair(name)
 
     @property
@@ -206,19 +203,43 @@ class JointCorrector(ViewCorrector):
         Returns
         -------
         list of dict
-            session, joint, unit, shift (mm or deg), and whether that is more than chance (moved).
+            session, joint, unit, shift (mm or deg), and whether that is more than chance, most of the session's error,
+            and not another load's (moved).
         """
         names, scale = joint_units(self.types)
-        std = measured.interval95 / 2.0
-        session, rows = log.session[measured.rows], []
+        std, loaded, rows = measured.interval95 / 2.0, bool(self.other_loads(log)), []
+        session = log.session[measured.rows]
         for number in np.unique(session):
             inside = session == number
-            shift = np.nan_to_num(np.median(measured.corrected[inside], axis=0))
+            errors = np.nan_to_num(measured.corrected[inside])
+            shift = np.median(errors, axis=0)
+            left = np.sqrt(((errors - shift) ** 2).mean(axis=0))
             limit = MOVED_STDS * np.median(std[inside], axis=0)
+            moved = (np.abs(shift) > limit) & (left < MOST_LEFT * np.sqrt((errors**2).mean(axis=0))) & (not loaded)
             for j, unit in enumerate(names):
                 entry = {"session": int(number), "joint": j + 1, "unit": unit, "shift": float(shift[j] * scale[j])}
-                rows.append({**entry, "moved": bool(abs(shift[j]) > limit[j])})
+                rows.append({**entry, "moved": bool(moved[j])})
         return rows
+
+    def cautions(self, log: CalibrationLog) -> tuple[str, ...]:
+        """See :class:`Corrector`; and where efforts are those of another load."""
+        loaded = ", ".join(map(str, self.other_loads(log)))
+        what = f"the efforts of joint {loaded} are not those of the same motion in training: another load or tool"
+        more = (f"{what}. New zeros do not mend that: train with the loads that you use",) if loaded else ()
+        return (*super().cautions(log), *more)
+
+    def other_loads(self, log: CalibrationLog) -> list[int]:
+        """Return the joints, counted from 1, whose efforts the training's loads do not explain.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+        """
+        loads = self.law.domain.loads
+        if loads is None:
+            return []
+        inputs = loads.unlike(self.samples(log, np.ones(len(log), dtype=bool)).X)
+        return [int(self.view.moving[j]) + 1 for j in self.view.features.origins[1][inputs]]
 
     @classmethod
     def learn(
@@ -245,132 +266,3 @@ class JointCorrector(ViewCorrector):
             "uncorrected_joints": list(task.still),
         }
         return Outcome(corrector, samples, left_out, law.intervals, report, task.remarks)
-
-
-@dataclass(frozen=True, eq=False)
-class JointTask:
-    """What is learned from a log of joints, before it is."""
-
-    view: JointView  # what is seen of a log
-    samples: Samples  # the log as a law sees it
-    source: FloatArray  # (n, d) joints that go in, back at their stops, rad or m
-    offset: FloatArray  # (k,) mean of what is to be added to those that move
-    steps: tuple[float, float]  # usual and shortest time between samples, s
-    still: tuple[int, ...]  # joints that never move, counted from 1
-    remarks: tuple[str, ...]
-
-    @property
-    def layout(self) -> Layout:
-        """How features and targets are grouped."""
-        return joint_layout(self.view.features, len(self.view.moving), owned=True, inducing=INDUCING)
-
-    @classmethod
-    def of(cls, log: CalibrationLog, keep: BoolArray, settings: FitSettings, *, searched: bool = True) -> Self:
-        """Return what a log shows.
-
-        Parameters
-        ----------
-        log : CalibrationLog, n samples
-        keep : (n,) mask, samples that are not rejected
-        settings : FitSettings
-        searched : bool, whether the play is searched for, see :meth:`JointFeatures.learn`
-        """
-        remarks = list(_remarks(log))
-        signal = _input_signal(log, settings)
-        source, truth, rows = _complete(log, signal, settings.direction, keep)
-        types = log.joint_types(source.shape[1])
-        moving = _moving(source[rows], types)
-        still = tuple(j + 1 for j in range(len(types)) if j not in moving)
-        if still:
-            remarks.append(f"joint {', '.join(map(str, still))} never moves in training: left uncorrected")
-        kinds = settings.features or _default_features(log, settings, len(types), moving)
-        sent, ended = (source, truth) if settings.direction == "estimate" else (truth, source)
-        stops = Stops.of(sent, ended)
-        path, error = path_and_error(log, source, truth, stops, moving, settings.direction, kinds)
-        if stops is not None:
-            remarks += stops.remarks(sent, types)
-            source = stops.reached(source)
-        missed = np.abs(truth - source)[np.ix_(rows, np.setdiff1d(np.arange(len(types)), moving))]
-        features = JointFeatures.learn(kinds, path, error, rows, searched=searched)
-        view = JointView(
-            direction=settings.direction,
-            input_signal=signal,
-            types=types,
-            moving=moving,
-            rest=np.median(source[rows], axis=0),
-            features=features,
-            end_to_end=settings.end_to_end and settings.method != "ukf",
-            stops=stops,
-            state_names=state_columns(log)[0] if "state" in kinds else (),
-            missed=np.percentile(missed, LIMITS.range_quantiles[1], axis=0),
-        )
-        samples = view.samples(path, log.trajectory, error, keep)
-        remarks += features.remarks((moving + 1).tolist())
-        return cls(view, samples, source, error[rows].mean(axis=0), usual_steps(path), still, tuple(remarks))
-
-
-def require_joints(log: CalibrationLog) -> None:
-    """Refuse, before any work, a log from which no joint calibration can be learned.
-
-    Parameters
-    ----------
-    log : CalibrationLog, to be learned from
-    """
-    source, _, rows = _complete(log, _input_signal(log, FitSettings()), "estimate", np.ones(len(log), dtype=bool))
-    _moving(source[rows], log.joint_types(source.shape[1]))
-
-
-def _input_signal(log: CalibrationLog, settings: FitSettings) -> InputSignal:
-    return settings.input_signal or ("measured_jp" if log.measured_jp is not None else "setpoint_jp")
-
-
-def _default_features(log: CalibrationLog, settings: FitSettings, dof: int, moving: IntArray) -> tuple[str, ...]:
-    """Return the method's own choice: positions and, where logged, efforts; for the Gaussian process the past too."""
-    if settings.method in ("offset", "ukf"):
-        return ("position",)
-    logged = effort_kind(log, dof, moving) if settings.direction == "estimate" else ()
-    past = ("velocity", "acceleration", "memory", "lags")
-    return ("position", *logged, *(past if settings.method in ("gp", "trees", "auto") and not log.static else ()))
-
-
-def _complete(
-    log: CalibrationLog, signal: InputSignal, direction: str, keep: BoolArray
-) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Return joints that go in and come out, and the rows of `keep` (n,) that are complete."""
-    source, truth = directed(log, signal, direction)
-    assert truth is not None
-    rows = np.flatnonzero(keep & np.isfinite(source).all(axis=1) & np.isfinite(truth).all(axis=1))
-    if rows.size < LIMITS.fewest_samples:
-        raise DataError(
-            f"a joint calibration needs at least {LIMITS.fewest_samples} complete samples, got {rows.size}.",
-            hint="Look at what is wrong with the recording: gpcorrect validate LOG",
-        )
-    return source, truth, rows
-
-
-def _moving(q: FloatArray, types: str) -> IntArray:
-    """Return the joints `(k,)` that move."""
-    span = np.ptp(q, axis=0)
-    moving: IntArray = np.flatnonzero([span[j] >= LEAST_MOTION[kind] for j, kind in enumerate(types)])
-    if moving.size == 0:
-        raise DegenerateError(
-            "no joint ever moves in the training data: no error can be learned.",
-            hint="Record motion of every joint. See: gpcorrect zigzag --help",
-        )
-    return moving
-
-
-def _remarks(log: CalibrationLog) -> tuple[str, ...]:
-    """Return what is odd but bearable about a log's joints, a sentence each."""
-    for number, rows in log.trajectories():
-        sessions = np.unique(log.session[rows])
-        if len(sessions) > 1:
-            raise LogError(
-                f"trajectory {number} runs through sessions {', '.join(map(str, sessions))}: a homing lies inside it.",
-                hint="Number the motions before and after the homing apart in the `trajectory` column.",
-                path=log.name,
-            )
-    report = validate_log(log, ("joint_limits",))
-    if report.errors:
-        raise LogError(report.errors[0].message, hint=report.errors[0].hint, path=log.name)
-    return tuple(f"{finding.signal}: {finding.message}" for finding in report.findings)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from gpcorrect.calibration.joints import require_joints
+from gpcorrect.calibration.joint_task import require_joints
 from gpcorrect.calibration.poses import require_poses
 from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.errors import GpCorrectError, LogError
