@@ -51,6 +51,10 @@ class JointTask:
         """
         remarks = list(_remarks(log))
         signal = input_signal_of(log, settings)
+        if settings.direction == "command" and settings.input_signal is None and log.measured_jp is not None:
+            sent = "which the robot was sent; from what it reports: --input measured_jp"
+            sent = sent if signal == "setpoint_jp" else "for what the robot was sent, setpoint_jp, is not logged"
+            remarks.append(f"commands are learned from {signal}, {sent}")
         source, truth, rows = complete_rows(log, signal, settings.direction, keep)
         types = log.joint_types(source.shape[1])
         moving = _moving(source[rows], types)
@@ -95,14 +99,18 @@ def require_joints(log: CalibrationLog) -> None:
 
 
 def input_signal_of(log: CalibrationLog, settings: FitSettings) -> InputSignal:
-    """Return the signal of the robot's side that is asked for, or what it reports, where that is logged.
+    """Return the signal of the robot's side: what it reports, or for commands what it was sent, where that is logged.
+
+    A robot is commanded by setpoints, and its servo follows them late: a law of what it reports is blind to that.
 
     Parameters
     ----------
     log : CalibrationLog
     settings : FitSettings
     """
-    return settings.input_signal or ("measured_jp" if log.measured_jp is not None else "setpoint_jp")
+    wanted: tuple[InputSignal, ...] = ("measured_jp", "setpoint_jp")
+    logged = [n for n in (wanted if settings.direction == "estimate" else wanted[::-1]) if n in log.signals]
+    return settings.input_signal or (logged[0] if logged else "setpoint_jp")
 
 
 def _default_features(log: CalibrationLog, settings: FitSettings, dof: int, moving: IntArray) -> tuple[str, ...]:

@@ -25,7 +25,11 @@ Features = Annotated[
     typer.Option(help="position, velocity, acceleration, effort, memory, lags, state; the method's own when absent."),
 ]
 Input = Annotated[
-    str | None, typer.Option("--input", help="measured_jp or setpoint_jp; the reported one where logged.")
+    str | None,
+    typer.Option(
+        "--input",
+        help="measured_jp or setpoint_jp: what is reported where logged, with --direction command what was sent.",
+    ),
 ]
 Way = Annotated[str, typer.Option("--direction", help="estimate (reported to true) or command (desired to commanded).")]
 Model = Annotated[Path, typer.Argument(help="Model file that `gpcorrect joint fit` wrote.")]

@@ -58,6 +58,20 @@ def test_intervals_are_judged_joint_by_joint(gpcorrect: CommandLine, linear: Pat
     assert held[1] < 60 < 80 < min(held[0], held[2])
 
 
+def test_commands_are_learned_from_what_the_robot_was_sent(gpcorrect: CommandLine, tmp_path: Path) -> None:
+    """What it reports, behind its servo, is learned from where that is asked for, or nothing else is logged."""
+    log = joint_log(1, trajectories=6)
+    both = written(replace(log, setpoint_jp=np.roll(log.measured_jp, -1, axis=0)), tmp_path / "both.csv")
+    words = ("--method", "linear", "--direction", "command", "--output", tmp_path / "m.gpc", "--json")
+    result = gpcorrect("joint", "fit", both, *words)
+    assert result.json["model"]["input"] == "setpoint_jp"
+    assert "commands are learned from setpoint_jp" in result.said
+    asked = gpcorrect("joint", "fit", both, "--input", "measured_jp", *words)
+    alone = gpcorrect("joint", "fit", written(log, tmp_path / "alone.csv"), *words)
+    assert [r.json["model"]["input"] for r in (asked, alone)] == ["measured_jp"] * 2
+    assert "commands are learned from measured_jp, for" in alone.said
+
+
 def test_compare_has_a_row_for_every_method(gpcorrect: CommandLine, tmp_path: Path) -> None:
     """Raw and every learner, each with every joint."""
     short = written(joint_log(1, trajectories=5, seconds=6.0), tmp_path / "short.csv")
