@@ -52,11 +52,15 @@ class JointTask:
         remarks = list(_remarks(log))
         signal = input_signal_of(log, settings)
         if settings.direction == "command" and settings.input_signal is None and log.measured_jp is not None:
-            sent = "which the robot was sent; from what it reports: --input measured_jp"
-            sent = sent if signal == "setpoint_jp" else "for what the robot was sent, setpoint_jp, is not logged"
-            remarks.append(f"commands are learned from {signal}, {sent}")
+            why = "which the robot was sent; from what it reports: --input measured_jp"
+            why = why if signal == "setpoint_jp" else "for what the robot was sent, setpoint_jp, is not logged"
+            remarks.append(f"commands are learned from {signal}, {why}")
         source, truth, rows = complete_rows(log, signal, settings.direction, keep)
         types = log.joint_types(source.shape[1])
+        if not log.meta.joint_types:
+            slides = "all joints turn (rad)" if "P" not in types else "joint 3 slides (m) and the others turn (rad)"
+            example = 'joint_types = "RRPR"'
+            remarks.append(f"joint_types are not named: taken that {slides}. Name them beside the log: {example}")
         moving = _moving(source[rows], types)
         still = tuple(j + 1 for j in range(len(types)) if j not in moving)
         if still:

@@ -187,7 +187,8 @@ def clean_with(cleaner: FittedCleaner, log: CalibrationLog) -> CleaningReport:
         if samples.units != (known := cleaner.thresholds.steps.units):
             raise LogError(
                 f"the cleaning was fitted to groups of units {known}, the log has {samples.units} (P: m, R: rad).",
-                hint="Give a log with the same signals: orientations where there were some, and the same joints.",
+                hint="Give a log with the same signals: orientations where there were some, and the same joints and "
+                "joint_types.",
                 path=log.name,
             )
         physical = _label_samples(samples, cleaner.thresholds, settings)

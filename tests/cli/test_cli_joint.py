@@ -72,6 +72,16 @@ def test_commands_are_learned_from_what_the_robot_was_sent(gpcorrect: CommandLin
     assert "commands are learned from measured_jp, for" in alone.said
 
 
+def test_kinds_of_joints_that_are_taken_are_said(gpcorrect: CommandLine, linear: Path, tmp_path: Path) -> None:
+    """Where no sidecar names them; a model of other kinds is refused by their name."""
+    bare = written(replace(joint_log(1, trajectories=6), meta=LogMeta()), tmp_path / "bare.csv")
+    bare.with_suffix(".toml").write_text('joint_types = ""\n')
+    result = gpcorrect("joint", "fit", bare, "--method", "linear", "--output", tmp_path / "m.gpc")
+    assert "joint_types are not named: taken that joint 3 slides (m) and the others turn (rad)" in result.said
+    turning = written(replace(joint_log(2), meta=LogMeta(joint_types="RRR")), tmp_path / "turning.csv")
+    assert_refused(gpcorrect("joint", "evaluate", linear, turning), "joint_types")
+
+
 def test_compare_has_a_row_for_every_method(gpcorrect: CommandLine, tmp_path: Path) -> None:
     """Raw and every learner, each with every joint."""
     short = written(joint_log(1, trajectories=5, seconds=6.0), tmp_path / "short.csv")
