@@ -103,7 +103,7 @@ class Evaluation:
                 remedy = "registration" if self.corrector.METHODS[1] == "rigid" else "a fixed offset"
                 yield (
                     f"on held-out trajectories the learned part does not lessen the {part.name} error (RMSE "
-                    f"{before:.3g} {part.unit} after {remedy}, {after:.3g} {part.unit} corrected). More motion is "
+                    f"{before:#.4g} {part.unit} after {remedy}, {after:#.4g} {part.unit} corrected). More motion is "
                     "needed, or the parts of the recording do not go together: the tracker, base or tool moved between "
                     "sessions, rows were exchanged, clocks are apart. See: gpcorrect validate LOG"
                 )

@@ -70,7 +70,7 @@ class JointTask:
         stops = Stops.of(sent, ended)
         path, error = path_and_error(log, source, truth, stops, moving, settings.direction, kinds)
         if stops is not None:
-            remarks += stops.remarks(sent, types)
+            remarks += stops.remarks(sent, types, signal)
             source = stops.reached(source)
         missed = np.abs(truth - source)[np.ix_(rows, np.setdiff1d(np.arange(len(types)), moving))]
         features = JointFeatures.learn(kinds, path, error, rows, searched=searched)

@@ -141,6 +141,8 @@ class JointView(PathView):
         joints[missing] = np.nan
         away = np.abs(given[:, self.still] - self.rest[self.still])
         strayed = np.asarray((away > self.still_within).any(axis=1))
+        if self.direction == "command":  # beyond a stop nothing is reached, whatever is commanded
+            strayed |= ((self.reached(given) != given) | (self.reached(joints) != joints)).any(axis=1)
         std, interval95 = self.wide(prediction.std), self.wide(prediction.interval95)
         if self.missed.size:
             interval95[:, self.still] = np.where((strayed | missing)[:, None], np.nan, self.missed)

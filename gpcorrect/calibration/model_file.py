@@ -32,9 +32,9 @@ from gpcorrect.types import FloatArray
 SCHEMA = 6  # 5: with the model's history. 6: with stops; memory and joints of poses are asked check queries too
 OLDEST = 4  # that is read: with where and how fast the training moved; files of before are fitted anew
 TASKS: dict[str, type[Corrector]] = {t.TASK: t for t in (CommandCorrector, JointCorrector, PositionEstimator)}
-SERVED = {
+USED = {
     "pose": "gpcorrect serve MODEL",
-    "joints": "gpcorrect serve --joints MODEL",
+    "joints": "gpcorrect serve --joints MODEL, gpcorrect joint rezero, or learned anew from all recordings: joint fit",
     "tool_position": "gpcorrect vision evaluate MODEL LOG",
 }
 MADE = {"pose": "gpcorrect fit", "joints": "gpcorrect joint fit", "tool_position": "gpcorrect vision fit"}
@@ -161,7 +161,8 @@ def load_with_hash(path: str | Path, kind: type[Corrector] | None = None) -> tup
     if kind is not None and found.TASK != kind.TASK:
         raise ArtifactError(
             f"model file {path} corrects {found.TASK}, and a model of {kind.TASK} is needed here.",
-            hint=f"Use it with `{SERVED[found.TASK]}`, or make a model of {kind.TASK}: {MADE[kind.TASK]}",
+            hint=f"It is used by {USED[found.TASK]} (in Python load(path, gpcorrect.{found.__name__})). A model of "
+            f"{kind.TASK} is made by {MADE[kind.TASK]}.",
         )
     try:
         with np.errstate(all="ignore"):  # forged numbers overflow; what comes of it is compared below

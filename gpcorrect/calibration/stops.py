@@ -67,21 +67,21 @@ class Stops:
         """
         return np.clip(q, self.low, self.high)
 
-    def remarks(self, sent: FloatArray, types: str) -> list[str]:
+    def remarks(self, sent: FloatArray, types: str, signal: str) -> list[str]:
         """Return a sentence for each joint with a stop.
 
         Parameters
         ----------
         sent : (n, d) array, where joints were sent, rad or m
         types : str, R or P for each joint
+        signal : str, of the robot's side, in which stops are
         """
         sentences = []
         for j, (unit, scale) in enumerate(zip(*joint_units(types), strict=True)):
             for stop, rows in ((self.low[j], sent[:, j] < self.low[j]), (self.high[j], sent[:, j] > self.high[j])):
                 if np.isfinite(stop):
-                    sentences.append(
-                        f"joint {j + 1} ends at {scale * stop:.1f} {unit}; sent further in {rows.sum()} samples"
-                    )
+                    where = f"joint {j + 1} ends at {scale * stop:.1f} {unit} of {signal}"
+                    sentences.append(f"{where}; it is further in {rows.sum()} samples")
         return sentences
 
 

@@ -94,7 +94,8 @@ def test_joints_end_at_their_stop(learned: FitResult, tmp_path: Path) -> None:
     for i in range(80):
         one = stream.correct(float(log.time[i]), log.measured_jp[i], log.measured_jf[i])
         np.testing.assert_allclose(one.joints, answer.joints[i], atol=1e-9)
-    assert any("joint 3 ends at 39" in remark for remark in learned.remarks)
+    (said,) = [remark for remark in learned.remarks if "joint 3 ends at 39" in remark]
+    assert "mm of measured_jp" in said
 
 
 def test_the_raw_error_is_what_was_logged(learned: FitResult) -> None:
@@ -113,6 +114,8 @@ def test_no_command_goes_beyond_a_stop() -> None:
     assert corrector.view.stops.high[2] < 0.41
     answer = corrector.correct_path(np.array([[0.7, 1.4, 0.43]]), np.zeros(1))
     assert answer.joints[0, 2] < corrector.view.stops.high[2] + 2e-3
+    near, beyond = (corrector.correct_path(np.array([[0.7, 1.4, q]]), np.zeros(1)) for q in (0.37, 0.408))
+    assert (near.status, beyond.status) == (("OK",), ("EXTRAPOLATING",))
 
 
 def test_stops_that_cannot_be_are_refused() -> None:

@@ -82,6 +82,14 @@ def test_kinds_of_joints_that_are_taken_are_said(gpcorrect: CommandLine, linear:
     assert_refused(gpcorrect("joint", "evaluate", linear, turning), "joint_types")
 
 
+def test_commands_for_poses_say_what_to_do_with_a_model_of_joints(
+    gpcorrect: CommandLine, joints: Path, linear: Path, tmp_path: Path
+) -> None:
+    """It is not updated: zeros are set anew, or all is learned anew; Python is told the class."""
+    update = gpcorrect("update", linear, joints, "--output", tmp_path / "u.gpc")
+    assert_refused(update, "joint rezero", "joint fit", "load(path, gpcorrect.JointCorrector)")
+
+
 def test_compare_has_a_row_for_every_method(gpcorrect: CommandLine, tmp_path: Path) -> None:
     """Raw and every learner, each with every joint."""
     short = written(joint_log(1, trajectories=5, seconds=6.0), tmp_path / "short.csv")

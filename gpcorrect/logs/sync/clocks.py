@@ -151,7 +151,8 @@ def _size(found: TimeOffset) -> str:
     what = "the commands" if found.reference.startswith("setpoint") else "what the robot reports"
     drift = "" if found.drift is None else f", and its clock {found.drift.ppm:+.0f} ppm against theirs"
     name = NAMES.get(found.observed, found.observed)
-    return f"{name} runs {middle:.1f} ms behind {what} (95 %: {low:.1f} to {high:.1f}){drift}"
+    runs = f"{name} run{'' if name.endswith('s') else 's'}"
+    return f"{runs} {middle:.1f} ms behind {what} (95 %: {low:.1f} to {high:.1f}){drift}"
 
 
 def _left(found: TimeOffset, size: str, step: float) -> Clocks:
