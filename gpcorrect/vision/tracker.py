@@ -218,7 +218,9 @@ class Tracker:
                     found = detect_near(image, camera, ball, expected, memory.tolerance, self.settings)
                 view.outline = found.outline
                 if found.outline is None:
+                    good = self.settings.views.good_frames if view.effective else view.good
                     view.suspend(found.reason)
+                    view.good = good if image is None else 0  # a lost picture says nothing against its camera
 
     def _acquire(self, images: Sequence[Image | None], time: float, predicted: FloatArray | None) -> None:
         """Find every ball anywhere; what several cameras agree on is trusted at once."""

@@ -17,6 +17,7 @@ from vision_support import cameras_of
 from gpcorrect.errors import DataError, GpCorrectError, LogError
 from gpcorrect.vision import END_EFFECTOR, TrackSettings, open_source, open_sources, record, track
 from gpcorrect.vision.opencv import cv2
+from gpcorrect.vision.sources import Source, keep_numbers
 from gpcorrect_studies.rendering import Stage
 
 FRAMES, RATE = 12, 25.0
@@ -118,6 +119,43 @@ def test_names_of_whole_milli_micro_and_nanoseconds_are_times(tmp_path: Path) ->
             cv2.imwrite(str(folder / f"{name}.png"), np.zeros((4, 4, 3), np.uint8))
         times = open_source(folder).times
         assert times is None if digits == 5 else times is not None and np.allclose(np.diff(times), 0.2)
+
+
+def _numbered(folder: Path, *numbers: Sequence[int]) -> list[Source]:
+    """Return folders of as many cameras, whose images have these numbers."""
+    for k, names in enumerate(numbers):
+        (folder / f"cam{k}").mkdir()
+        for number in names:
+            (folder / f"cam{k}" / f"{number:05d}.png").touch()
+    return [open_source(folder / f"cam{k}") for k in range(len(numbers))]
+
+
+@pytest.mark.parametrize(
+    ("numbers", "places"),
+    [
+        ((range(8), range(0, 8, 2)), (range(8), range(0, 8, 2))),  # half the rate
+        ((range(0, 80, 10), (0, 20, 30, 70)), (range(8), (0, 2, 3, 7))),  # every tenth was exported
+        ((range(8), (3, 5, 6)), (range(8), (3, 5, 6))),  # begun later, with a gap
+        ((range(8), range(1, 9)), (range(8), range(8))),  # counted from 1
+        ((range(8), range(100, 108)), (range(8), range(8))),  # of another recording's numbers, no gap
+    ],
+)
+def test_numbers_of_images_are_frames_however_many_are_missing(
+    numbers: Sequence[Sequence[int]], places: Sequence[Sequence[int]], tmp_path: Path
+) -> None:
+    """Every image stands in the frame that its number says, whatever its camera lost."""
+    sources = _numbered(tmp_path, *numbers)
+    remarks = keep_numbers(sources)
+    found = [[i for i, file in enumerate(source.files) if file is not None] for source in sources]
+    assert found == [list(one) for one in places]
+    assert len(remarks) == sum(None in source.files for source in sources)
+
+
+@pytest.mark.parametrize("others", [(100, 101, 103, 104), (37, 68, 101, 134)])
+def test_numbers_that_count_no_common_frames_are_refused(others: Sequence[int], tmp_path: Path) -> None:
+    """Gaps in numbers of another range, or milliseconds: the numbers are named, as no picture says its frame."""
+    with pytest.raises(LogError, match=rf"cam1 {others[0]}, {others[1]}, {others[2]} to {others[3]} \(4\)"):
+        keep_numbers(_numbered(tmp_path, (0, 33, 67, 100) if others[0] == 37 else range(4), others))
 
 
 def test_videos_in_a_folder_are_in_the_cameras_order(tmp_path: Path) -> None:

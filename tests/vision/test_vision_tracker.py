@@ -15,6 +15,7 @@ from gpcorrect.types import FloatArray
 from gpcorrect.vision import END_EFFECTOR, BallSpec, Frame, Target, Tracker, colour_of
 from gpcorrect.vision import single_ball as single_target
 from gpcorrect.vision.clocks import Clocks
+from gpcorrect.vision.opencv import Image
 from gpcorrect.vision.settings import DEFAULT
 from gpcorrect_studies.rendering import Ball, Card, Stage, single_ball
 
@@ -172,6 +173,17 @@ def test_a_hidden_view_is_suspended_and_comes_back_after_five_good_frames() -> N
     assert set(reasons[6]) == {"coming back"}
     assert not any(trusted[8])
     assert all(trusted[9])
+
+
+def test_a_camera_is_trusted_again_with_the_first_picture_after_lost_ones() -> None:
+    """A picture that a recorder lost says nothing against its camera, as one without the balls does."""
+    stage, poses = Stage.standard(SEED, pieces=0), path_of(SEED, 6)
+    with Tracker(cameras_of(stage), END_EFFECTOR) as tracker:
+        for i, pose in enumerate(poses):
+            images: list[Image | None] = [*stage.frame(pose)]
+            images[1] = None if i in (2, 3) else images[1]
+            trusted = [view.effective for view in tracker.step(images, i / 30.0).views[1]]
+            assert trusted == [i not in (2, 3)] * 3
 
 
 def test_a_tool_out_of_sight_is_coasted_then_lost_then_found() -> None:
