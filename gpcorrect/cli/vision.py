@@ -209,12 +209,13 @@ def track(
     """
     from gpcorrect.logs import require_writable, write_log
     from gpcorrect.logs.native import read_sidecar
+
+    require_writable(output)  # before the libraries of the cameras, which take seconds to load
     from gpcorrect.vision import AnnotatedVideo, TrackSettings, open_sources, read_cameras
     from gpcorrect.vision import annotated as draw
     from gpcorrect.vision import track as track_sources
     from gpcorrect.vision.track import TRACKER
 
-    require_writable(output)
     if read_sidecar(output).tracker != TRACKER:  # its own it may write again
         require_new(output)
     if annotated is not None and {annotated.resolve(), annotated.resolve().parent} & {v.resolve() for v in videos}:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -239,12 +240,13 @@ def test_a_wrong_lens_accuses_no_camera_of_being_swapped(
     assert_refused(outcome, "the calibration does not fit the pictures")
 
 
-def test_a_log_s_place_is_checked_before_the_work(gpcorrect: CommandLine, views: list[Path], tmp_path: Path) -> None:
-    """A description of another log under the name of the new one's is found before any picture is read."""
+def test_a_log_s_place_is_checked_before_the_work(
+    gpcorrect: CommandLine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A description of another log under the name of the new one's is found before the vision part is loaded."""
     (tmp_path / "log.toml").write_text("")
-    outcome = _track(
-        gpcorrect, [tmp_path / "none"], tmp_path / "log.csv", "--cameras", views[0].parent / "cameras.json"
-    )
+    monkeypatch.setitem(sys.modules, "gpcorrect.vision", None)  # importing it is an error now
+    outcome = _track(gpcorrect, [tmp_path / "none"], tmp_path / "log.csv")
     assert_refused(outcome, "log.toml is there already")
 
 
