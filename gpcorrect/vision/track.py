@@ -278,7 +278,8 @@ def _interruptions(sources: Sequence[Source], frames: int) -> list[str]:
 
 def _doubts(whole: Track, cameras: Sequence[Camera], target: Target, often: float) -> list[str]:
     """Name cameras that contradict the others or add nothing, and balls that were hardly seen."""
-    against = (whole.views == REASONS.index(Reason.AGAINST_OTHERS)).mean(axis=(0, 2))
+    lost = whole.status == STATUSES.index(Status.LOST)
+    against = (whole.views[~lost] == REASONS.index(Reason.AGAINST_OTHERS)).sum(axis=(0, 2)) / whole.views[:, 0].size
     hidden = ((whole.views == 0).sum(axis=1) < 2).mean(axis=0)
     measured = whole.status == STATUSES.index(Status.MEASURED)
     unused = (whole.views[measured] != 0).all(axis=2).sum(axis=0) / max(np.count_nonzero(measured), 1)
@@ -298,9 +299,10 @@ def _doubts(whole: Track, cameras: Sequence[Camera], target: Target, often: floa
         for ball, part in zip(target.names, hidden, strict=True)
         if part > often
     ]
-    lost = int(np.count_nonzero(whole.status == STATUSES.index(Status.LOST)))
-    if lost:
-        remarks.append(f"The tool is lost in {lost} of {len(whole.time)} frames; these rows are empty.")
+    if lost.any():
+        remarks.append(
+            f"The tool is lost in {np.count_nonzero(lost)} of {len(whole.time)} frames; these rows are empty."
+        )
     return remarks
 
 

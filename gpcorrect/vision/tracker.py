@@ -133,7 +133,7 @@ class Tracker:
         self._check(images)
         frame_time, time = time, time + self.clocks.middle  # rows are read about then, and nothing is moved far
         predicted, motion = self._filter.predicted(time), self._filter.motion(time)
-        fit, before = None, self._copied()
+        fit = None
         balls: list[Located | None] = []
         sizes: list[list[float]] = []
         if predicted is not None:
@@ -146,8 +146,8 @@ class Tracker:
             self._acquire(images, time, predicted)
             balls, sizes = self._agree(motion, predicted, settled=False)
             fit = self._fitted(balls, predicted, motion)
-            if fit is None:  # what was found is not the tool
-                self._views = followed if predicted is not None else before
+            if fit is None:  # what was found is not the tool, or not enough of it
+                self._views = followed if predicted is not None else self._copied()
         self._wait = 0 if fit is not None else (self._wait or self.settings.views.patience) - 1
         trusted = [sum(views[b].effective for views in self._views) for b in range(len(self.target.balls))]
         # A jump that three cameras agree on for every ball is one; of two cameras it must show again.

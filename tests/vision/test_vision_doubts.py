@@ -183,6 +183,16 @@ def test_of_two_lone_balls_that_move_none_is_taken() -> None:
     assert found[-1]
 
 
+def test_balls_in_plain_sight_of_a_lost_tool_are_not_called_hidden(stage: Stage) -> None:
+    """One ball of three is hidden until the tool is lost: every camera is said to see the other two, and not it."""
+    with Tracker(cameras_of(stage), END_EFFECTOR) as tracker:
+        for i, pose in enumerate(path_of(SEED, 20, 15.0)):
+            shown = stage.balls(pose)[: 3 if i < 4 else 2]
+            frame = tracker.step([studio.photograph(shown) for studio in stage.studios], i / 15.0)
+    assert frame.pose.status == "lost"
+    assert [sum(row[b].effective for row in frame.views) for b in range(3)] == [4, 4, 0]
+
+
 def test_a_jump_that_two_cameras_see_must_show_again(stage: Stage, poses: FloatArray) -> None:
     """The tool is 2 cm away in one picture: no measured row says so; where it stays away, it is followed there."""
     away = np.array([0.0, 0.02, 0.0])
