@@ -249,7 +249,7 @@ def agree(
         if k in trusted:
             view.admit()
             sizes.append(float(np.linalg.norm(local) * np.sin(outline.half_angle)))
-        elif not off <= limit_px(view, settings):
+        elif not off <= limit_px(view, settings) - settings.return_px:
             view.suspend(Reason.AGAINST_OTHERS)
         else:
             view.good, view.reason = view.good + 1, Reason.COMING_BACK

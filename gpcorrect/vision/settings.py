@@ -80,6 +80,7 @@ class ViewSettings:
     motion_px: float = 16.0  # a circle farther than this from its prediction is not the ball; times the tolerance
     radius: float = 0.25  # fraction by which the radius may differ from the predicted one; times the tolerance
     reprojection_px: float = 1.5  # farther than this from where the other cameras put it, a view is suspended
+    return_px: float = 0.75  # nearer than that limit a suspended view must be to come back: half, so that it stays then
     good_frames: int = 5  # agreeing frames that bring a view back (the paper's five)
     widen: float = 1.5  # factor a frame on the tolerance while fewer than two cameras see a ball (the paper widens too)
     widest: float = 6.0  # its limit: about 100 px of motion
@@ -116,7 +117,11 @@ class ClockSettings:
     look: int = 45  # frames at the beginning of a recording that are tracked twice: the first time for the delays
     memory: float = 90.0  # frames: what was learned from a first, wrong velocity fades in three seconds
     least_speed: float = 0.01  # m/s: below, errors of the velocity would be taken for knowledge of the delays
-    arm: float = 0.04  # m at which an angular velocity is counted as one: about that of the fixture's balls
+    reach: int = (
+        3  # frames before and after one by which its motion is interpolated: a tenth of a second at 30 a second
+    )
+    off_px: float = 0.1  # by which a picture is shifted, turned and scaled at its rim, as a calibration may leave it,
+    widest_px: float = 1.5  # and where one does not fit: as far as a trusted view may be off
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from gpcorrect.errors import DataError, DegenerateError
 from gpcorrect.types import FloatArray, IntArray
 from gpcorrect.vision.agreement import LoneBall, View, acquire, agree, hypotheses, limit_px
 from gpcorrect.vision.camera import Camera, require_two
-from gpcorrect.vision.clocks import Clocks
+from gpcorrect.vision.clocks import Clocks, Moment
 from gpcorrect.vision.filtering import Filtered, PoseFilter, Status
 from gpcorrect.vision.opencv import Image
 from gpcorrect.vision.pose import (
@@ -35,8 +35,6 @@ from gpcorrect.vision.rim import Outline
 from gpcorrect.vision.search import Found, Reason, detect_everywhere, detect_near
 from gpcorrect.vision.settings import DEFAULT, VisionSettings
 from gpcorrect.vision.target import Target
-
-HELD = 1e-12  # (m/s)^2 and (rad/s)^2: variance of a velocity that is not solved for
 
 
 @dataclass
@@ -100,6 +98,7 @@ class Tracker:
         # Two balls leave the turn about their line open: what is followed is their middle, on that line.
         self._places = target.places - (target.places.mean(axis=0) if len(target.balls) == 2 else 0.0)
         self.clocks = clocks or Clocks(cameras, settings.clocks)
+        self._past: list[Moment] = []  # frames with whose motion delays are learned
         self._lone = LoneBall(settings.agreement)
         self._spread = 1.0  # running mean of chi squared a degree of freedom, at least 1
         self._wait = 0  # frames until whole pictures are searched again
@@ -162,8 +161,10 @@ class Tracker:
             fit, balls = None, [None] * len(self.target.balls)
         else:
             self._remember(sizes)
-            if motion is not None and time > self.clocks.learned_until:
-                self._learn(fit, motion)
+            if motion is None:
+                self._past = []
+            else:
+                self._learn(fit, time)
         if pose.status == Status.LOST:
             self._forget_sizes()
         if self.clocks.middle and pose.status != Status.LOST:
@@ -323,17 +324,14 @@ class Tracker:
         change = np.array([usual.usual_acceleration] * 3 + [usual.usual_angular_acceleration] * 3)
         return replace(fit, covariance=covariance + np.diag((change * self.clocks.middle**2) ** 2))
 
-    def _learn(self, fit: PoseFit, motion: Motion) -> None:
-        """Learn the delays from a fit with the velocity of the frames before."""
-        held = replace(motion, covariance=HELD * np.eye(6))
-        observations = self._observations()
+    def _learn(self, fit: PoseFit, time: float) -> None:
+        """Learn the delays from the middle one of the last frames: how the tool moved on from it is known by now."""
+        observations, reach = self._observations(), self.settings.clocks.reach
         if observations is not None:
-            try:
-                again = pose_from_observations(self.cameras, self._places, observations, fit.T_tracker_tool, held)
-            except (DegenerateError, np.linalg.LinAlgError):
-                return
-            assert again.linearised is not None
-            self.clocks.learn(again.linearised, observations.camera)
+            moment = Moment(time, fit.T_tracker_tool, observations, self.clocks.delays)
+            self._past = [*self._past[-2 * reach :], moment]
+            if len(self._past) in range(3, 2 * reach + 2, 2):
+                self.clocks.learn(self._past, self._places)
 
     def _observations(self) -> Observations | None:
         """Trusted views of this frame; None when they are too few for all that is to be found."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from vision_support import cameras_of, path_of
+from vision_support import cameras_of, path_of, turned
 
 from gpcorrect.types import FloatArray
 from gpcorrect.vision import END_EFFECTOR, Tracker, TrackSettings, VisionSettings, open_sources, track
@@ -55,6 +55,30 @@ def test_cameras_in_step_stay_so() -> None:
         for i, pose in enumerate(poses):
             tracker.step(stage.frame(pose), i / RATE)
         assert np.abs(tracker.clocks.delays).max() < 1e-6
+
+
+@pytest.mark.parametrize("late", [0.06, -0.06])
+def test_a_long_delay_is_as_uncertain_as_it_says(late: float) -> None:
+    """A camera two frames late, or early: the learned delay is within three standard deviations of the true one."""
+    stage, path = Stage.standard(SEED, pieces=0), path_of(SEED, 2000, FINE)
+    with Tracker(cameras_of(stage), END_EFFECTOR) as tracker:
+        for i in range(3, 55):
+            tracker.step(_late(stage, path, i / RATE, (0.0, 0.0, late, 0.0)), i / RATE)
+        assert tracker.clocks.stds[2] < 2e-3
+        assert abs(tracker.clocks.delays[2] - late) < 3.0 * tracker.clocks.stds[2]
+
+
+def test_a_moved_camera_is_not_taken_for_a_late_one() -> None:
+    """A camera that was knocked after its calibration: no delay is claimed, and the other three have the tool."""
+    stage, poses = Stage.standard(SEED, pieces=0), path_of(SEED, 50)
+    cameras, knock = list(cameras_of(stage)), np.eye(4)
+    knock[:3, :3], knock[:3, 3] = turned([0.004, 0.003, 0.0]), [0.001, 0.0, 0.001]
+    cameras[1] = replace(cameras[1], T_camera_tracker=knock @ cameras[1].T_camera_tracker)
+    with Tracker(cameras, END_EFFECTOR) as tracker:
+        for i, pose in enumerate(poses):
+            frame = tracker.step(stage.frame(pose), i / RATE)
+        assert np.abs(tracker.clocks.delays).max() < 1e-6
+    assert np.linalg.norm(frame.pose.T_tracker_tool[:3, 3] - poses[-1][:3, 3]) < 2e-4
 
 
 @pytest.mark.parametrize("lone", [False, True])

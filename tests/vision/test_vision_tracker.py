@@ -91,7 +91,7 @@ def test_two_balls_are_tracked_as_their_middle(degrees: float) -> None:
             assert np.linalg.norm(off) < 5e-5
             squares.append(float(np.sum((off / frame.pose.std[:3]) ** 2)))
         assert np.mean(squares) < 2.0 * 3
-        assert (tracker.clocks.stds < 2e-3).all()
+        assert (tracker.clocks.stds < 5e-3).all()
     assert not two.has_pose
 
 
@@ -129,7 +129,7 @@ def test_a_lone_ball_s_size_is_forgotten_when_it_is_lost() -> None:
 
 def test_frames_that_were_learned_from_already_count_once() -> None:
     """Delays that an earlier look at the same frames has learned are not learned from them a second time."""
-    stage, poses = Stage.standard(SEED, pieces=0), path_of(SEED, 8)
+    stage, poses = Stage.standard(SEED, pieces=0), path_of(SEED, 28)
     shown = [stage.frame(pose) for pose in poses]
 
     def look(clocks: Clocks) -> Clocks:
@@ -140,8 +140,8 @@ def test_frames_that_were_learned_from_already_count_once() -> None:
 
     clocks = look(Clocks(cameras_of(stage), DEFAULT.clocks))
     known = clocks.covariance
-    clocks.learned_until = (len(shown) - 2) / RATE
-    once = look(clocks).covariance  # the last frame alone is new
+    clocks.learned_until = (len(shown) - 2 - DEFAULT.clocks.reach) / RATE
+    once = look(clocks).covariance  # the last frame that has others after it alone is new
     clocks.learned_until = -np.inf
     twice = look(clocks).covariance
     assert (np.diag(known)[1:] < 0.01 * DEFAULT.clocks.unknown**2).all()
