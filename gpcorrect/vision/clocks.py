@@ -69,7 +69,7 @@ class Clocks:
         right, prior, cameras = self._right + self._prior @ self._start, np.diag(self._prior).copy(), len(self._given)
         seeming = np.linalg.solve(self._information + self._prior, right)[cameras:]
         prior[cameras:] = 1.0 / (self.settings.off_px**2 + seeming**2)
-        covariance = np.linalg.inv(self._information + np.diag(prior))
+        covariance = np.asarray(np.linalg.inv(self._information + np.diag(prior)), dtype=np.float64)
         self._solved: FloatArray = covariance @ right
         self.covariance: FloatArray = covariance[:cameras, :cameras]  # of the delays, s^2
 
