@@ -192,6 +192,12 @@ class Linearised:
         total = float(np.einsum("ki,kij,kj->", self.residual, self.weights, self.residual))
         return total / max(self.residual.size - self.free, 1)
 
+    @property
+    def scatter(self) -> float:
+        """How far errors of single views may put a position off, m: a standard deviation, no view better than it is."""
+        variance = float(np.trace(np.linalg.inv(self.information)[:3, :3])) * max(self.chi_squared, 1.0)
+        return float(np.sqrt(variance))
+
     def projected(self, effects: FloatArray) -> FloatArray:
         """Return the normal equations' right side `(n, m)` of what m errors do to the views.
 
@@ -211,6 +217,27 @@ class Linearised:
         moved = np.zeros((POSE, effects.shape[2]))
         moved[: self.free] = np.linalg.solve(self.information, self.projected(effects))[: self.free]
         return moved
+
+    def shifted(self, cameras: IntArray, excess: float, least: float) -> FloatArray:
+        """Return the covariance `(6, 6)` of a pose whose cameras' pictures are each shifted as a whole.
+
+        Views of one camera then err together, and no number of balls averages that out.
+
+        Parameters
+        ----------
+        cameras : (k,) int array, of the views
+        excess : float, by how much :attr:`chi_squared` is above what is expected: the shifts that leave it are taken
+        least : float, variance of a shift's coordinate, on the plane one unit before the lens, that it has at least
+        """
+        effects = np.zeros((len(cameras), 2, 2 * (int(cameras.max()) + 1)))
+        for axis in (0, 1):
+            effects[np.arange(len(cameras)), axis, 2 * cameras + axis] = 1.0
+        right = self.projected(effects)
+        seen = float(np.trace(self.weights, axis1=1, axis2=2).sum())  # of shifts, less what moves the pose instead
+        seen -= float(np.einsum("nm,nm->", right, np.linalg.solve(self.information, right)))
+        variance = max(excess, 0.0) * max(self.residual.size - self.free, 1) / seen if seen > 0 else 0.0
+        gain = self.gain(effects)
+        return np.asarray(max(variance, least) * gain @ gain.T)
 
 
 @dataclass(frozen=True, eq=False)

@@ -86,6 +86,9 @@ class ViewSettings:
     widest: float = 6.0  # its limit: about 100 px of motion
     patience: int = 5  # frames between two searches of whole pictures, which take ten times as long as a tracked frame
     spread_memory: float = 15.0  # frames over which the scatter of views about their poses is averaged: half a second
+    # Chi squared of the trusted views (a mean, or a recording's median) above which they disagree themselves, so that
+    # the suspended ones may be right: an outsider's good recordings left 0.35, cropped or moved cameras 3.9 to 17.
+    doubt: float = 2.0
     size_memory: int = 60  # frames over which the radius of a ball of unknown size is the median: two seconds
 
 

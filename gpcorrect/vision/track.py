@@ -59,6 +59,8 @@ class Track:
     balls : (n, b, 3) array, each ball's centre, m; NaN where fewer than two cameras saw it
     views : (n, c, b) int array, 0: effective; otherwise the reason, an index into `REASONS`
     reprojection_px : (n,) array, RMS over the observations used; NaN without
+    chi_squared : (n,) array, the same squared, over what is expected: 1 where all fits; NaN without
+    scatter : (n,) array, how far errors of single views may put the position off, m; NaN without
     """
 
     time: FloatArray
@@ -68,6 +70,8 @@ class Track:
     balls: FloatArray
     views: IntArray
     reprojection_px: FloatArray
+    chi_squared: FloatArray
+    scatter: FloatArray
 
     def fractions(self) -> dict[str, float]:
         """Return the fraction of the frames in each status."""
@@ -215,7 +219,9 @@ def track(
     late = [f"{c.name} {by:+.1f} ms (±{std:.1f})" for c, by, std in found if c.delay is None and abs(by) > 0.05]
     if late:
         remarks.append(f"Cameras look later than {cameras[0].name}: {', '.join(late)}; taken into account.")
-    remarks += _doubts(whole, cameras, target, settings.vision.check.often)
+    contradiction = _contradiction(whole, settings.vision.views.doubt)
+    remarks += contradiction
+    remarks += _doubts(whole, cameras, target, settings.vision.check.often, doubtful=bool(contradiction))
     remarks += _misshapen(whole, target, settings.vision)
     if not (whole.status == 0).any():
         check_distances(pictures, cameras, target, settings.vision)
@@ -245,7 +251,12 @@ def _clocks(
 
 def _row(frame: Frame) -> tuple[object, ...]:
     """Return what a `Track` holds of a frame, in the order of its fields."""
-    lost = frame.pose.status == Status.LOST
+    lost, fit = frame.pose.status == Status.LOST, frame.measured
+    left = (
+        (np.nan, np.nan)
+        if fit is None or fit.linearised is None
+        else (fit.linearised.chi_squared, fit.linearised.scatter)
+    )
     return (
         frame.time,
         STATUSES.index(frame.pose.status),
@@ -254,6 +265,7 @@ def _row(frame: Frame) -> tuple[object, ...]:
         frame.balls,
         [[REASONS.index(view.reason) for view in views] for views in frame.views],
         frame.reprojection_px,
+        *left,
     )
 
 
@@ -276,8 +288,24 @@ def _interruptions(sources: Sequence[Source], frames: int) -> list[str]:
     return remarks
 
 
-def _doubts(whole: Track, cameras: Sequence[Camera], target: Target, often: float) -> list[str]:
-    """Name cameras that contradict the others or add nothing, and balls that were hardly seen."""
+def _contradiction(whole: Track, doubt: float) -> list[str]:
+    """Say where trusted views do not fit together either: no single camera explains that."""
+    found = whole.chi_squared[np.isfinite(whole.chi_squared)]
+    left = float(np.median(found)) if found.size else 0.0
+    if left <= doubt:
+        return []
+    return [
+        f"The views contradict each other, {np.sqrt(left):.1f} times as much as expected, and which cameras are wrong "
+        "cannot be told: the poses may be farther off than they say. Were pictures cropped or zoomed, or recorded in "
+        "another mode, or cameras moved since the calibration?"
+    ]
+
+
+def _doubts(whole: Track, cameras: Sequence[Camera], target: Target, often: float, *, doubtful: bool) -> list[str]:
+    """Name cameras that contradict the others or add nothing, and balls that were hardly seen.
+
+    Of cameras that contradict each other (`doubtful`) none is named: what a few agree on may be wrong.
+    """
     lost = whole.status == STATUSES.index(Status.LOST)
     against = (whole.views[~lost] == REASONS.index(Reason.AGAINST_OTHERS)).sum(axis=(0, 2)) / whole.views[:, 0].size
     hidden = ((whole.views == 0).sum(axis=1) < 2).mean(axis=0)
@@ -285,6 +313,8 @@ def _doubts(whole: Track, cameras: Sequence[Camera], target: Target, often: floa
     unused = (whole.views[measured] != 0).all(axis=2).sum(axis=0) / max(np.count_nonzero(measured), 1)
     remarks = []
     for camera, contrary, part in zip(cameras, against, unused, strict=True):
+        if doubtful and contrary > 0.0:
+            continue
         if contrary > often:
             words = (
                 f"contradicts the others in {100 * contrary:.0f} % of its views: was it moved, or is a picture missing?"
@@ -314,7 +344,7 @@ def _misshapen(whole: Track, target: Target, settings: VisionSettings) -> list[s
         known = float(np.linalg.norm(np.subtract(first.place, second.place)))
         rows = np.flatnonzero(np.isfinite(apart))
         for stretch in np.array_split(rows, len(rows) // few) if len(rows) >= few else ():
-            usual, std = float(np.median(apart[stretch])), np.linalg.norm(whole.std[stretch, :3], axis=1)
+            usual, std = float(np.median(apart[stretch])), whole.scatter[stretch]
             if abs(usual - known) > max(check.misshapen * float(np.median(std)), check.misshapen_least):
                 remarks.append(
                     f"Balls {first.name} and {second.name} are {1e3 * usual:.1f} mm apart in the pictures from "

@@ -315,6 +315,7 @@ class Tracker:
         now, memory = fit.linearised.chi_squared, self.settings.views.spread_memory
         self._spread = max(1.0, self._spread + (now - self._spread) / memory)
         covariance = fit.covariance * max(now, self._spread)
+        covariance = covariance + fit.linearised.shifted(cameras, max(now, self._spread) - 1.0, self._against(fit))
         covariance = covariance + self.clocks.spread(fit.linearised, cameras)
         if motion is None:  # by how much the tool moved until these views is not known yet
             rows = [v.outline.pixel[1] for row in self._views for v in row if v.effective and v.outline is not None]
@@ -323,6 +324,21 @@ class Tracker:
         usual = self.settings.motion  # what a constant velocity leaves until the middle of the readout
         change = np.array([usual.usual_acceleration] * 3 + [usual.usual_angular_acceleration] * 3)
         return replace(fit, covariance=covariance + np.diag((change * self.clocks.middle**2) ** 2))
+
+    def _against(self, fit: PoseFit) -> float:
+        """Return the mean square by which suspended views miss a pose, a coordinate, on the plane before the lens.
+
+        Zero where those that are trusted agree: the others are wrong then. Where they do not, nothing tells which are.
+        """
+        if self._spread < self.settings.views.doubt:
+            return 0.0
+        T, missed = fit.T_tracker_tool, []
+        for camera, views in zip(self.cameras, self._views, strict=True):
+            for place, view in zip(self._places, views, strict=True):
+                if view.outline is not None and not view.effective:
+                    local = camera.local(T[:3, :3] @ place + T[:3, 3])[0]
+                    missed.append(view.outline.ray - view.shift - local[:2] / local[2])
+        return float(np.mean(np.square(missed))) if missed else 0.0
 
     def _learn(self, fit: PoseFit, time: float) -> None:
         """Learn the delays from the middle one of the last frames: how the tool moved on from it is known by now."""

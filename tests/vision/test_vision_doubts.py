@@ -151,6 +151,35 @@ def test_pictures_that_come_twice_are_named(gpcorrect: CommandLine, views: list[
     ]
 
 
+@pytest.mark.parametrize("knocked", ["two cameras", "all pictures cropped"])
+def test_of_cameras_that_contradict_each_other_none_is_blamed(
+    gpcorrect: CommandLine, views: list[Path], poses: FloatArray, tmp_path: Path, knocked: str
+) -> None:
+    """Two of four cameras shifted, or a crop of the calibration's size: it is said, and errors are as large as stated."""
+    changed = [tmp_path / view.name for view in views]
+    for k, (view, folder) in enumerate(zip(views, changed, strict=True)):
+        folder.mkdir()
+        for file in view.iterdir():
+            picture = cv2.imread(str(file))
+            if knocked == "two cameras":
+                shift = np.array([[1.0, 0.0, (0.0, 4.0, 0.0, -4.0)[k]], [0.0, 1.0, 0.0]])
+                picture = cv2.warpAffine(picture, shift, (640, 480), borderMode=cv2.BORDER_REPLICATE)
+            else:
+                picture = cv2.resize(picture[12:468], (640, 480))
+            cv2.imwrite(str(folder / file.name), picture)
+    cameras = views[0].parent / "cameras.json"
+    outcome = _track(gpcorrect, changed, tmp_path / "log.csv", "--cameras", cameras, "--fps", RATE, "--json")
+    assert outcome.code == 0, outcome.err
+    assert any("which cameras are wrong cannot be told" in remark for remark in outcome.json["remarks"])
+    assert not any(remark.startswith("Camera ") for remark in outcome.json["remarks"])
+    log = read_log(tmp_path / "log.csv")
+    assert log.tracker_cp is not None
+    off = log.tracker_cp.position - poses[:, :3, 3]
+    std = np.stack([log.extra[f"tracker_std_{axis}"] for axis in "xyz"], axis=1)
+    assert np.linalg.norm(off, axis=1).mean() > 3e-4
+    assert np.mean((off / std) ** 2) < 4.0
+
+
 @pytest.mark.parametrize("moved", [0.0, 0.002])
 def test_a_ball_that_is_not_where_the_target_says_is_named(
     gpcorrect: CommandLine, views: list[Path], tmp_path: Path, moved: float
