@@ -155,7 +155,7 @@ def test_pictures_that_come_twice_are_named(gpcorrect: CommandLine, views: list[
 def test_of_cameras_that_contradict_each_other_none_is_blamed(
     gpcorrect: CommandLine, views: list[Path], poses: FloatArray, tmp_path: Path, knocked: str
 ) -> None:
-    """Two of four cameras shifted, or a crop of the calibration's size: it is said, and errors are as large as stated."""
+    """Two of four cameras shifted, or a crop of the calibration's size: it is said, and errors are as stated."""
     changed = [tmp_path / view.name for view in views]
     for k, (view, folder) in enumerate(zip(views, changed, strict=True)):
         folder.mkdir()
