@@ -124,7 +124,7 @@ class ClockSettings:
         3  # frames before and after one by which its motion is interpolated: a tenth of a second at 30 a second
     )
     off_px: float = 0.1  # by which a picture is shifted, turned and scaled at its rim, as a calibration may leave it,
-    widest_px: float = 1.5  # and where one does not fit: as far as a trusted view may be off
+    widest_px: float = 0.5  # and where one does not fit; 1.5 leaves delays open for longer
 
 
 @dataclass(frozen=True)
