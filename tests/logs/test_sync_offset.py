@@ -9,7 +9,7 @@ from sync_support import Recording, sines, wandering
 from gpcorrect import se3
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs.streams import Stream, interpolate
-from gpcorrect.logs.sync import Motion, MotionPair, estimate_offset, log_offset, stream_offset
+from gpcorrect.logs.sync import Motion, MotionPair, estimate, estimate_offset, log_offset, stream_offset
 from gpcorrect.types import CalibrationLog, PoseSignal
 
 TWO_MS = 2e-3
@@ -46,6 +46,18 @@ def test_faults_do_not_move_the_offset(recording):
         found = estimate_offset([recording.pair(wandering(rng), offset, rng)])
         assert found.observable, found.reason
         assert abs(found.offset - offset) < TWO_MS
+
+
+def test_many_samples_are_fitted_evenly_spread():
+    """Of an hour at a kilohertz a part says as much: the offset of a minute at 1 kHz is that of all its samples."""
+    rng = np.random.default_rng(5)
+    pair = Recording(observed_rate=1000.0, seconds=60.0).pair(wandering(rng), 0.2, rng)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(estimate, "MOST", 6000)
+        found = estimate_offset([pair])
+    assert 5900 < found.samples < 12000  # less what is seen beside the reference
+    assert abs(found.offset - 0.2) < TWO_MS
+    assert found.ci95[0] < estimate_offset([pair]).offset < found.ci95[1]
 
 
 def test_registration_does_not_matter():

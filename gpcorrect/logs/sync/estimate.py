@@ -35,6 +35,9 @@ PEAK_STEPS = 3.0  # or this many samples of the slower signal, if that is more
 DISTINCT_STEPS = 1.0  # optima within a slow sample step of each other are the same
 MIN_COMPARED = 2.5
 """s of motion. Simulated reaches gave wrong offsets of 0.2 to 1.7 s, each with a narrow interval, from 0.6 to 2.1 s."""
+MOST = 50_000
+"""Observed samples that are fitted, evenly spread: an hour at 14 Hz. Of 240,000 samples at 1 kHz offsets of 5 and 29 ms
+and their intervals come out alike to 0.1 us, in two fifths of the time."""
 MAX_HALF_WIDTH = 0.1  # of the searched lag: a wider interval is no answer
 
 MIN_OVERLAP = 0.2  # of the samples must be common to two rivals to compare them sample by sample
@@ -279,6 +282,8 @@ def _refined(
     pieces: Sequence[MotionPair], curve: LagCurve, slow: float, reach: float, names: tuple[str, str]
 ) -> TimeOffset:
     bracket = max(PEAK_WIDTH, PEAK_STEPS * slow)
+    every = max(1, sum(len(p.observed) for p in pieces) // MOST)
+    pieces = [replace(p, observed=p.observed.rows(np.arange(0, len(p.observed), every))) for p in pieces]
     starts = peaks(curve)[: MAX_RIVALS + 1]
     timing = regression(pieces, starts)
     if timing is None:
