@@ -10,44 +10,24 @@ Numbers that decide are halved and doubled.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from dataclasses import fields, replace
 from unittest import mock
 
 import numpy as np
-from support import print_table
+from support import ROOT, print_table
 
 from gpcorrect.discrepancy.recording import build, servo_clock
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.settings import CLOCK
-from gpcorrect.sim import machine_of, model_from_dict, simulate
-from gpcorrect.sim.effects import CoulombFriction, GainError
-from gpcorrect.sim.plan import Segment, plan_of
 from gpcorrect.types import CalibrationLog, FloatArray
 
-EVERY, STEP = 5, 0.01
-MODEL = model_from_dict(
-    {
-        "arm": "raven2_left",
-        "joints": [1, 2, 3],
-        "controller": {"kp": [120.0, 120.0, 8000.0], "kd": [12.0, 12.0, 400.0]},
-        "transmission": {"motor_inertia": [0.05, 0.05, 2.0]},
-    }
-)
-HIDDEN = (CoulombFriction(1, torque=0.5, side="motor"), GainError(2, proportional=-0.3))
+sys.path.append(str(ROOT / "tests" / "discrepancy"))
+from discrepancy_core import EVERY, IN_SERVO, SERVO_MODEL
+from discrepancy_core import fine as recorded
 
-
-def recording() -> CalibrationLog:
-    """Return six motions of 8 s at 500 Hz."""
-    rng, t = np.random.default_rng(1), np.arange(0.0, 8.0, STEP / EVERY)[:, None]
-    middle, swing = np.array([0.3, 1.4, -0.38]), np.array([0.5, 0.4, 0.05])
-    eased = t - (1.0 - np.exp(-2.0 * t)) / 2.0  # from rest
-    segments = []
-    for i in range(6):
-        rate, phase = rng.uniform(0.5, 2.5, 3), rng.uniform(0.0, 2 * np.pi, 3)
-        path = middle + swing * (np.sin(rate * eased + phase) - np.sin(phase))
-        segments.append(Segment(path, np.full(len(path), i), 0, 20.0 * i, 0.2))
-    return simulate(machine_of(MODEL).with_effects(*HIDDEN), plan_of(segments, EVERY / STEP))
+STEP = 0.01
 
 
 def logs(fine: CalibrationLog) -> Iterator[tuple[str, CalibrationLog]]:
@@ -85,16 +65,16 @@ def logs(fine: CalibrationLog) -> Iterator[tuple[str, CalibrationLog]]:
 
 def outcome(log: CalibrationLog) -> tuple[str, FloatArray]:
     """Return which clock the loop runs on, and the first two motors' root mean square error with the true effects."""
-    scene = build_scene(log, MODEL, np.ones(len(log), dtype=np.bool_))
+    scene = build_scene(log, SERVO_MODEL, np.ones(len(log), dtype=np.bool_))
     if scene.plan is None:
         return "no loop", np.full(2, np.nan)
-    error = np.sqrt(np.nanmean(scene.residual(HIDDEN)[:, :2] ** 2, axis=0))
+    error = np.sqrt(np.nanmean(scene.residual(IN_SERVO)[:, :2] ** 2, axis=0))
     return ("the stamps'" if scene.stamps is not None else "an even one"), error
 
 
 def main() -> None:
     """Print the table."""
-    fine = recording()
+    fine = recorded(runs=6)
     made = list(logs(fine))
     variants = {"as set": CLOCK}
     for field in fields(CLOCK):

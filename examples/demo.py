@@ -96,9 +96,9 @@ def service(model: Path, endpoint: str) -> Iterator[None]:
             process.wait(timeout=10)
 
 
-def wait_for_service(process: subprocess.Popen[bytes], said: TextIO, patience: float = 60.0) -> None:
+def wait_for_service(process: subprocess.Popen[bytes], said: TextIO) -> None:
     """Wait until the service says that it answers."""
-    until = time.monotonic() + patience
+    until = time.monotonic() + 60.0
     while "serving" not in os.pread(said.fileno(), 10_000, 0).decode():
         if process.poll() is not None or time.monotonic() > until:
             raise SystemExit("the service did not start")

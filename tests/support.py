@@ -6,7 +6,7 @@ import fcntl
 import json
 import os
 import pickle
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -18,6 +18,7 @@ import pytest
 
 from gpcorrect import gpr, se3
 from gpcorrect.calibration.learners import trees
+from gpcorrect.calibration.model_file import seal_of
 from gpcorrect.types import CalibrationLog, PoseSignal
 
 T = TypeVar("T")
@@ -65,6 +66,14 @@ class Fitted:
     @property
     def json(self) -> Any:
         return json.loads((self.folder / "fit.json").read_text())
+
+
+def sealed_file(path: Path, header: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> Path:
+    """Write a model file of these parts under a fresh seal."""
+    sealed = json.dumps({**header, "seal": seal_of(header)}, sort_keys=True)
+    with path.open("wb") as file:
+        np.savez(file, header=np.frombuffer(sealed.encode(), dtype=np.uint8), **arrays)
+    return path
 
 
 def real_data(name: str) -> Path:

@@ -15,16 +15,20 @@ def uneven_times(n, seed=0, step=0.01):
     return np.cumsum(np.random.default_rng(seed).uniform(0.3 * step, 1.7 * step, n))
 
 
+def assert_exact(coefficients, time, seed, step, tolerance):
+    """Differentiate three random polynomials of so many coefficients."""
+    rng = np.random.default_rng(seed)
+    polynomials = [np.polynomial.Polynomial(rng.normal(size=coefficients), domain=[0, time[-1]]) for _ in range(3)]
+    values = np.stack([p(time) for p in polynomials], axis=1)
+    exact = np.stack([p.deriv()(time) for p in polynomials], axis=1)
+    got = derivative(time, values, np.zeros(len(time), dtype=int), step)
+    np.testing.assert_allclose(got, exact, atol=tolerance * max(1.0, np.abs(exact).max()))
+
+
 @given(st.integers(0, 10_000), st.integers(5, 40), st.sampled_from([None, 0.005, 0.03]))
 def test_quartics_are_differentiated_exactly(seed, n, step):
     """On any spacing, where a step holds no more than five samples, polynomials of degree four are exact everywhere."""
-    rng = np.random.default_rng(seed)
-    time = uneven_times(n, seed, step=0.2)
-    polynomials = [np.polynomial.Polynomial(rng.normal(size=5), domain=[0, time[-1]]) for _ in range(3)]
-    values = np.stack([p(time) for p in polynomials], axis=1)
-    exact = np.stack([p.deriv()(time) for p in polynomials], axis=1)
-    got = derivative(time, values, np.zeros(n, dtype=int), step)
-    np.testing.assert_allclose(got, exact, atol=1e-8 * max(1.0, np.abs(exact).max()))
+    assert_exact(5, uneven_times(n, seed, step=0.2), seed, step, 1e-8)
 
 
 @pytest.mark.parametrize("n", [2, 3, 4])
@@ -39,13 +43,7 @@ def test_short_runs_use_fewer_points(n):
 @given(st.integers(0, 10_000), st.integers(6, 300), st.sampled_from([0.4, 1.0, 10.0]))
 def test_quadratics_are_differentiated_exactly(seed, n, step):
     """On any spacing, however many samples a step holds, the derivative of a parabola is exact everywhere."""
-    rng = np.random.default_rng(seed)
-    time = uneven_times(n, seed, step=0.05)
-    polynomials = [np.polynomial.Polynomial(rng.normal(size=3), domain=[0, time[-1]]) for _ in range(3)]
-    values = np.stack([p(time) for p in polynomials], axis=1)
-    exact = np.stack([p.deriv()(time) for p in polynomials], axis=1)
-    got = derivative(time, values, np.zeros(n, dtype=int), step)
-    np.testing.assert_allclose(got, exact, atol=1e-9 * max(1.0, np.abs(exact).max()))
+    assert_exact(3, uneven_times(n, seed, step=0.05), seed, step, 1e-9)
 
 
 def slope_noise(rate, step):

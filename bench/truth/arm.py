@@ -56,9 +56,9 @@ def forward(q: Array, rows: Array = ROWS) -> Array:
     return T
 
 
-def tip_in_shaft(rows: Array = ROWS) -> Array:
+def tip_in_shaft() -> Array:
     """Tip `(3,)` in the frame of link 3, wrist held, m."""
     T = np.eye(4)[None]
-    for row, value in zip(rows[3:], WRIST, strict=True):
+    for row, value in zip(ROWS[3:], WRIST, strict=True):
         T = T @ link_transform(row, np.array([value]), np.zeros(1))
     return T[0, :3, 3]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from joint_logs import joint_log
-from support import short_search, small_log
+from support import sealed_file, short_search, small_log
 
 from gpcorrect.calibration import CommandCorrector, FitSettings, JointCorrector, ModelStore, fit_model, save
 from gpcorrect.calibration.coupled_play import CoupledPlay
@@ -21,7 +21,7 @@ from gpcorrect.calibration.domain import Domain
 from gpcorrect.calibration.joint_features import JointFeatures
 from gpcorrect.calibration.learners.polynomial import PolynomialMap
 from gpcorrect.calibration.learners.ukf import CableModel
-from gpcorrect.calibration.model_file import load_any, read_parts, seal_of
+from gpcorrect.calibration.model_file import load_any, read_parts
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError, LogError
 from gpcorrect.gpr.features import FeatureMap
 from gpcorrect.gpr.intervals import IntervalCalibration
@@ -85,11 +85,8 @@ def test_a_description_that_programs_cannot_read_is_refused(
     for name in inner[:-1]:
         node = node[name]
     node[inner[-1]] = forged
-    header["seal"] = seal_of(header)
-    with (tmp_path / "forged.gpc").open("wb") as out:
-        np.savez(out, header=np.frombuffer(json.dumps(header).encode(), dtype=np.uint8), **arrays)
     with pytest.raises(ArtifactError, match="do not form a model"):
-        load_any(tmp_path / "forged.gpc")
+        load_any(sealed_file(tmp_path / "forged.gpc", header, arrays))
 
 
 @pytest.mark.parametrize("name", ["kind", "schema", "version", "model", "digests"])
@@ -100,11 +97,8 @@ def test_no_entry_of_a_header_is_believed_to_be_what_it_should(model: Path, tmp_
         if type(value) is type(header[name]):
             continue
         header[name] = value
-        header["seal"] = seal_of(header)
-        with (tmp_path / "forged.gpc").open("wb") as out:
-            np.savez(out, header=np.frombuffer(json.dumps(header).encode(), dtype=np.uint8), **arrays)
         with suppress(ArtifactError):
-            load_any(tmp_path / "forged.gpc")
+            load_any(sealed_file(tmp_path / "forged.gpc", header, arrays))
 
 
 @pytest.mark.parametrize("name", ["header.npy", "more.npy"])

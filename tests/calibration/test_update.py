@@ -243,9 +243,9 @@ def test_a_method_that_takes_no_more_data_is_refused() -> None:
         update_model(linear, aged_log(1, 0.0))
 
 
-def sagging_log(seed: int, amount: float, trajectories: int = 15) -> CalibrationLog:
+def sagging_log(seed: int, amount: float) -> CalibrationLog:
     """Return a recording of an arm that hangs lower by `amount` metres everywhere, as under a load."""
-    log = aged_log(seed, 0.0, trajectories)
+    log = aged_log(seed, 0.0, 15)
     assert log.tracker_cp is not None
     down = np.array([0.0, 0.0, amount])
     return replace(log, tracker_cp=PoseSignal(log.tracker_cp.position - down, log.tracker_cp.quaternion))

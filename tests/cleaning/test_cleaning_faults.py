@@ -154,9 +154,9 @@ def test_positions_alone_suffice(name: str) -> None:
     assert report.scales.shape == (1,)
 
 
-def late_log(rng: np.random.Generator, reaches: int = 40) -> CalibrationLog:
-    """Make a log of an arm without any error but 30 ms of lag: reaches of very different speed, and pauses."""
-    targets, parts = rng.uniform(-0.05, 0.05, (reaches + 1, 3)), []
+def late_log(rng: np.random.Generator) -> CalibrationLog:
+    """Make a log of an arm without any error but 30 ms of lag: 40 reaches of very different speed, and pauses."""
+    targets, parts = rng.uniform(-0.05, 0.05, (41, 3)), []
     for number, (start, goal) in enumerate(pairwise(targets)):
         duration = rng.uniform(0.5, 3.0)
         time = np.arange(0, duration + 0.3, 0.01)

@@ -23,10 +23,10 @@ REPORTED = joint_pair("measured_jp")
 SCALE = np.array([1.0, 1.0, 0.05])  # of a fault: rad and m
 
 
-def joint_world(seed: int, trajectories: int = 12, sessions: int = 1) -> CalibrationLog:
+def joint_world(seed: int, sessions: int = 1) -> CalibrationLog:
     """Return smooth motion of two revolute joints and a slide with coupling, stretch, play and a zero a session."""
     rng = np.random.default_rng(seed)
-    n = trajectories * 300
+    n = 12 * 300
     time = np.arange(n) / RATE
     rates, phases = rng.uniform(0.3, 2.0, (4, 3)), rng.uniform(0, 2 * np.pi, (4, 3))
     q = np.sin(time[:, None, None] * rates + phases).sum(axis=1) / 4 * SCALE * np.array([1.0, 1.0, 2.0])

@@ -19,9 +19,9 @@ SLOPES = np.array([2.0, -1.0, 0.5])
 RESOLUTION = np.array([1e-4, 1e-3])
 
 
-def plane_data(share: float, clustered: bool, seed: int = 0) -> tuple[FloatArray, FloatArray]:
+def plane_data(share: float, clustered: bool) -> tuple[FloatArray, FloatArray]:
     """Draw samples of the plane `x . SLOPES + 3` with noise 0.01, a share of which is wrong by hundreds."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     X = rng.normal(size=(200, 3))
     y = X @ SLOPES + 3 + 0.01 * rng.normal(size=200)
     bad = rng.choice(200, round(share * 200), replace=False)

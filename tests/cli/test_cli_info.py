@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -12,24 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import CommandLine, assert_refused
-from support import Fitted
+from support import Fitted, sealed_file
 
 from gpcorrect.calibration import load, save
-from gpcorrect.calibration.model_file import OLDEST, seal_of
+from gpcorrect.calibration.model_file import OLDEST, read_parts
 
 
 def before_history(path: Path, target: Path) -> Path:
     """Return a copy of a model file as it was before files kept a history."""
-    with np.load(path) as archive:
-        contents = {name: archive[name] for name in archive.files}
-    header = json.loads(contents["header"].tobytes())
+    header, arrays = read_parts(path)
     del header["model"]["history"]
-    header["schema"] = OLDEST
-    header["seal"] = seal_of(header)
-    contents["header"] = np.frombuffer(json.dumps(header, sort_keys=True).encode(), dtype=np.uint8)
-    with target.open("wb") as file:
-        np.savez(file, **contents)
-    return target
+    return sealed_file(target, {**header, "schema": OLDEST}, arrays)
 
 
 def test_a_model_remembers_command_data_versions_and_errors(gpcorrect: CommandLine, fitted: Fitted) -> None:

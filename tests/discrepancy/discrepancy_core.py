@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from scipy.signal import lfilter
 
 from gpcorrect.sim import Model, machine_of, model_from_dict, simulate
-from gpcorrect.sim.effects import Effect, in_order
+from gpcorrect.sim.effects import CoulombFriction, Effect, GainError, in_order
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan, Segment, plan_of
 from gpcorrect.sim.plant import joint_path
@@ -87,3 +88,29 @@ def swings_of(model: Model, *hidden: Effect) -> CalibrationLog:
     """Return a recording of its swings with these effects, without a tracker."""
     log = simulate(machine_of(model).with_effects(*hidden), raven_swings(5, 8, 4.0), seed=7)
     return replace(log, tracker_cp=None)
+
+
+EVERY = 5  # samples of the fine recording to one of a log
+SERVO_MODEL = model_from_dict(
+    {
+        "arm": "raven2_left",
+        "joints": [1, 2, 3],
+        "controller": {"kp": [120.0, 120.0, 8000.0], "kd": [12.0, 12.0, 400.0]},
+        "transmission": {"motor_inertia": [0.05, 0.05, 2.0]},
+    }
+)
+IN_SERVO: tuple[Effect, ...] = (CoulombFriction(1, torque=0.5, side="motor"), GainError(2, proportional=-0.3))
+
+
+@cache
+def fine(hidden: tuple[Effect, ...] = IN_SERVO, runs: int = 3, hz: float = 500.0) -> CalibrationLog:
+    """Return motions at 500 Hz without noise, in which a motor sticks and another's gain is too low."""
+    rng, t = np.random.default_rng(1), np.arange(0.0, 8.0, 1.0 / hz)[:, None]
+    middle, swing = np.array([0.3, 1.4, -0.38]), np.array([0.5, 0.4, 0.05])
+    eased = t - (1.0 - np.exp(-2.0 * t)) / 2.0  # from rest
+    segments = []
+    for i in range(runs):
+        rate, phase = rng.uniform(0.5, 2.5, 3), rng.uniform(0.0, 2 * np.pi, 3)
+        path = middle + swing * (np.sin(rate * eased + phase) - np.sin(phase))
+        segments.append(Segment(path, np.full(len(path), i), 0, 20.0 * i, 0.2))
+    return simulate(machine_of(SERVO_MODEL).with_effects(*hidden), plan_of(segments, hz))

@@ -53,7 +53,6 @@ def _weighed(
     nats: float,
     *,
     beside: float = 0.0,
-    instead: float = 0.0,
     shape_nats: float = np.inf,
     more: int = 0,
     of_steps: float = 0.0,
@@ -62,7 +61,7 @@ def _weighed(
     nothing = np.zeros(0)
     gain = Own((), (nothing, nothing), np.array([own]), np.zeros(1), 1.0, of_steps)
     rivals = (Rival(fit, nats, SETTINGS.search.complexity * more, shape_nats),)
-    return Weighed(gain, 0.0, np.ones(2, dtype=np.bool_), rivals, instead, beside)
+    return Weighed(gain, 0.0, np.ones(2, dtype=np.bool_), rivals, 0.0, beside)
 
 
 def test_probabilities_sum_to_one_and_follow_the_evidence(catalogue: dict[str, Candidate]) -> None:
@@ -84,32 +83,29 @@ def test_of_two_that_explain_alike_the_simpler_is_more_probable(catalogue: dict[
         assert mine.probability > 0.95 > rival.probability
 
 
-def test_a_lead_smaller_than_what_is_still_missing_leaves_the_rival(catalogue: dict[str, Candidate]) -> None:
-    """What neither explains may favour either: the rival stays until the lead is larger than that."""
-    own, rival = catalogue["transmission_ratio"], catalogue["homing_offset"]
-    for missing, stays in ((0.0, False), (30.0, False), (60.0, True)):
-        found = posterior(own, _weighed(1000.0, rival, 960.0, beside=missing + COST), COST)
-        assert (found[-1].probability >= SETTINGS.naming.stable) is stays
-
-
-def test_a_lead_smaller_than_what_the_steps_of_the_servo_are_worth_leaves_the_rival(
-    catalogue: dict[str, Candidate],
+@pytest.mark.parametrize(
+    ("own", "lead", "beside", "stays"),
+    [
+        # What neither explains may favour either.
+        (1000.0, 40.0, {"beside": COST}, False),
+        (1000.0, 40.0, {"beside": 30.0 + COST}, False),
+        (1000.0, 40.0, {"beside": 60.0 + COST}, True),
+        # A centre of mass took up some of how MuJoCo steps its loop, and a link's mass was ruled out by 11 nats.
+        (8227.0, 20.0, {"of_steps": 0.0}, False),
+        (8227.0, 20.0, {"of_steps": 9.0}, False),
+        (8227.0, 20.0, {"of_steps": 22.0}, True),
+        # A thousandth of very many nats is no evidence between two models that are both approximate.
+        (1e3, 80.0, {}, False),
+        (1e5, 80.0, {}, True),
+    ],
+)
+def test_a_lead_smaller_than_what_may_favour_either_leaves_the_rival(
+    catalogue: dict[str, Candidate], own: float, lead: float, beside: dict[str, float], stays: bool
 ) -> None:
-    """A centre of mass took up some of how MuJoCo steps its loop, and a link's mass was ruled out by 11 nats."""
-    own, rival = catalogue["transmission_ratio"], catalogue["homing_offset"]
-    for of_steps, stays in ((0.0, False), (9.0, False), (22.0, True)):
-        found = posterior(own, _weighed(8227.0, rival, 8227.0 - 20.0, of_steps=of_steps), COST)
-        assert (found[-1].probability >= SETTINGS.naming.stable) is stays
-
-
-def test_a_lead_that_an_error_of_our_own_signatures_could_make_leaves_the_rival(
-    catalogue: dict[str, Candidate],
-) -> None:
-    """A thousandth of very many nats is no evidence between two models that are both approximate."""
-    own, rival = catalogue["transmission_ratio"], catalogue["homing_offset"]
-    for nats, stays in ((1e3, False), (1e5, True)):
-        found = posterior(own, _weighed(nats, rival, nats - 80.0), COST)
-        assert (found[-1].probability >= SETTINGS.naming.stable) is stays
+    """What is still missing, what the servo's steps are worth, what an error of our own signatures could make."""
+    rival = catalogue["homing_offset"]
+    found = posterior(catalogue["transmission_ratio"], _weighed(own, rival, own - lead, **beside), COST)
+    assert (found[-1].probability >= SETTINGS.naming.stable) is stays
 
 
 def test_a_fuller_law_whose_shape_the_data_leave_open_is_not_ruled_out_and_never_leads(

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
+from discrepancy_core import EVERY, IN_SERVO, SERVO_MODEL, fine
 
 from gpcorrect.discrepancy import find_discrepancy
 from gpcorrect.discrepancy.outcome.sentences import verdict_sentences
@@ -19,13 +19,12 @@ from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.discrepancy.search.state import start_search
 from gpcorrect.errors import DataError
-from gpcorrect.sim import machine_of, model_from_dict, simulate
+from gpcorrect.sim import machine_of
 from gpcorrect.sim.effects import (
     CableStretch,
     CommandDelay,
     CoulombFriction,
     Effect,
-    GainError,
     InertiaError,
     IntegralAction,
     Payload,
@@ -33,34 +32,9 @@ from gpcorrect.sim.effects import (
     ViscousFriction,
 )
 from gpcorrect.sim.effects.base import SIDES
-from gpcorrect.sim.plan import Segment, plan_of
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
 SMALL = 1e-5  # rad, beside milliradians of the hidden effects
-EVERY = 5  # samples of the fine recording to one of a log
-MODEL = model_from_dict(
-    {
-        "arm": "raven2_left",
-        "joints": [1, 2, 3],
-        "controller": {"kp": [120.0, 120.0, 8000.0], "kd": [12.0, 12.0, 400.0]},
-        "transmission": {"motor_inertia": [0.05, 0.05, 2.0]},
-    }
-)
-HIDDEN: tuple[Effect, ...] = (CoulombFriction(1, torque=0.5, side="motor"), GainError(2, proportional=-0.3))
-
-
-@cache
-def fine(hidden: tuple[Effect, ...] = HIDDEN, runs: int = 3, hz: float = 500.0) -> CalibrationLog:
-    """Return motions at 500 Hz without noise, in which a motor sticks and another's gain is too low."""
-    rng, t = np.random.default_rng(1), np.arange(0.0, 8.0, 1.0 / hz)[:, None]
-    middle, swing = np.array([0.3, 1.4, -0.38]), np.array([0.5, 0.4, 0.05])
-    eased = t - (1.0 - np.exp(-2.0 * t)) / 2.0  # from rest
-    segments = []
-    for i in range(runs):
-        rate, phase = rng.uniform(0.5, 2.5, 3), rng.uniform(0.0, 2 * np.pi, 3)
-        path = middle + swing * (np.sin(rate * eased + phase) - np.sin(phase))
-        segments.append(Segment(path, np.full(len(path), i), 0, 20.0 * i, 0.2))
-    return simulate(machine_of(MODEL).with_effects(*hidden), plan_of(segments, hz))
 
 
 def taken(rows: IntArray) -> CalibrationLog:
@@ -75,12 +49,12 @@ def even() -> IntArray:
 
 def scene(log: CalibrationLog) -> Scene:
     """Return a log beside the model."""
-    log, _ = with_joint_paths(log, machine_of(MODEL).body)
+    log, _ = with_joint_paths(log, machine_of(SERVO_MODEL).body)
     every: BoolArray = np.ones(len(log), dtype=np.bool_)
-    return build_scene(log, MODEL, every)
+    return build_scene(log, SERVO_MODEL, every)
 
 
-def motor_errors(log: CalibrationLog, effects: tuple[Effect, ...] = HIDDEN) -> FloatArray:
+def motor_errors(log: CalibrationLog, effects: tuple[Effect, ...] = IN_SERVO) -> FloatArray:
     """Return how far the first two motors are from the simulated loop, root mean square, rad."""
     built = scene(log)
     assert [c.name for c in built.channels[:2]] == ["measured_jp_1", "measured_jp_2"]
@@ -232,7 +206,7 @@ def test_without_a_clock_nothing_is_said_of_the_motors() -> None:
     bunched = np.concatenate(
         [t[::4].repeat(4)[: len(t)] + np.arange(len(t)) % 4 * 2e-4 for t in np.split(log.time, 12)]
     )
-    levels = [find_discrepancy(MODEL, one).level for one in (even_one, replace(even_one, time=bunched))]
+    levels = [find_discrepancy(SERVO_MODEL, one).level for one in (even_one, replace(even_one, time=bunched))]
     assert levels == ["NONE", "INCONCLUSIVE"]
 
 
@@ -242,7 +216,7 @@ def test_a_late_command_is_named_unless_it_is_a_matter_of_steps(delay: float, na
     log = fine((CommandDelay("all", delay),), runs=12, hz=50.0)
     rng = np.random.default_rng(6)
     noisy = replace(log, external_jp=log.external_jp + rng.normal(0.0, [1e-4, 1e-4, 1e-5], log.external_jp.shape))
-    found = find_discrepancy(MODEL, replace(noisy, tracker_cp=None))
+    found = find_discrepancy(SERVO_MODEL, replace(noisy, tracker_cp=None))
     assert found.level in (("EXACT",) if named else ("NONE", "INCONCLUSIVE"))
     assert [e.name for e in found.effects] == (["command_delay"] if named else [])
     (late,) = [*found.effects, *found.verdict.of_steps]
@@ -255,7 +229,7 @@ def test_an_inertia_is_named_unless_it_is_a_matter_of_steps(inertia: float, name
     """The step times the gain on speed, 0.012 kg m^2 here, is what two ways to step a loop may differ by."""
     log = fine((InertiaError(1, inertia),), runs=12, hz=50.0)
     noise = np.random.default_rng(6).normal(0.0, [1e-4, 1e-4, 1e-5], log.external_jp.shape)
-    found = find_discrepancy(MODEL, replace(log, external_jp=log.external_jp + noise, tracker_cp=None))
+    found = find_discrepancy(SERVO_MODEL, replace(log, external_jp=log.external_jp + noise, tracker_cp=None))
     assert found.level in (("EXACT",) if named else ("NONE", "INCONCLUSIVE"))
     (heavy,) = [*found.effects, *found.verdict.of_steps]
     assert (heavy.name, heavy.joint, heavy in found.effects) == ("inertia_error", 1, named)
@@ -275,7 +249,7 @@ def test_what_is_of_the_whole_machine_is_named_once(hidden: Effect) -> None:
     """One effect with the true numbers in its intervals, not one for each joint that feels it."""
     log = fine((hidden,), runs=12, hz=50.0)
     noise = np.random.default_rng(6).normal(0.0, [1e-4, 1e-4, 1e-5], log.external_jp.shape)
-    found = find_discrepancy(MODEL, replace(log, external_jp=log.external_jp + noise, tracker_cp=None))
+    found = find_discrepancy(SERVO_MODEL, replace(log, external_jp=log.external_jp + noise, tracker_cp=None))
     assert [(e.level, e.name, e.joint) for e in found.effects] == [("EXACT", hidden.about.name, "all")]
     for name, estimate in found.effects[0].parameters.items():
         if estimate.ci95 is not None:
@@ -286,7 +260,7 @@ def test_a_filter_of_half_a_step_is_a_matter_of_steps() -> None:
     """As a controller has that differentiates its encoder: it is in the model and has no name."""
     log = fine((VelocityFilter("all", 0.0006),), runs=12, hz=50.0)
     noise = np.random.default_rng(6).normal(0.0, [1e-4, 1e-4, 1e-5], log.external_jp.shape)
-    found = find_discrepancy(MODEL, replace(log, external_jp=log.external_jp + noise, tracker_cp=None))
+    found = find_discrepancy(SERVO_MODEL, replace(log, external_jp=log.external_jp + noise, tracker_cp=None))
     assert (found.level in ("NONE", "INCONCLUSIVE"), found.effects) == (True, ())
 
 
@@ -295,7 +269,7 @@ def test_a_late_joint_is_told_from_friction(hidden: Effect) -> None:
     """Friction makes a lag as well: what tells the two is as little as another way to step the loop would change."""
     log = fine((hidden,), runs=12, hz=50.0)
     noise = np.random.default_rng(6).normal(0.0, [1e-4, 1e-4, 1e-5], log.external_jp.shape)
-    (late,) = find_discrepancy(MODEL, replace(log, external_jp=log.external_jp + noise, tracker_cp=None)).effects
+    (late,) = find_discrepancy(SERVO_MODEL, replace(log, external_jp=log.external_jp + noise, tracker_cp=None)).effects
     assert (late.name, late.joint) == (hidden.about.name, 2)
     first = hidden.about.parameters[0].name
     assert late.parameters[first].value == pytest.approx(getattr(hidden, first), rel=0.05)
@@ -303,7 +277,7 @@ def test_a_late_joint_is_told_from_friction(hidden: Effect) -> None:
 
 def test_a_fit_that_begins_where_no_machine_is_comes_back_to_one() -> None:
     """A step may lead to an unstable loop, or a motor of no inertia: the fit begins smaller, no run ends there."""
-    slow = MODEL.model_copy(update={"controller": MODEL.controller.model_copy(update={"rate_hz": 400.0})})
+    slow = SERVO_MODEL.model_copy(update={"controller": SERVO_MODEL.controller.model_copy(update={"rate_hz": 400.0})})
     prepared = prepare_data(fine((InertiaError(3, -1.0),), runs=12, hz=50.0), slow, np.random.default_rng(0))
     (light,) = (c for c in all_candidates(prepared.dataset.scene) if (c.name, c.joint) == ("inertia_error", 3))
     start = FittedEffect(light, np.array([light.coordinates[0].coordinate(-5.0)]))

@@ -26,9 +26,9 @@ def write_markers(path: Path, labels: list[str], points: FloatArray) -> Path:
     return path
 
 
-def two_tools(n: int = 600) -> tuple[FloatArray, FloatArray]:
+def two_tools() -> tuple[FloatArray, FloatArray]:
     """Markers of two tools that move differently."""
-    return moving_tool(1, n, ()).markers, moving_tool(2, n, ()).markers
+    return moving_tool(1, 600, ()).markers, moving_tool(2, 600, ()).markers
 
 
 @pytest.mark.parametrize("form", ["{}:{}", "{}_{}", "{} - {}", "{}{}", "{}.{}"])

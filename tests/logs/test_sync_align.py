@@ -16,9 +16,9 @@ from gpcorrect.logs.sync import align, estimate_offset, log_offset, shifted_by_m
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
 
-def moving_log(delay: float, seed: int = 0, trajectories: int = 3) -> CalibrationLog:
+def moving_log(delay: float, trajectories: int = 3) -> CalibrationLog:
     """Return a log whose tracker is `delay` s late on the robot's clock."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     path, turn = wandering(rng), wandering(rng, 0.4)
     time = np.concatenate([20.0 * k + np.arange(0, 10, 0.02) for k in range(trajectories)])
     number = np.repeat(np.arange(trajectories), len(time) // trajectories)

@@ -31,14 +31,14 @@ def rotations(poses: PoseSignal) -> Rotation:
     return Rotation.from_quat(poses.quaternion, scalar_first=True)
 
 
-def random_model(kind: str, rng: np.random.Generator, lever_arm_m: float = 0.1) -> RigidModel:
+def random_model(kind: str, rng: np.random.Generator) -> RigidModel:
     """Random model of the kind, frames metres apart."""
     if kind == "identity":
         return RigidModel()
     R, R_left, R_right = Rotation.random(3, random_state=rng).as_matrix()
     t = rng.normal(size=3)
     if kind == "marker":
-        return RigidModel("marker", R, t, rng.normal(size=3) * lever_arm_m, R, R_right)
+        return RigidModel("marker", R, t, rng.normal(size=3) * 0.1, R, R_right)
     if kind == "separate":
         return RigidModel("separate", R, t, R_left=R_left, R_right=R_right)
     return RigidModel(kind, R, t, R_left=R)

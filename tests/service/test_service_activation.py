@@ -19,7 +19,7 @@ from gpcorrect.types import FloatArray
 from gpcorrect_service import ClientSettings, Reply, ServiceError
 from gpcorrect_service.client.operator import Operator
 
-ACTIVATIONS = 12  # bench/service_activation.py makes a hundred
+ACTIVATIONS = 12  # bench/service_faults.py makes a hundred
 
 
 @pytest.fixture(scope="module")

@@ -45,12 +45,10 @@ def test_friction_behind_the_cable_is_carried_by_it(effect):
     assert extra.max() > 0.05
 
 
-def steady_error(effect, speed, joint=0):
-    """How far behind its command a joint moves steadily, times the gain: the friction."""
-    velocity = np.zeros(3)
-    velocity[joint] = speed
-    plan = constant_speed(velocity)
-    return ((plan.q - run(weightless(effect), plan).q)[-1, 0, joint]) * KP[joint]
+def steady_error(effect, speed):
+    """How far behind its command the first joint moves steadily, times the gain: the friction."""
+    plan = constant_speed(np.array([speed, 0.0, 0.0]))
+    return ((plan.q - run(weightless(effect), plan).q)[-1, 0, 0]) * KP[0]
 
 
 def test_stribeck_friction_falls_from_static_to_kinetic():
