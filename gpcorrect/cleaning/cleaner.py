@@ -237,12 +237,11 @@ def _report(log: CalibrationLog, labels: Labels, cleaner: FittedCleaner) -> Clea
     """Drop trajectories that are nearly all rejected (Mahler 2014, Sec. IV-A), and let the hand overrule every rule."""
     settings = cleaner.settings
     forced = segment_mask(log, settings.keep) & (labels.reason != Reason.INVALID.value)
-    numbers, index = np.unique(log.trajectory, return_inverse=True)
+    _, index = np.unique(log.trajectory, return_inverse=True)
     read = np.zeros(len(log), dtype=bool)
     read[sampled_rows(labels.reason != Reason.INVALID.value)] = True
     passed = np.bincount(index, weights=read & (labels.keep | forced))
     rejected = 1.0 - passed / np.maximum(np.bincount(index, weights=read), 1.0)
-    dropped = rejected > settings.trajectory_share
     labels = labels.rejecting_above(rejected[index], Reason.TRAJECTORY, settings.trajectory_share)
     return CleaningReport(
         time=log.time,
@@ -251,10 +250,6 @@ def _report(log: CalibrationLog, labels: Labels, cleaner: FittedCleaner) -> Clea
         value=labels.value,
         limit=labels.limit,
         overruled=np.where(forced, labels.reason, ""),
-        dropped_trajectories=dict(zip(numbers[dropped].tolist(), rejected[dropped].tolist(), strict=True)),
-        settings=settings,
-        scales=cleaner.thresholds.scales,
-        rigid=cleaner.rigid,
     )
 
 

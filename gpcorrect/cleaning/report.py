@@ -9,8 +9,6 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from gpcorrect.cleaning.settings import CleaningSettings
-from gpcorrect.rigid import RigidModel
 from gpcorrect.types import BoolArray, FloatArray, IntArray, frozen_array
 
 ReasonArray = NDArray[np.str_]
@@ -146,12 +144,6 @@ class CleaningReport:
     time, trajectory : (n,) arrays, the log's
     reason, value, limit : (n,) arrays, see :class:`Labels`
     overruled : (n,) array of str, what the rules would have said of samples that pass by hand; empty elsewhere
-    dropped_trajectories : dict of int to float, fraction of rejected samples of each trajectory that was dropped whole
-    settings : CleaningSettings, as used
-    scales : (g,) array
-        Robust standard deviation of an error component about the registration, m or rad, of each group: position and
-        rotation, or a joint each.
-    rigid : RigidModel, registration of the tracker; the identity for joints
     """
 
     time: FloatArray
@@ -160,10 +152,6 @@ class CleaningReport:
     value: FloatArray
     limit: FloatArray
     overruled: ReasonArray
-    dropped_trajectories: dict[int, float]
-    settings: CleaningSettings
-    scales: FloatArray
-    rigid: RigidModel
 
     def __len__(self) -> int:
         return len(self.time)
@@ -178,21 +166,6 @@ class CleaningReport:
         """Rejected samples by reason, only reasons that occur, in the order of :class:`Reason`."""
         found = {reason.value: int(np.count_nonzero(self.reason == reason.value)) for reason in Reason}
         return {code: count for code, count in found.items() if count}
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the summary as JSON-able values; the samples are in :meth:`to_table`."""
-        return {
-            "samples": len(self),
-            "kept": int(self.keep.sum()),
-            "counts": self.counts,
-            "meaning": {code: Reason(code).sentence for code in self.counts},
-            "dropped_trajectories": {str(k): share for k, share in self.dropped_trajectories.items()},
-            "kept_by_hand": int(np.count_nonzero(self.keep & (self.overruled != ""))),
-            "dropped_by_hand": self.counts.get(Reason.MANUAL.value, 0),
-            "settings": self.settings.to_dict(),
-            "scales": self.scales.tolist(),
-            "rigid": self.rigid.to_dict(),
-        }
 
     def to_table(self) -> list[dict[str, Any]]:
         """Return a row for each sample that is rejected or forced by hand: what was measured and the limit it broke."""

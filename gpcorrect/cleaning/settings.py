@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, fields
-from typing import Any
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -34,11 +33,6 @@ class Segment:
                 f"a segment runs forward in time, got {self.start} s to {self.stop} s.",
                 hint="Give trajectory, start and stop, in seconds of the log's clock.",
             )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the segment as JSON-able values, None for an open end."""
-        start, stop = (value if np.isfinite(value) else None for value in (self.start, self.stop))
-        return {"trajectory": self.trajectory, "start": start, "stop": stop}
 
 
 def require_segments(log: CalibrationLog, segments: Iterable[Segment]) -> None:
@@ -175,8 +169,3 @@ class CleaningSettings:
         units : str, "P" (m) or "R" (rad) for each of g groups
         """
         return np.array([self.position_resolution if unit == "P" else self.rotation_resolution for unit in units])
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the settings as JSON-able values."""
-        by_hand = {name: [s.to_dict() for s in getattr(self, name)] for name in ("keep", "drop")}
-        return {**asdict(self), **by_hand}

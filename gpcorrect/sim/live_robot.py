@@ -65,7 +65,11 @@ class LiveRobot:
     def __init__(self, machine: Machine, rng: np.random.Generator, *, block: int = 5) -> None:
         self._arm: Arm | None = machine.description
         self._columns = [number - 1 for number in machine.body.joints]
-        q = np.zeros(len(self._columns)) if self._arm is None else _start(self._arm)[self._columns]
+        q = np.zeros(len(self._columns))
+        if self._arm is not None:  # it comes up in
+            q = (working_posture(self._arm) if isinstance(self._arm, RemoteCentreArm) else self._arm.home)[
+                self._columns
+            ]
         self.machine = machine
         self._live = LiveArm(machine, q, block=block)
         self._sensors = Sensors(machine, rng)
@@ -310,8 +314,3 @@ class LiveRobot:
         published = self._arm.velocity_limits
         speed = UNRATED * np.ptp(self._arm.limits, axis=1) if published is None else np.array(published)
         return speed[self._columns]
-
-
-def _start(arm: Arm) -> FloatArray:
-    """Joints `(dof,)` in which an arm comes up."""
-    return working_posture(arm) if isinstance(arm, RemoteCentreArm) else arm.home

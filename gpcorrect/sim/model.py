@@ -305,7 +305,8 @@ def _in_own_words(edit: RobotEdit, effect: Effect, model: Model) -> bool:
     """Put an effect into a robot file; return whether the file says all of it."""
     if isinstance(effect.joint, int) and _acts_on_motor(effect, model.effects):
         return _on_joint(edit, effect, effect.joint)
-    weighs = not _fed_forward(model)  # or a controller would know of it
+    # A controller that computes torques from the file's masses and geometry must not know what was found.
+    weighs = model.controller is None or model.controller.feedforward == "none"
     match effect:
         case InertiaError(joint=int(joint), inertia=inertia) if weighs and model.transmission is None:
             return edit.add_inertia(joint, inertia)
@@ -343,11 +344,6 @@ def _on_joint(edit: RobotEdit, effect: Effect, joint: int) -> bool:
         case _:
             return False
     return True
-
-
-def _fed_forward(model: Model) -> bool:
-    """Whether the controller computes torques from the file's masses and geometry: it must not know what was found."""
-    return model.controller is not None and model.controller.feedforward != "none"
 
 
 def _acts_on_motor(effect: Effect, others: tuple[Effect, ...]) -> bool:

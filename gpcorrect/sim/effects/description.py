@@ -1,13 +1,11 @@
-"""What an effect says of itself: parameters with unit, range and prior, look-alikes, runs that separate them."""
+"""What an effect says of itself: parameters with unit, range and usual size, look-alikes, runs that separate them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
 
 import numpy as np
-from scipy import stats
 
 
 class Family(StrEnum):
@@ -85,14 +83,13 @@ class Ladder:
 
 @dataclass(frozen=True)
 class Range:
-    """Unit, physical range and prior scale of a parameter on one type of joint.
+    """Unit, physical range and usual size of a parameter on one type of joint.
 
     Parameters
     ----------
     unit : str, SI unit
     low, high : float, values outside are not physical for a surgical cable-driven arm
-    typical : float
-        Median of the prior when the parameter is positive, its standard deviation around zero otherwise.
+    typical : float, usual size
     """
 
     unit: str
@@ -108,12 +105,11 @@ class Parameter:
     Parameters
     ----------
     name, meaning : str, field of the effect, and what it is in one phrase
-    revolute : Range, unit, range and prior on a revolute joint
+    revolute : Range, unit, range and usual size on a revolute joint
     prismatic : Range, optional, the same on a prismatic joint, where it is another one
-    positive : bool, whether negative values have no meaning; the prior is then log-normal, else normal
+    positive : bool, whether negative values have no meaning
     identity : float, the value at which the effect does nothing
     per_session : bool, whether there may be one value a session
-    factor : float, width of the log-normal prior of a positive parameter: its geometric standard deviation
     ladder : Ladder or None
         Values to try, for a parameter that shapes the effect's trace; None where the trace grows with the parameter
         (or with its inverse, when it does nothing at infinity).
@@ -137,7 +133,6 @@ class Parameter:
     positive: bool = True
     identity: float = 0.0
     per_session: bool = False
-    factor: float = 3.0
     ladder: Ladder | None = None
     only: tuple[str, str] | None = None
     shaped_by: str = ""
@@ -160,18 +155,6 @@ class Parameter:
         joint_type : str, "R" or "P"
         """
         return self.prismatic if joint_type == "P" and self.prismatic is not None else self.revolute
-
-    def prior(self, joint_type: str) -> Any:
-        """Return the prior on a joint of a type, a frozen SciPy distribution.
-
-        Parameters
-        ----------
-        joint_type : str, "R" or "P"
-        """
-        typical = self.range(joint_type).typical
-        if self.positive:
-            return stats.lognorm(s=np.log(self.factor), scale=typical)
-        return stats.norm(loc=0.0, scale=typical)
 
 
 def axes(meaning: str, span: Range, only: tuple[str, str] | None = None, shaped_by: str = "") -> tuple[Parameter, ...]:

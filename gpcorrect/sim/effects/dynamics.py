@@ -39,7 +39,6 @@ class Resonance(JointEffect):
                 "natural frequency",
                 Range("Hz", 3.0, 60.0, 14.0),
                 identity=inf,
-                factor=1.9,
                 ladder=Ladder(Per.VALUE, (5.0, 10.0, 20.0, 40.0)),
                 valleys=True,
             ),
@@ -343,9 +342,7 @@ class MissingFriction(DriveEffect):
         family=Family.DYNAMICS,
         equation="F = (1 - part) F_nominal",
         source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
-        parameters=(
-            Parameter("part", "of the model's friction, that is not there", Range("1", 0.0, 1.0, 0.3), factor=2.0),
-        ),
+        parameters=(Parameter("part", "of the model's friction, that is not there", Range("1", 0.0, 1.0, 0.3)),),
         needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
         neighbours=("gain_error", "feedforward_error"),
         separating_runs=(Run.SPEED_LADDER, Run.GAIN_CHANGE),

@@ -192,7 +192,6 @@ class PulleyEccentricity(JointEffect):
                 "waves",
                 "phase of the pulley for each unit of the joint",
                 *WAVES,
-                factor=2.0,
                 # Half a wave apart: none is missed. Three quarters of a wave at least, or any bend would be one.
                 ladder=Ladder(Per.SWEEP, tuple(np.pi * k for k in range(2, 15)), within=(1.5 * np.pi, 1e9)),
             ),

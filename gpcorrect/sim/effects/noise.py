@@ -82,7 +82,6 @@ class NoiseChange(ReadingEffect):
                 "tail",
                 "degrees of freedom",
                 Range("1", 2.0, inf, 8.0),
-                factor=2.0,
                 ladder=Ladder(Per.VALUE, (inf, 3.0)),
             ),
             Parameter(

@@ -29,12 +29,12 @@ RESTS = ("dry", "soft", "elastic")  # it sticks, creeps, or bends; Coulomb's alo
 ONSET = Range("rad/s", 0.0, 0.5, 0.05), Range("m/s", 0.0, 0.05, 0.005)
 MUJOCO_TIME = 0.0095  # s: half of MuJoCo's default time constant times the largest impedance that is its default
 CREEP = Parameter("onset", "speed over which it grows", *ONSET, ladder=Ladder(Per.PRIOR, (0.1,)), only=("rest", "soft"))
+# By design: at 0.3 N m a milliradian before it slips.
 BRISTLE = Range("N m/rad", 1.0, 1e6, 300.0), Range("N/m", 100.0, 1e8, 3e4)
 BEND = Parameter(
     "bristle",
     "stiffness of what bends before it slips",
     *BRISTLE,
-    factor=10.0,  # by design: at 0.3 N m a milliradian before it slips, a tenth or ten of them
     ladder=Ladder(Per.PRIOR, (0.3,)),
     only=("rest", "elastic"),
     unbounded=True,
@@ -310,14 +310,12 @@ class Hysteresis(JointEffect):
                 "sharpness",
                 "exponent of the curve",
                 Range("1", 0.3, 20.0, 1.5),
-                factor=2.0,
                 ladder=Ladder(Per.VALUE, (1.0, 3.0)),
             ),
             Parameter(
                 "depth",
                 "share of a motion that is lost right after a reversal",
                 Range("1", 0.02, 1.0, 0.25),
-                factor=2.0,
                 ladder=Ladder(Per.VALUE, (0.25,), absent=True),
             ),
         ),
