@@ -66,7 +66,7 @@ class LiveRobot:
         self._arm: Arm | None = machine.description
         self._columns = [number - 1 for number in machine.body.joints]
         q = np.zeros(len(self._columns))
-        if self._arm is not None:  # it comes up in
+        if self._arm is not None:  # the posture in which it comes up
             q = (working_posture(self._arm) if isinstance(self._arm, RemoteCentreArm) else self._arm.home)[
                 self._columns
             ]
