@@ -126,8 +126,10 @@ def _joint_late(evidence: Evidence) -> Iterator[Finding]:
         shown = np.flatnonzero(np.isfinite(delays).all(axis=0))
         least = max(LATE[offset.reference], evidence.typical_step)
         for j in shown if len(shown) > 2 else ():  # of two, none tells which is late
-            late = delays[:, j] - np.median(delays[:, shown[shown != j]], axis=1)
-            sure = (np.abs(late) - halves[:, j] > least).all()
+            others = delays[:, shown[shown != j]]
+            late = delays[:, j] - np.median(others, axis=1)
+            # Others that do not agree either say that slack or creep is what delays them.
+            sure = (np.abs(late) - halves[:, j] > least).all() and (np.ptp(others, axis=1) <= least).all()
             if not sure or abs(late[0] - late[1]) > least + halves[:, j].sum():
                 continue
             size = f"{1e3 * abs(late.mean()):.0f} ms {'later' if late[0] > 0 else 'earlier'}"
