@@ -223,6 +223,7 @@ def follow(
     reference, clock : Reference and Clock, what the loop is given, and its steps
     joints : tuple of int, joint numbers of the columns
     effects : sequence of Effect
+    begins : (2, N, dof) array, optional, where the motors are at the start, and how fast, in place of that state
 
     Raises
     ------

@@ -11,6 +11,8 @@ from command_line import CommandLine, written
 from joint_logs import joint_log
 
 from gpcorrect.calibration import FitSettings, JointCorrector, fit_model, load, save
+from gpcorrect.calibration.dataset import Layout
+from gpcorrect.calibration.loads import FRICTION, Loads
 from gpcorrect.types import CalibrationLog
 
 
@@ -27,6 +29,24 @@ def model(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     settings = FitSettings(method=request.param, inducing=60, search_samples=120)
     save(fit_model(carrying(1.0, 1), settings, task=JointCorrector).corrector, path)
     return path
+
+
+def test_the_compiled_law_is_the_one_that_was_fitted() -> None:
+    """Term by term: a stream reads the same law of second degree."""
+    rng = np.random.default_rng(2)
+    X, labels = rng.standard_normal((600, 5)), np.arange(600) // 50
+    X[:, 4] += X[:, 0] * X[:, 1] + 0.3 * X[:, 2] ** 2
+    none = np.zeros(0, dtype=np.int64)
+    layout = Layout(
+        (1,), None, none, None, np.zeros(5), 10, none, np.array([0, 1]), none, np.array([4]), np.array([2, 3])
+    )
+    loads = Loads.of(X, labels, layout)
+    assert loads is not None
+    speed = X[:, 2:4] / loads.usual
+    motion = np.hstack([X[:, :2], speed, np.tanh(FRICTION * speed)])
+    expected = (X[:, 4:] - loads.law.mean(motion)) / loads.farthest
+    np.testing.assert_allclose(loads.off(X), expected, atol=1e-12)
+    assert np.abs(expected).max() > 0.5
 
 
 def test_under_another_load_nothing_is_known(model: Path) -> None:

@@ -63,10 +63,11 @@ def rank(
     best: dict[Hashable, Ranked] = {}
     gains = _gains_of(search, linearised, [t.change for t in wanted])
     for trace, (factors, gain) in zip(wanted, gains, strict=True):
-        candidate, nats = trace.candidate, gain - SEARCH.complexity * trace.candidate.extra
+        candidate, nats = trace.candidate, gain
         if candidate.starts_as_it_is:  # no line: a torque cut at 14 N is not three times one cut at 15
             new = search.whitener.whiten_columns(trace.change)[:, 0]
             nats = max(nats, float(new @ (linearised.z - 0.5 * new)))
+        nats -= SEARCH.complexity * candidate.extra
         slot = candidate.key if beyond is None else (candidate.key, *candidate.places)  # fuller ones: one of each make
         if _is_physical(candidate, factors) and (slot not in best or nats > best[slot].nats):
             best[slot] = Ranked(candidate, nats, factors)
