@@ -121,7 +121,8 @@ class SearchSettings:
     # Nats that each parameter beyond an effect's first must bring: limits of one effect are not another.
     complexity: float = 4.0
     free_together: int = 8  # effects that are refitted with a new one; for time
-    watched: int = 2  # motions before and after an instant: one alone may be odd for a reason of its own
+    watched: int = 2  # motions that must follow an instant: one alone may be odd for a reason of its own
+    before: float = 1.0  # s of a session before an instant: what comes sooner is as good as an offset from homing
     edge: float = 0.01  # of a bound: a number this near to it is at the edge of its physical range
     rounds: int = 4  # of the search, at most one effect a joint in each; by design
     refined: int = 2  # leaders that are refined before one is chosen; for time

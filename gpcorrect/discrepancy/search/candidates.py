@@ -23,7 +23,7 @@ HELD = 1e-4  # of a number that is held: a bounded fit needs some room
 
 
 def watched(scene: Scene, session: int) -> tuple[float, float]:
-    """Session time from the end of the first motions to the start of the last ones, s; inf, -inf for too few.
+    """Session time from a little into its first motion to the start of the last ones, s; inf, -inf for too few.
 
     Parameters
     ----------
@@ -33,9 +33,9 @@ def watched(scene: Scene, session: int) -> tuple[float, float]:
     here, time = scene.session == session, scene.layout.gather(scene.motion.time)
     motions = [time[here & (scene.trajectory == t)] for t in np.unique(scene.trajectory[here])]
     n = SEARCH.watched
-    if len(motions) < 2 * n:
+    if len(motions) <= n:
         return np.inf, -np.inf
-    return sorted(float(m.max()) for m in motions)[n - 1], sorted(float(m.min()) for m in motions)[-n]
+    return min(float(m.min()) for m in motions) + SEARCH.before, sorted(float(m.min()) for m in motions)[-n]
 
 
 @dataclass(frozen=True)

@@ -146,6 +146,8 @@ def _cuts(whitener: DatasetWhitener, others: Sequence[FittedEffect], fit: Fitted
     base = dataset.predict([f.effect for f in others])
     earliest = _resized(fit, coordinate.bounds[0], 1.0)
     trace = dataset.predict([*(f.effect for f in others), earliest.effect]) - base
+    if (session := dict(fit.candidate.fixed).get("session")) is not None:  # a registered tracker shows it in others too
+        trace[dataset.means((dataset.scene.session != session).astype(np.float64)) > 0.0] = 0.0
     rows = (clock >= first) & (clock <= last) & trace.any(axis=1)
     instants = np.clip(np.unique(clock[rows]) - 0.5 * _row_seconds(dataset), first, last)
     return _Cuts(whitener, whitener.whiten(dataset.observed - base), trace, clock, instants)

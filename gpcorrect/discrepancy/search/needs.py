@@ -99,7 +99,7 @@ def _no_place(kind: type[Effect]) -> str:
         return "the load of no joint changes sign: of a gap it holds, nothing shows but an offset"
     if any(p.change_point for p in kind.about.parameters):
         n = SEARCH.watched
-        return f"no session has {2 * n} motions: an instant takes {n} before it and {n} after"
+        return f"no session has {n + 1} motions: an instant takes {n} after the one it is in"
     sites = set(kind.about.sites)
     if sites == {Site.INSERTION}:
         return "none of the model's joints slides"

@@ -171,7 +171,8 @@ def _offset(offset: TimeOffset, step: float) -> Finding:
 def _exchanged(evidence: Evidence) -> Iterator[Finding]:
     """Ask whether the robot moves after its command, and not before: then the two signals are exchanged."""
     for observed, reference in () if evidence.log.static else evidence.both(SERVO):
-        if min(rough_offsets(evidence.log, observed, reference), key=abs, default=0.0) > AHEAD:  # saves its refinement
+        rough = min(rough_offsets(evidence.log, observed, reference), key=abs, default=-np.inf)
+        if rough - 0.5 * evidence.typical_step > -AHEAD:  # within half a step of it: saves its refinement
             continue
         known = (o for o in evidence.offsets if (o.observed, o.reference) == (observed, reference))
         offset = next(known, None) or log_offset(evidence.log, observed, reference)
