@@ -54,7 +54,6 @@ def test_a_machine_arrives_nearer(models: tuple[JointCorrector, Aim]) -> None:
 def test_joints_whose_commands_get_worse_are_not_moved(models: tuple[JointCorrector, Aim]) -> None:
     """Where what was found is what was commanded, a model that errs by more than it sees missing moves none."""
     log = commanded_log(0)
-    assert log.setpoint_jp is not None
     near = log.setpoint_jp + 1e-6
     assert not Aim.learn(models[1].reached, np.ones((1, 3)), log, near).share.any()
 

@@ -126,8 +126,6 @@ def test_points_that_do_not_fit_the_inputs_are_refused() -> None:
 def test_a_motion_of_another_kind_is_outside_whatever_was_learned(method: str, tmp_path: Path) -> None:
     """Learned where joint 2 follows joint 1 and used where it does not, each in its range; a model file keeps that."""
     other = joint_log(4, trajectories=8)
-    assert other.measured_jp is not None
-    assert other.external_jp is not None
     together = other.measured_jp.copy()
     together[:, 1] = 0.4 + together[:, 0] + 0.02 * (other.measured_jp[:, 1] - other.measured_jp[:, 1].mean())
     log = replace(other, measured_jp=together, external_jp=other.external_jp + together - other.measured_jp)

@@ -16,7 +16,6 @@ from gpcorrect.types import CalibrationLog, Progress
 def half_seen() -> tuple[CommandCorrector, CalibrationLog]:
     """Return a model that saw the right half of the workspace and a little of the left."""
     log = small_log(0, 16, samples=40)
-    assert log.tracker_cp is not None
     left = log.tracker_cp.position[:, 0] < 0.1
     rare = np.arange(len(log)) % 40 == 0
     settings = FitSettings(inducing=150, search_samples=150, marker="none", clean=False)

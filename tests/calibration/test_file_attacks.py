@@ -163,12 +163,10 @@ def test_tables_that_unpack_to_more_than_memory_are_refused(tmp_path: Path) -> N
 def test_impossible_numbers_count_as_missing_and_are_said(tmp_path: Path) -> None:
     """Infinity and 1e304 m are no measurements: a reader leaves them out with a remark."""
     log = small_log(trajectories=1)
-    assert log.tracker_cp is not None
     position = np.array(log.tracker_cp.position)
     position[[3, 5]] = [[np.inf, 0, 0], [0, 1e304, 0]]
     write_log(replace(log, tracker_cp=replace(log.tracker_cp, position=position)), tmp_path / "log.csv")
     read = read_log(tmp_path / "log.csv")
-    assert read.tracker_cp is not None
     assert not read.tracker_cp.finite[[3, 5]].any()
     assert read.tracker_cp.finite.sum() == len(log) - 2
     assert any("2 samples of tracker_cp" in remark for remark in read.remarks)

@@ -23,8 +23,6 @@ MOUNTED = se3.matrix_from_rotvec(np.array([0.1, 1.1, -0.3]))  # of the marker on
 def held_log(seed: int = 0, spread: float = 0.0) -> CalibrationLog:
     """Return the small recording with the tool commanded in one orientation (or `spread` rad about it), and missed."""
     log, rng = small_log(seed), np.random.default_rng(100 + seed)
-    assert log.setpoint_cp is not None
-    assert log.tracker_cp is not None
     n, phase = len(log), rng.uniform(0, 2 * np.pi, (len(log.trajectory_ids), 3))
     swing = np.sin(3 * (log.time % 10.0)[:, None] + phase[log.trajectory])  # another way in each motion
     commanded = se3.matrix_from_rotvec(spread * rng.standard_normal((n, 3))) @ HELD

@@ -16,7 +16,6 @@ STRETCH = np.array([0.02, -0.01, 0.001])  # of each joint's own effort, rad and 
 def a_path(seed: int) -> tuple[JointPath, FloatArray]:
     """Return the path of a small recording, and its errors."""
     log = joint_log(seed, trajectories=4)
-    assert log.measured_jp is not None
     return joint_path(log.time, log.session, log.measured_jp, log.measured_jf), log.external_jp - log.measured_jp
 
 

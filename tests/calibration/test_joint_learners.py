@@ -49,7 +49,6 @@ def fitted_to(log: CalibrationLog, method: str, **changes: object) -> Experiment
 
 
 def rmse(experiment: Experiment, name: str = "corrected") -> FloatArray:
-    assert experiment.evaluation is not None
     return np.array([row["rmse"] for row in experiment.evaluation.dirty_errors[name]], dtype=np.float64)
 
 
@@ -148,7 +147,6 @@ def test_commands_lead_to_the_desired_joints() -> None:
 def test_intervals_cover_held_out_motion() -> None:
     """95 % intervals of each joint hold at least 85 % of the errors on trajectories never seen."""
     gp = fitted("gp")
-    assert gp.evaluation is not None
     assert (gp.evaluation.dirty.coverage95 > 0.85).all()
 
 
@@ -203,19 +201,15 @@ def test_a_single_motion_is_held_out_in_blocks() -> None:
     """A log of one trajectory is measured on its last fifth; by session it is measured on whole sessions."""
     single = replace(LOG, trajectory=np.zeros(len(LOG), dtype=np.int64))
     experiment = fitted_to(single, "linear")
-    assert experiment.test is not None
     assert len(experiment.test) == pytest.approx(len(LOG) / 5, rel=0.05)
     sessions = replace(LOG, session=(LOG.trajectory >= 3).astype(np.int64))
     by_session = run_experiment(sessions, FitSettings(method="linear"), task=JointCorrector, by=HoldOut.SESSION)
-    assert by_session.test is not None
     assert np.unique(by_session.test.session).tolist() == [1]
 
 
 def test_what_is_held_out_is_measured_with_the_motion_before_it() -> None:
     """As a stream answers, which saw it: alone the held-out part would begin with its slack unknown."""
     experiment = fitted("gp")
-    assert experiment.test is not None
-    assert experiment.evaluation is not None
     held = np.isin(LOG.trajectory, experiment.test.trajectory_ids)
     everything = np.ones(len(LOG), dtype=bool)
     whole, part = experiment.corrector.measure(LOG, everything), experiment.evaluation.dirty

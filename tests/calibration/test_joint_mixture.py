@@ -21,7 +21,6 @@ from gpcorrect.types import CalibrationLog, FloatArray
 def creeping(log: CalibrationLog, constant: float, share: float) -> CalibrationLog:
     """Return a log whose joints also creep: a share of every motion arrives by a first-order lag."""
     assert log.measured_jp is not None
-    assert log.external_jp is not None
     q, time = log.measured_jp, log.time
     behind = lagged(q, time, np.arange(len(q)) == 0, np.array([constant]))[:, 0]
     return replace(log, measured_jf=None, external_jp=log.external_jp - share * behind)
@@ -104,7 +103,6 @@ def test_lags_are_learned_where_joints_creep_and_nowhere_else() -> None:
     assert "lags" in model.view.features.origins[0]
     path, stream = model.correct_log(log).joints, JointStream(model)
     assert path is not None
-    assert log.measured_jp is not None
     live = [stream.correct(float(t), q).joints for t, q in zip(log.time[:200], log.measured_jp, strict=False)]
     np.testing.assert_allclose(live, path[:200], atol=1e-9)
     _, plain = held_out_rmse(replace(joint_log(3, trajectories=8), measured_jf=None))
@@ -114,10 +112,8 @@ def test_lags_are_learned_where_joints_creep_and_nowhere_else() -> None:
 def test_accelerations_are_learned_where_joints_spring_and_nowhere_else() -> None:
     """Links that give way under their inertia need them, stiff ones have none. A stream follows as the path does."""
     log, rng, kinds = joint_log(3, trajectories=8), np.random.default_rng(0), ("position", "velocity", "acceleration")
-    assert log.measured_jp is not None
     stiff = replace(log, measured_jf=None, external_jp=log.measured_jp + 1e-4 * rng.standard_normal((len(log), 3)))
     pull = np.gradient(np.gradient(log.measured_jp, log.time, axis=0), log.time, axis=0)
-    assert stiff.external_jp is not None
     springing = replace(stiff, external_jp=stiff.external_jp - 0.02 * pull)
     without, _ = held_out_rmse(springing, method="linear", features=kinds[:2])
     knowing, model = held_out_rmse(springing, method="linear", features=kinds)
@@ -134,7 +130,6 @@ def test_accelerations_are_learned_where_joints_spring_and_nowhere_else() -> Non
 def test_an_error_that_goes_by_the_pose_alone_is_learned_without_the_past() -> None:
     """In few motions everything of the past is new in each: what sees positions alone errs half as much there."""
     log, rng = joint_log(3, trajectories=8), np.random.default_rng(0)
-    assert log.measured_jp is not None
     q = log.measured_jp / np.ptp(log.measured_jp, axis=0)
     error = 0.01 * np.sin(q @ rng.uniform(1.0, 4.0, (3, 3)) + rng.uniform(0.0, 6.0, 3))
     noisy = log.measured_jp + error + 1e-4 * rng.standard_normal(error.shape)

@@ -50,7 +50,6 @@ def learned() -> FitResult:
 def poses_of(log: CalibrationLog, n: int) -> tuple[FloatArray, FloatArray]:
     """Return the first n observed poses of a log's first trajectory and their times."""
     rows = np.flatnonzero(log.trajectory == log.trajectory_ids[0])[:n]
-    assert log.tracker_cp is not None
     assert log.tracker_cp.quaternion is not None
     return np.hstack([log.tracker_cp.position, log.tracker_cp.quaternion])[rows], log.time[rows]
 
@@ -72,7 +71,6 @@ def test_a_clock_that_starts_again_at_each_motion_is_well() -> None:
 def test_a_tracker_without_orientations_is_fitted_without_joints() -> None:
     """Joints are of whole poses: such a recording ended in an error of our own, and by name it is refused in words."""
     log = reaches(0)
-    assert log.tracker_cp is not None
     bare = replace(log, tracker_cp=PoseSignal(log.tracker_cp.position))
     said = [remark for remark in fit_model(bare, SETTINGS).remarks if "joints are not used" in remark]
     assert ["no orientation" in remark for remark in said] == [True]
@@ -176,8 +174,6 @@ def test_an_update_calibrates_intervals_of_poses_anew(learned: FitResult) -> Non
     for off in (0.1, 10.0):
         wrong = replace(learned.corrector.route, intervals=learned.corrector.route.intervals.widened(off))
         update = update_model(replace(learned.corrector, route=wrong), log)
-        assert update.before is not None
-        assert update.after is not None
         assert abs(update.before.clean.coverage95.mean() - 0.95) > 0.04
         assert update.after.clean.coverage95.mean() > 0.85
         factors.append(update.corrector.route.intervals.factor)
@@ -242,7 +238,6 @@ def test_a_gripper_is_left_out_and_two_fingers_determine_nothing() -> None:
 def test_joints_are_not_learned_where_poses_hardly_tell_them() -> None:
     """A wrist with two axes fallen together turns a small error of a pose into a large one of joints: left out."""
     log = reaches(0, 6)
-    assert log.setpoint_jp is not None
     kinematics = ArmKinematics.of(log)
     q = np.repeat(log.setpoint_jp[:1], 4, axis=0)
     q[:, 4] = [0.0, np.pi / 2 - 0.005, 0.7, np.nan]
@@ -265,7 +260,6 @@ def test_joints_pay_on_a_real_wrist() -> None:
     """On the held-out last fifth of a real dVRK recording they take a quarter of the rotation error; intervals hold."""
     log = read_log(real_data("dvrk_random.csv"))
     experiment = run_experiment(log, replace(BY_NAME, inducing=200, search_samples=200, marker="auto", clean=True))
-    assert experiment.evaluation is not None
     assert experiment.test is not None
     errors = experiment.evaluation.clean_errors["corrected"]["rotation_deg"]["norm"]["rmse"]
     alone = evaluate_model(replace(experiment.corrector, route=None), experiment.test)

@@ -40,11 +40,8 @@ def test_intervals_hold_where_the_slack_is_not_known_yet(with_memory: JointCorre
         part = other.select(slice(first, first + 60))
         answer = with_memory.correct_log(part)
         stream = with_memory.stream()
-        assert part.measured_jp is not None
         live = np.array([stream.correct(t, q).interval95 for t, q in zip(part.time, part.measured_jp, strict=True)])
         np.testing.assert_allclose(live, answer.interval95, rtol=1e-9, atol=1e-12)
-        assert part.external_jp is not None
-        assert answer.joints is not None
         inside.append(np.abs(answer.joints - part.external_jp) <= answer.interval95)
         wide.append(answer.interval95)
     first, last = (np.median([rows[k] for rows in wide], axis=0) for k in (0, -1))
@@ -81,7 +78,6 @@ def test_efforts_of_other_joints_are_refused(
     log: CalibrationLog, task: type[JointCorrector | PositionEstimator], columns: list[int]
 ) -> None:
     """Of more or fewer efforts than joints nobody knows which joint's they are."""
-    assert log.measured_jf is not None
     assert log.measured_jp is not None
     seen = PoseSignal(log.measured_jp)
     other = replace(log, measured_jf=log.measured_jf[:, columns], measured_cp=seen, tracker_cp=seen)
@@ -120,7 +116,6 @@ def test_settings_that_mean_nothing_are_refused(wrong: dict[str, object]) -> Non
 
 def test_sessions_are_told_apart_by_any_number(with_memory: JointCorrector, log: CalibrationLog) -> None:
     """Sessions .2 and .9 are two, and words are refused."""
-    assert log.measured_jp is not None
     part, time = log.measured_jp[:40], log.time[:40]
     half = np.arange(40) < 20
     whole, other = (

@@ -78,8 +78,6 @@ def test_inputs_of_one_query_are_their_row_in_the_stack(kinds: tuple[str, ...], 
 
 def log_without_orientation() -> CalibrationLog:
     log = small_log()
-    assert log.tracker_cp is not None
-    assert log.setpoint_cp is not None
     return replace(
         log, tracker_cp=PoseSignal(log.tracker_cp.position), setpoint_cp=PoseSignal(log.setpoint_cp.position)
     )
@@ -97,7 +95,6 @@ def any_corrector(request: pytest.FixtureRequest) -> CommandCorrector:
 def test_one_query_is_its_row_of_the_batch(any_corrector: CommandCorrector) -> None:
     """Command, deviation, interval, domain and status equal the batch's to 1e-10, amid the data and far outside."""
     log, rng = small_log(seed=4), np.random.default_rng(0)
-    assert log.tracker_cp is not None
     rows = rng.choice(len(log), 200, replace=False)
     desired = PoseSignal(
         log.tracker_cp.position[rows] * rng.uniform(0.5, 4.0, (200, 1)), log.tracker_cp.quaternion[rows]

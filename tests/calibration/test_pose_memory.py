@@ -33,8 +33,6 @@ SETTINGS = FitSettings(
 def sticky_log(seed: int) -> CalibrationLog:
     """Return the small recording's positions with a slack of 6 mm a direction that shifts commands by up to 3 mm."""
     log = small_log(seed, trajectories=20)
-    assert log.tracker_cp is not None
-    assert log.setpoint_cp is not None
     lag = np.concatenate(
         [log.tracker_cp.position[rows] - play(log.tracker_cp.position[rows], RADIUS) for _, rows in log.trajectories()]
     )
@@ -153,7 +151,6 @@ def a_path() -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return poses, times and the stencil's velocities of one observed trajectory."""
     log = small_log(3)
     rows = np.arange(60)
-    assert log.tracker_cp is not None
     assert log.tracker_cp.quaternion is not None
     poses, times = np.hstack([log.tracker_cp.position, log.tracker_cp.quaternion])[rows], log.time[rows]
     velocity = twists(times, poses[:, :3], se3.matrix_from_quaternion(poses[:, 3:]), np.zeros(60, dtype=int))

@@ -50,14 +50,6 @@ def fitted(log: CalibrationLog) -> Experiment:
 
 
 def _sample(log: CalibrationLog, i: int) -> RobotState:
-    assert log.measured_jp is not None
-    assert log.measured_cp is not None
-    assert log.measured_cp.quaternion is not None
-    assert log.setpoint_cp is not None
-    assert log.setpoint_cp.quaternion is not None
-    assert log.setpoint_jp is not None
-    assert log.measured_jv is not None
-    assert log.measured_jf is not None
     return RobotState(
         float(log.time[i]),
         log.measured_jp[i],
@@ -81,7 +73,6 @@ def test_the_error_on_held_out_reaches_falls_by_85_per_cent(fitted: Experiment) 
 def test_held_out_reaches_are_whole_and_unseen(log: CalibrationLog, fitted: Experiment) -> None:
     """Other labels of the last fifth of the trajectories change nothing of the fit."""
     last = log.trajectory_ids[-6:]
-    assert log.tracker_cp is not None
     other = log.tracker_cp.position + np.where(np.isin(log.trajectory, last)[:, None], 3e-4, 0.0)
     changed = replace(log, tracker_cp=replace(log.tracker_cp, position=other))
     again = fit(changed).corrector
@@ -126,7 +117,6 @@ def test_far_outside_the_estimate_is_bounded_and_said_to_be_unknown(fitted: Expe
 def test_a_tool_reported_where_the_training_had_none_is_outside(fitted: Experiment, log: CalibrationLog) -> None:
     """A position in another frame beside joints that are known; the same positions by stream and by batch."""
     model: PositionEstimator = fitted.corrector
-    assert log.measured_cp is not None
     moved = replace(log, measured_cp=replace(log.measured_cp, position=log.measured_cp.position + 0.3))
     assert model.stream().correct(_sample(log, 3)).in_domain
     assert not model.stream().correct(_sample(moved, 3)).in_domain
@@ -183,7 +173,6 @@ def test_what_cannot_be_learned_from_is_refused(log: CalibrationLog, fitted: Exp
 def test_an_estimator_has_the_page_of_every_task(fitted: Experiment, tmp_path: Path) -> None:
     """The page lists every held-out reach and draws true, reported and estimated positions."""
     write_fit_report(fitted, tmp_path / "page.html")
-    assert fitted.test is not None
     page = (tmp_path / "page.html").read_text()
     assert page.count("data-key=") == len(fitted.test.trajectory_ids)
     assert "In space: true, reported, estimated." in page

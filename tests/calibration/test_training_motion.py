@@ -130,7 +130,6 @@ def test_joints_in_other_units_are_refused(joints: JointCorrector) -> None:
 def test_states_in_other_units_are_refused() -> None:
     """A tool position is not estimated from degrees or milliseconds."""
     log = small_log(seed=1, trajectories=4)
-    assert log.setpoint_cp is not None
     q = log.setpoint_cp.position * [10.0, 10.0, 1.0]
     log = replace(log, measured_cp=log.setpoint_cp, measured_jp=q)
     settings = FitSettings(method="linear", clean=False)

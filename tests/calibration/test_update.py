@@ -36,8 +36,6 @@ SAG = 0.0068  # m: more than the smooth model explains, little more than the reg
 def aged_log(seed: int, amount: float, trajectories: int = 10) -> CalibrationLog:
     """Return a recording whose commands miss by further `amount` metres, wavelike over the workspace."""
     log = small_log(seed, trajectories, samples=40)
-    assert log.tracker_cp is not None
-    assert log.setpoint_cp is not None
     p = log.tracker_cp.position
     extra = amount * np.sin(40 * p[:, [1, 2, 0]])
     return replace(log, setpoint_cp=PoseSignal(log.setpoint_cp.position + extra, log.setpoint_cp.quaternion))
@@ -52,8 +50,6 @@ def corrector() -> CommandCorrector:
 
 def mirrored(log: CalibrationLog) -> CalibrationLog:
     """Return a recording whose tracker has its first axis the other way."""
-    assert log.tracker_cp is not None
-    assert log.tracker_cp.quaternion is not None
     p, q = log.tracker_cp.position * [-1, 1, 1], log.tracker_cp.quaternion * [1, 1, -1, -1]
     return replace(log, tracker_cp=PoseSignal(p, q))
 
@@ -95,8 +91,6 @@ def test_a_changed_robot_is_followed(corrector: CommandCorrector) -> None:
     assert rmse(found.after) < 0.6 * rmse(found.before)
     assert found.worse == ()
     assert found.keep < 1.0
-    assert found.after is not None
-    assert found.before is not None
     assert np.nanmean(found.after.clean.coverage95) > np.nanmean(found.before.clean.coverage95)
     assert np.nanmean(found.after.clean.coverage95) > 0.85
 
@@ -184,7 +178,6 @@ def test_noise_is_not_learned_where_the_fit_found_no_field(joints: JointCorrecto
     plain = replace(joints, law=replace(joints.law, learned=without))
     log = joint_log(5, 12, 12.0)
     rng = np.random.default_rng(0)
-    assert log.external_jp is not None
     # Each trajectory errs by itself, as by its slack: no field says anything of the next.
     own = 0.02 * rng.standard_normal((12, 3))[log.trajectory] * (1 + 0.5 * np.sin(8 * log.external_jp[:, [1]]))
     found = update_model(plain, replace(log, external_jp=log.external_jp + own), holdout=0.25)
@@ -194,7 +187,6 @@ def test_noise_is_not_learned_where_the_fit_found_no_field(joints: JointCorrecto
 def test_worse_by_chance_is_not_worse(joints: JointCorrector) -> None:
     """A growth that trajectories do not agree on is borne up to a twentieth; one that they agree on is not."""
     found = update_model(joints, joint_log(6, 12, 12.0), holdout=0.25)
-    assert found.before is not None
     clean = found.before.clean
     place = np.searchsorted(np.unique(clean.trajectory), clean.trajectory)
 
@@ -246,7 +238,6 @@ def test_a_method_that_takes_no_more_data_is_refused() -> None:
 def sagging_log(seed: int, amount: float) -> CalibrationLog:
     """Return a recording of an arm that hangs lower by `amount` metres everywhere, as under a load."""
     log = aged_log(seed, 0.0, 15)
-    assert log.tracker_cp is not None
     down = np.array([0.0, 0.0, amount])
     return replace(log, tracker_cp=PoseSignal(log.tracker_cp.position - down, log.tracker_cp.quaternion))
 
@@ -265,7 +256,6 @@ def test_a_load_that_fails_all_samples_is_measured_and_learned(corrector: Comman
 def test_a_tracker_that_was_moved_is_not_learned_as_the_robots_error(corrector: CommandCorrector) -> None:
     """A recording in another frame is refused, whatever is forced: the registration stays, and would be corrected."""
     log = aged_log(1, 0.0)
-    assert log.tracker_cp is not None
     assert log.tracker_cp.quaternion is not None
     turn = se3.matrix_from_rotvec(np.array([0.0, 0.0, np.deg2rad(20.0)]))
     turned = se3.quaternion_from_matrix(turn @ se3.matrix_from_quaternion(log.tracker_cp.quaternion))

@@ -41,7 +41,6 @@ def flipped_share(log: CalibrationLog, number: int, share: float) -> Calibration
 
 
 def with_positions(log: CalibrationLog, position: FloatArray) -> CalibrationLog:
-    assert log.tracker_cp is not None
     return replace(log, tracker_cp=PoseSignal(position, log.tracker_cp.quaternion))
 
 
@@ -69,7 +68,6 @@ def test_the_same_seed_gives_the_same_report(fitted: tuple[FittedCleaner, Cleani
 
 def test_the_callers_arrays_are_left_alone(log: CalibrationLog) -> None:
     """Cleaning changes nothing in the log."""
-    assert log.tracker_cp is not None
     before = np.array(log.tracker_cp.position)
     judged(log)
     np.testing.assert_array_equal(log.tracker_cp.position, before)
@@ -105,7 +103,6 @@ def test_keep_beats_drop(log: CalibrationLog) -> None:
 
 def test_no_hand_keeps_a_missing_number(log: CalibrationLog) -> None:
     """Invalid samples stay rejected inside a segment to keep: nothing can be learned from them."""
-    assert log.tracker_cp is not None
     position = np.array(log.tracker_cp.position)
     position[100] = np.nan
     report = judged(with_positions(log, position), CleaningSettings(keep=(Segment(int(log.trajectory[100])),)))
@@ -172,7 +169,6 @@ def test_a_log_without_a_usable_sample_is_judged_all_invalid(
 
 def test_too_few_samples_to_learn_from_are_refused(log: CalibrationLog) -> None:
     """The error says how many samples are needed and how many came."""
-    assert log.tracker_cp is not None
     position = np.array(log.tracker_cp.position)
     position[3:] = np.nan
     with pytest.raises(DataError, match=rf"at least 4 complete samples .* got 3 of {len(log)}"):

@@ -104,7 +104,6 @@ def test_drift_refuses_copies_and_ages_out_of_order(
 def test_explore_refuses_a_task_that_was_misread(gpcorrect: CommandLine, model: Path, tmp_path: Path) -> None:
     """A recording of the task is looked at as every other is: a mirrored one shows another region."""
     log = small_log()
-    assert log.tracker_cp is not None
     seen = PoseSignal(log.tracker_cp.position * [1, 1, -1], log.tracker_cp.quaternion)
     mirrored = written(replace(log, tracker_cp=seen), tmp_path / "mirrored.csv")
     assert_refused(gpcorrect("explore", model, "--n", 2, "--task", mirrored), "mirrored.csv", "mirror image")

@@ -18,7 +18,6 @@ from gpcorrect.types import CalibrationLog, PoseSignal
 
 def moved(log: CalibrationLog, positions: np.ndarray) -> CalibrationLog:
     """Return the log with other observed positions."""
-    assert log.tracker_cp is not None
     return replace(log, tracker_cp=PoseSignal(positions, log.tracker_cp.quaternion))
 
 
@@ -36,7 +35,6 @@ def test_an_empty_file_is_refused(gpcorrect: CommandLine, tmp_path: Path) -> Non
 def test_rows_of_nan_are_dropped_and_counted(gpcorrect: CommandLine, tmp_path: Path) -> None:
     """Missing observations do not stop a fit; they are counted as dropped."""
     log = small_log(trajectories=6, samples=40)
-    assert log.tracker_cp is not None
     positions = log.tracker_cp.position.copy()
     positions[100:110] = np.nan
     path = written(moved(log, positions), tmp_path / "holes.csv")
@@ -47,7 +45,6 @@ def test_rows_of_nan_are_dropped_and_counted(gpcorrect: CommandLine, tmp_path: P
 def test_an_end_unlike_its_beginning_is_not_measured_on(gpcorrect: CommandLine, tmp_path: Path) -> None:
     """A tracker that was moved before the last fifth: nothing there can be measured, and it is said what to do."""
     log = small_log(trajectories=1, samples=200)
-    assert log.tracker_cp is not None
     positions = log.tracker_cp.position.copy()
     positions[160:] += 0.3
     path = written(moved(log, positions), tmp_path / "one.csv")
@@ -65,14 +62,12 @@ def test_a_tracker_that_saw_nothing_is_named(gpcorrect: CommandLine, tmp_path: P
 
 def turned_over(log: CalibrationLog) -> CalibrationLog:
     """Return the log with the tracker's quaternions as x y z w."""
-    assert log.tracker_cp is not None
     assert log.tracker_cp.quaternion is not None
     return replace(log, tracker_cp=PoseSignal(log.tracker_cp.position, np.roll(log.tracker_cp.quaternion, -1, axis=1)))
 
 
 def scaled(log: CalibrationLog, factors: object) -> CalibrationLog:
     """Return the log with observed positions times factors."""
-    assert log.tracker_cp is not None
     return moved(log, log.tracker_cp.position * np.asarray(factors))
 
 

@@ -22,7 +22,6 @@ def test_figures_that_hold_for_few_samples_are_not_left_alone(
 ) -> None:
     """A zero that moved by 0.6 mm on average breaks the intervals; by 1 mm, most samples do not pass as well."""
     log = small_log(seed=2, trajectories=8)
-    assert log.setpoint_cp is not None
     shift = moved * np.array([1.0, -1.0, 1.0]) * (0.5 + log.trajectory[:, None] / 8)  # some trajectories still pass
     command = PoseSignal(log.setpoint_cp.position + shift, log.setpoint_cp.quaternion)
     write_log(replace(log, setpoint_cp=command), tmp_path / "moved.csv")

@@ -64,7 +64,6 @@ def test_the_model_says_by_how_much_the_tracker_was_shifted(gpcorrect: CommandLi
 def test_what_is_not_cleaned_away_is_not_said_to_be_dropped(gpcorrect: CommandLine, tmp_path: Path) -> None:
     """Without cleaning nothing is left out of the training, whatever the rules find."""
     log = few_samples()
-    assert log.tracker_cp is not None
     position = np.array(log.tracker_cp.position)
     position[30:60:7] += 0.2
     path = written(replace(log, tracker_cp=replace(log.tracker_cp, position=position)), tmp_path / "log.csv")
@@ -78,9 +77,6 @@ def test_what_is_not_cleaned_away_is_not_said_to_be_dropped(gpcorrect: CommandLi
 def test_correct_asks_the_model_file(gpcorrect: CommandLine, fitted: Fitted) -> None:
     """The command for a desired pose lies within a millimetre of where the planted miss says."""
     log = small_log(noise=0.0)
-    assert log.tracker_cp is not None
-    assert log.tracker_cp.quaternion is not None
-    assert log.setpoint_cp is not None
     row = 30
     velocity = (log.tracker_cp.position[row + 1] - log.tracker_cp.position[row - 1]) / 0.04
     pose = [*log.tracker_cp.position[row], *log.tracker_cp.quaternion[row]]
@@ -96,7 +92,6 @@ def test_correct_asks_the_model_file(gpcorrect: CommandLine, fitted: Fitted) -> 
 def test_a_position_only_log_gives_position_errors_only(gpcorrect: CommandLine, tmp_path: Path) -> None:
     """Without a tracker's orientation no rotation error is invented, and the fit says what it leaves alone."""
     log = few_samples()
-    assert log.tracker_cp is not None
     bare = written(replace(log, tracker_cp=PoseSignal(log.tracker_cp.position)), tmp_path / "bare.csv")
     done = gpcorrect("fit", bare, "--output", tmp_path / "m.gpc", "--json").json
     assert set(done["errors"]["corrected"]) == {"position_mm"}
@@ -130,7 +125,6 @@ def test_the_real_recording_works_as_it_is(gpcorrect: CommandLine, tmp_path: Pat
 def test_a_correction_that_does_not_help_is_said_to_be_none(gpcorrect: CommandLine, tmp_path: Path) -> None:
     """Where the miss is noise, learning cannot beat the registration, and the fit says so."""
     log, rng = few_samples(), np.random.default_rng(3)
-    assert log.setpoint_cp is not None
     seen = log.setpoint_cp.position + 1e-3 * rng.standard_normal(log.setpoint_cp.position.shape)
     pure_noise = replace(log, tracker_cp=PoseSignal(seen, log.setpoint_cp.quaternion))
     path = written(pure_noise, tmp_path / "noise.csv")

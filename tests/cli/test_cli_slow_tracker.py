@@ -18,7 +18,6 @@ def between(log: CalibrationLog, every: int) -> CalibrationLog:
     rows = np.repeat(np.arange(len(log)), every)
     place = np.arange(len(rows)) % every
     fine = log.select(rows)
-    assert fine.tracker_cp is not None
     assert fine.tracker_cp.quaternion is not None
     position, quaternion = (
         np.where(place[:, None] > 0, np.nan, part) for part in (fine.tracker_cp.position, fine.tracker_cp.quaternion)

@@ -42,7 +42,6 @@ def test_three_joints_need_no_orientation() -> None:
     """Positions alone tell three joints; six need orientations, and the message says so."""
     model = arm("raven2_left", 1, 2, 3)
     log = joint_motion_log(model, 3, 5.0, seed=1)
-    assert log.setpoint_cp is not None
     bare = PoseSignal(log.setpoint_cp.position)
     q, _ = joint_path_of_poses(machine_of(model).body, bare, log.trajectory)
     np.testing.assert_allclose(q, log.setpoint_jp, atol=1e-8)
@@ -54,7 +53,6 @@ def test_missing_poses_leave_their_rows_out() -> None:
     """A row without a commanded pose has no motor position: it is left out, and said so."""
     model = arm("raven2_left", 1, 2, 3)
     log = poses_only(joint_motion_log(model, 3, 5.0, seed=2))
-    assert log.setpoint_cp is not None
     position = np.array(log.setpoint_cp.position)
     position[40:45] = np.nan
     holed = replace(log, measured_cp=None, setpoint_cp=replace(log.setpoint_cp, position=position))

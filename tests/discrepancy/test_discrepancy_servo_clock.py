@@ -143,7 +143,6 @@ def test_motors_that_stand_elsewhere_as_motions_begin_are_compared_once_the_serv
 ) -> None:
     """A controller that held with another torque as it begins: its way back was a gain error, EXACT."""
     log = taken(even())
-    assert log.measured_jp is not None
     noise = np.random.default_rng(2).normal(0.0, 2e-4, log.measured_jp.shape)
     since = _since_its_start(log)
     way_back = elsewhere * np.exp(-since / 0.05)[:, None] * [1.0, 0.0, 0.0]

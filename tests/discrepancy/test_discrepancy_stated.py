@@ -59,7 +59,6 @@ def test_a_coarse_sensor_is_not_silent_because_it_stands_still() -> None:
 
 def test_a_recording_in_coarse_steps_has_the_noise_of_its_steps() -> None:
     log = joint_log(3)
-    assert log.external_jp is not None
     step = 8 * NOISE
     rounded = replace(log, external_jp=np.round(log.external_jp / step) * step)
     dataset = prepare_data(rounded, nominal(), np.random.default_rng(0)).dataset

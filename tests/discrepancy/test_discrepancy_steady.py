@@ -32,8 +32,6 @@ def _wave(spread: float) -> CalibrationLog:
     plain = joint_log(3)
     seen = joint_log(3, PulleyEccentricity(joint=1, amplitude=ERROR, waves=WAVES, phase=0.3))
     of_run = 1.0 + spread * np.random.default_rng(5).standard_normal(RUNS)
-    assert plain.external_jp is not None
-    assert seen.external_jp is not None
     size = np.repeat(of_run, SAMPLES)[:, None]
     return replace(seen, external_jp=plain.external_jp + size * (seen.external_jp - plain.external_jp))
 

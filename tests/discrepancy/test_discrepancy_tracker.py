@@ -135,9 +135,7 @@ def test_joints_that_are_mixed_up_are_refused_where_only_a_tracker_looks_on(
 ) -> None:
     """A wrong sign was outside the catalogue, without a word on what it is; a sag of a centimetre is no such thing."""
     log = recording(GravitySag(2, 50.0))
-    assert log.measured_jp is not None
     columns = np.sign(mixed) * log.measured_jp[:, np.abs(mixed) - 1]
-    assert log.tracker_cp is not None
     seldom = log.tracker_cp.position.copy()
     seldom[np.arange(len(log)) % 5 != 3] = np.nan  # a slower tracker, whose rows no stride of the log's may meet
     tracker = replace(log.tracker_cp, position=seldom, quaternion=None)
@@ -233,7 +231,6 @@ def tracker_of(T: np.ndarray, *, base_known: bool) -> Tracker:
 def test_single_samples_far_off_do_not_move_the_registration() -> None:
     """One sample of a hundred is three centimetres off: the others are seen where they were, to a micrometre."""
     log, rng = recording(), np.random.default_rng(7)
-    assert log.tracker_cp is not None
     far = np.zeros(log.tracker_cp.position.shape)
     far[20::100] = 0.03 + 0.005 * rng.random((len(far[20::100]), 3))
     odd = replace(log, tracker_cp=replace(log.tracker_cp, position=log.tracker_cp.position + far))

@@ -83,14 +83,12 @@ def test_trajectories_that_come_twice_are_refused(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="samples of another one"):
         read_logs([file])
     experiment = run_experiment(doubled, QUICK, task=JointCorrector)
-    assert experiment.evaluation is not None
     assert any("learned from too" in caution for caution in experiment.evaluation.cautions)
 
 
 def test_an_arm_that_rests_where_it_rested_before_is_no_copy(tmp_path: Path) -> None:
     """A sensor of few digits reads the same at rest; only what moves tells one recording from another."""
     log = clean_log()
-    assert log.tracker_cp is not None
     step, resting = 1e-4, (np.arange(len(log)) % 50) < 25
     coarse = np.round(np.where(resting[:, None], log.tracker_cp.position[:1], log.tracker_cp.position) / step) * step
     assert not validate_log(replace(log, tracker_cp=PoseSignal(coarse)), ["twice"]).findings
@@ -114,14 +112,12 @@ def test_measuring_on_the_training_is_said(recordings: list[Path]) -> None:
         cautions = evaluate_model(corrector, read_logs(files)).cautions
         assert sum("was made from" in caution for caution in cautions) == count
     experiment = run_experiment(read_logs([monday, tuesday]), settings, task=JointCorrector)
-    assert experiment.evaluation is not None
     assert not any("was made from" in caution for caution in experiment.evaluation.cautions)
 
 
 def test_the_tracker_of_another_motion_is_refused(tmp_path: Path) -> None:
     """Poses that a tracker saw of something else are not learned from; joints of the same log are."""
     log, file = clean_log(), tmp_path / "log.csv"
-    assert log.tracker_cp is not None
     other = np.random.default_rng(0).permutation(4)
     rows = np.concatenate([np.flatnonzero(log.trajectory == k)[::-1] for k in other])
     write_log(replace(log, tracker_cp=PoseSignal(log.tracker_cp.position[rows]), name=""), file)

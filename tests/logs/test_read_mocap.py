@@ -29,7 +29,6 @@ ORDERS = ("XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX")
 
 def assert_sees(log: CalibrationLog, tool: Tool, *, turned: bool = True) -> None:
     """Assert that the log holds the tool's poses where it was seen, nothing where it was hidden; six digits."""
-    assert log.tracker_cp is not None
     np.testing.assert_array_equal(np.isnan(log.tracker_cp.position).any(axis=1), tool.hidden)
     seen = ~tool.hidden
     np.testing.assert_allclose(log.tracker_cp.position[seen], tool.position[seen], atol=2e-6)

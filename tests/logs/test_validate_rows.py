@@ -38,7 +38,6 @@ def _turn(rotvec: FloatArray) -> FloatArray:
 
 def reordered(log: CalibrationLog, rows: IntArray) -> CalibrationLog:
     """Return the table with its measured poses from other rows."""
-    assert log.tracker_cp is not None
     return replace(log, tracker_cp=log.tracker_cp[rows])
 
 

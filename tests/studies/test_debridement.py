@@ -117,7 +117,6 @@ def test_a_rehearsal_covers_the_fragments():
     """Under the tracker, rehearsed grasps lie around the box: its middle is reached in every direction."""
     scene, (place,) = stations(1)
     log = rehearsal_log(scene, place, 8, 0.06, np.random.default_rng(1), 2)
-    assert log.tracker_cp is not None
     box = scene.along(log.tracker_cp.position[log.extra["fault"] == 0])
     assert (np.abs(np.median(box, axis=0)) < [0.05, 0.05, 0.03]).all()
     assert len(log.trajectory_ids) == 8
