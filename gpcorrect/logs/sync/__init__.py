@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from gpcorrect.logs.sync.clocks import NAMES, Clocks, align, match_clocks, seconds_of, shifted_by_motion
-from gpcorrect.logs.sync.each_joint import joint_delays
 from gpcorrect.logs.sync.estimate import TimeOffset, estimate_offset, log_offset, rough_offsets, stream_offset
 from gpcorrect.logs.sync.motion import REFERENCES, Motion, MotionPair
 
@@ -16,7 +15,6 @@ __all__ = [
     "TimeOffset",
     "align",
     "estimate_offset",
-    "joint_delays",
     "log_offset",
     "match_clocks",
     "rough_offsets",
