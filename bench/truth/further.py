@@ -12,10 +12,10 @@ from scipy.interpolate import CubicSpline
 
 from gpcorrect.sim.plan import NOT_LOGGED, Plan
 from gpcorrect.types import CalibrationLog
-from truth.case import Truth
 from truth.hidden import Hidden
 from truth.loop import CONTROL_HZ
 from truth.machine import simulate
+from truth.recipe import Truth
 from truth.record import recorded
 from truth.reference import PAUSE, Motion, Reference, laid_out
 

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from truth.alike import side_of
-from truth.case import Truth, few_of
-from truth.hidden import Hidden
+from truth import recipe
+from truth.hidden import Growth, Hidden, rigidly
 from truth.history import Readings
 from truth.loop import CONTROL_HZ, TICK_HZ
-from truth.noise import NoiseLaw, draw_noise, noise_of
+from truth.noise import draw_noise, noise_of
+from truth.recipe import Truth, hide, sized
 from truth.record import tracked
 from truth.reference import Reference, separating
 from truth.spec import Case
@@ -24,10 +24,9 @@ from truth_mujoco.arms import Arm
 from truth_mujoco.causes import cause_named
 from truth_mujoco.causes.cause import Scene
 from truth_mujoco.facts import labels_of, nominal_tables
-from truth_mujoco.machine import Machine, draw_machine, readings_of, simulate
+from truth_mujoco.machine import draw_machine, readings_of, simulate
 from truth_mujoco.motion import Run
 from truth_mujoco.plant import nominal_torques
-from truth_mujoco.sizing import GROWTH, Meter
 from truth_mujoco.spec import Spec
 
 Array = NDArray[np.float64]
@@ -37,27 +36,36 @@ TRACKER_NOISE = 1.5e-4  # m
 LEVER = 0.1  # m; from a tracker's noise to a joint's
 NOISE_FACTOR = 2.0  # by which the noise may differ from what was drawn, to meet a ratio
 JOINTS_TRIED = 3  # until one lets a cause be as large as asked
+PHYSICAL = {
+    "resonance": {"frequency": (5.0, 40.0)},
+    "capstan_friction": {"wrap": (1e-4, 0.5)},
+    "payload": {"mass": (2e-3, 1.0)},
+    "delay": {"delay": (2e-4, 0.05)},
+    "transmission_ratio": {"error": (-0.2, 0.2)},
+    "shaft_bending": {"rigidity": (0.2, 200.0)},
+    "rcm_shift": {"stiffness": (300.0, 1e7)},
+    "feedforward_error": {"fraction": (-1.0, 1.0)},
+    "gain_error": {"proportional": (-0.6, 1.5), "derivative": (-0.6, 1.5)},
+    "swaying_base": {"angle": (1e-4, 0.3)},
+    "link_mass_error": {"mass": (-0.1, 3.0)},
+    "centre_of_mass_error": dict.fromkeys("xyz", (-0.4, 0.4)),
+    "gravity_error": dict.fromkeys("xyz", (-8.0, 8.0)),
+    "inertia_error": {"inertia": (0.0, 130.0)},  # twice the largest motor here
+}
+GROWTH = Growth(close=0.1, tries=8, stride=2.0, physical=PHYSICAL)
 
 
 @dataclass(frozen=True, eq=False)
-class Setting:
-    """A case before anything is hidden in it."""
+class Setting(recipe.Setting):
+    """A case before anything is hidden in it, with its run."""
 
-    spec: Spec
-    machine: Machine
-    reference: Reference
     torques: Array
-    run: Run
-    readings: Readings
-    joint_noise: NoiseLaw
-    tracker_noise: NoiseLaw
-    registered: bool
+    before: Run
 
     @property
-    def meter(self) -> Meter:
-        """Return how ratios are measured here."""
-        tracker = float(np.sqrt(np.mean(self.tracker_noise.rms**2)))
-        return Meter(self.spec.signals, self.joint_noise.rms, tracker, not self.registered)
+    def tracker(self) -> float:
+        """RMS of the tracker's noise."""
+        return float(np.sqrt(np.mean(self.tracker_noise.rms**2)))
 
     @property
     def noise_at_joints(self) -> Array:
@@ -65,11 +73,48 @@ class Setting:
         if self.spec.signals != "tracker":
             return self.joint_noise.rms
         lever = np.array([LEVER if kind == "R" else 1.0 for kind in self.machine.arm.types])
-        return self.meter.tracker / lever
+        return self.tracker / lever
 
-    def with_noise(self, factor: float) -> Setting:
-        """Return the same with another level of noise."""
-        return replace(self, joint_noise=self.joint_noise.times(factor), tracker_noise=self.tracker_noise.times(factor))
+    @property
+    def moved(self) -> tuple[Array, Array]:
+        """Motors as they are reported, and commanded torques."""
+        return self.before.recorded.reported, self.before.recorded.command
+
+    def along(self, reference: Reference) -> Setting:
+        """Run along another reference."""
+        torques = nominal_torques(self.machine.plant, reference)
+        before, readings = simulate(self.machine, reference, torques)
+        return replace(self, reference=reference, torques=torques, before=before, readings=readings)
+
+    def run(self, hidden: Sequence[Hidden]) -> Readings:
+        """Run with causes."""
+        return simulate(self.machine, self.reference, self.torques, hidden, self.before)[1]
+
+    def read(self, hidden: Sequence[Hidden]) -> Readings:
+        """Read the motion as it was."""
+        return readings_of(self.machine, self.before, hidden)
+
+    def ratio(self, hidden: Hidden, with_it: Readings, without: Readings, rows: NDArray[np.int64]) -> float:
+        """RMS of the trace of a cause over RMS of the noise, in the sensors that show it best."""
+        cause, j, noise = cause_named(hidden.name), hidden.column, self.joint_noise.rms
+        if cause.channel == "noise":
+            return float(np.sqrt(np.mean(with_it.extra_noise[rows, j] ** 2)) / noise[j])
+        if cause.channel == "reported":
+            trace = (with_it.reported - without.reported)[rows, j]
+            return float(np.sqrt(np.mean(trace**2)) / noise[j])
+        found = []
+        if self.spec.signals in ("tracker", "both"):
+            before, after = without.tip[rows, :3, 3], with_it.tip[rows, :3, 3]
+            # a registration left to the data takes up what a rigid motion can
+            miss = after - (before if self.registered else rigidly(before, after))
+            found.append(float(np.sqrt(np.mean(miss**2))) / self.tracker)
+        if self.spec.signals != "tracker" and not cause.tracker_only:
+            each = np.sqrt(np.mean((with_it.outside - without.outside)[rows] ** 2, axis=0)) / noise
+            if cause.feedforward:
+                moved = (with_it.reported - without.reported)[rows]
+                each = np.maximum(each, np.sqrt(np.mean(moved**2, axis=0)) / noise)
+            found.append(float(each[j] if cause.where == "joint" else each.max()))
+        return max(found)
 
 
 def make_case(spec: Spec, seed: int) -> Case:
@@ -82,7 +127,7 @@ def make_truth(spec: Spec, seed: int) -> Truth:
     rng = np.random.default_rng([seed, zlib.crc32(repr(spec).encode())])
     setting = prepared(spec, rng)
     hidden = [_placed(setting, name, rng) for name in spec.hidden]
-    setting, readings, ratios = _hide(setting, hidden)
+    setting, readings, ratios = hide(setting, hidden, NOISE_FACTOR)
     log = recorded(setting, readings, rng)
     case = Case(log, nominal_tables(setting, rng), labels_of(setting, hidden, ratios, seed))
     return Truth(case, setting, readings, tuple(hidden))
@@ -99,16 +144,17 @@ def prepared(spec: Spec, rng: np.random.Generator) -> Setting:
     registered = "registration_error" in spec.hidden or bool(rng.random() < 0.5)
     joint_noise = draw_noise(rng, np.array([JOINT_NOISE[kind] for kind in arm.types]), "")
     tracker_noise = draw_noise(rng, np.full(3, TRACKER_NOISE), "")
-    return Setting(spec, machine, reference, torques, run, readings, joint_noise, tracker_noise, registered)
+    return Setting(spec, machine, reference, readings, joint_noise, tracker_noise, registered, torques, run)
 
 
 def _placed(setting: Setting, name: str, rng: np.random.Generator) -> Hidden:
     """Return a cause of about the asked size, on the first joint of a random order that lets it be that large."""
-    scene = Scene(setting.run, setting.noise_at_joints, setting.spec.sessions)
+    cause, scene = cause_named(name), Scene(setting.before, setting.noise_at_joints, setting.spec.sessions)
     best, best_miss = None, np.inf
     for j in rng.permutation(_columns(setting.machine.arm, name))[:JOINTS_TRIED]:
-        hidden, ratio = _sized(setting, Hidden(name, int(j), cause_named(name).draw(rng, int(j), scene)))
-        miss = abs(float(np.log(max(ratio, 1e-9) / setting.spec.ratio)))
+        drawn, size = Hidden(name, int(j), cause.draw(rng, int(j), scene)), setting.spec.ratio
+        hidden, ratio = sized(setting, drawn, cause, GROWTH, start=size, in_loop=cause.build is not None)
+        miss = abs(float(np.log(max(ratio, 1e-9) / size)))
         if miss < best_miss:
             best, best_miss = hidden, miss
         if miss < np.log(NOISE_FACTOR):
@@ -123,58 +169,6 @@ def _columns(arm: Arm, name: str) -> list[int]:
     if name in ("length_dependent_stiffness", "capstan_friction"):
         return [0, 1]  # joints that carry a load worth the name
     return list(range(arm.dof))
-
-
-def _sized(setting: Setting, hidden: Hidden) -> tuple[Hidden, float]:
-    """Return the cause at about the asked ratio, and its ratio on the whole run or, in MuJoCo's model, a part of it."""
-    cause, meter = cause_named(hidden.name), setting.meter
-    reference, torques, run, without = setting.reference, setting.torques, setting.run, setting.readings
-    if cause.build is not None:
-        reference = _draft(setting, hidden)
-        torques = nominal_torques(setting.machine.plant, reference)
-        run, without = simulate(setting.machine, reference, torques)
-    rows = reference.logged
-    share = len(rows) / len(setting.reference.logged) if cause.peaks else 1.0
-
-    def measure(trial: Hidden) -> float:
-        if cause.build is not None:
-            _, with_it = simulate(setting.machine, reference, torques, [trial])
-        else:
-            with_it = readings_of(setting.machine, run, [trial])
-        return meter.ratio(trial, with_it, without, rows) * float(np.sqrt(share))
-
-    ratio = setting.spec.ratio
-    return GROWTH.grown(cause, hidden, ratio, measure, start=ratio)
-
-
-def _draft(setting: Setting, hidden: Hidden) -> Reference:
-    """Return a few trajectories: the most extreme ones for a cause that acts at peaks, else spread evenly."""
-    recorded, peak = setting.run.recorded, None
-    if cause_named(hidden.name).peaks:
-        peak = side_of(hidden.params) * recorded.reported if "end" in hidden.params else np.abs(recorded.command)
-        peak = peak[:, hidden.column]
-    return few_of(setting.reference, setting.spec.trajectories, peak)
-
-
-def _hide(setting: Setting, hidden: Sequence[Hidden]) -> tuple[Setting, Readings, list[float]]:
-    """Run the machine with its causes and set the noise so that the ratios hold (on geometric average, of several).
-
-    Noise changes by no more than a factor; a cause that physics keeps smaller or larger has the ratio that it has.
-    """
-    if not hidden:
-        return setting, setting.readings, []
-    _, readings = simulate(setting.machine, setting.reference, setting.torques, hidden, setting.run)
-    ratios = [_own_ratio(setting, h, readings, alone=len(hidden) == 1) for h in hidden]
-    wanted = float(np.exp(np.mean(np.log(np.maximum(ratios, 1e-6) / setting.spec.ratio))))
-    factor = float(np.clip(wanted, 1.0 / NOISE_FACTOR, NOISE_FACTOR))
-    return setting.with_noise(factor), readings, [r / factor for r in ratios]
-
-
-def _own_ratio(setting: Setting, hidden: Hidden, readings: Readings, *, alone: bool) -> float:
-    """Ratio of one cause on the whole run; among others, it is run once more by itself."""
-    if not alone:
-        _, readings = simulate(setting.machine, setting.reference, setting.torques, [hidden], setting.run)
-    return setting.meter.ratio(hidden, readings, setting.readings, setting.reference.logged)
 
 
 def recorded(setting: Setting, readings: Readings, rng: np.random.Generator) -> CalibrationLog:

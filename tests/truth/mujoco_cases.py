@@ -38,7 +38,7 @@ def truth(arm: str, signals: str, seed: int) -> Truth:
 def with_cause(where: Setting, name: str, column: int, params: Params) -> tuple[Run, Readings]:
     """Run a machine with one cause of given numbers."""
     assert set(cause_named(name).grow + cause_named(name).shrink) <= set(params)
-    return simulate(where.machine, where.reference, where.torques, [Hidden(name, column, params)], where.run)
+    return simulate(where.machine, where.reference, where.torques, [Hidden(name, column, params)], where.before)
 
 
 def product_run(nominal: dict, log: CalibrationLog, *effects: Effect) -> Outcome:

@@ -155,7 +155,7 @@ def test_noise_grows_where_its_law_says(name: str, params: dict) -> None:
     where = setting()
     _, after = with_cause(where, name, 0, params)
     extra = after.extra_noise[:, 0]
-    here = where.reference.session_time >= 6.0 if name == "noise_change" else np.abs(where.run.speed[:, 0]) > 0
+    here = where.reference.session_time >= 6.0 if name == "noise_change" else np.abs(where.before.speed[:, 0]) > 0
     assert (extra[here] > 0).all()
     assert not extra[~here].any()
     assert not after.extra_noise[:, 1:].any()
@@ -171,7 +171,7 @@ def test_a_missing_feedforward_term_leaves_its_own_error(term: str) -> None:
     rows, plant = where.reference.logged, where.machine.plant
     moved = (after.reported - where.readings.reported)[rows, 0]
     missing = {
-        "gravity": -0.5 * where.run.weight[rows, 0],
+        "gravity": -0.5 * where.before.weight[rows, 0],
         "inertia": -0.5 * plant.arm.motor_inertia[0] * where.reference.acceleration[::2][rows, 0],
         "velocity": -0.5 * plant.kd[0] * where.reference.speed[::2][rows, 0],
     }[term]
@@ -196,10 +196,10 @@ def test_what_is_outside_leaves_a_trace(name: str) -> None:
     from truth_mujoco.causes.cause import Scene
 
     cause = OUTSIDE[name]
-    params = cause.draw(np.random.default_rng(4), 0, Scene(where.run, where.joint_noise.rms, 1))
+    params = cause.draw(np.random.default_rng(4), 0, Scene(where.before, where.joint_noise.rms, 1))
     _, after = with_cause(where, name, 0, params)
     assert np.isfinite(after.outside).all()
-    ratio = where.meter.ratio(_hidden(name, params), after, where.readings, where.reference.logged)
+    ratio = where.ratio(_hidden(name, params), after, where.readings, where.reference.logged)
     assert 0.01 < ratio < 100.0
 
 
