@@ -142,7 +142,10 @@ def tour(stops: FloatArray, numbers: Sequence[int], paces: Sequence[Pace], rate_
     """
     poses, labels = [stops[:1]], [np.array([numbers[0]])]
     for start, goal, number, pace in zip(stops[:-1], stops[1:], numbers, paces, strict=True):
-        path = _reach(start, goal, pace, rate_hz)
+        turn = se3.rotvec_from_matrix(goal[:3, :3] @ start[:3, :3].T)
+        shift = goal[:3, 3] - start[:3, 3]
+        s = pace.progress(float(np.linalg.norm(shift)), float(np.linalg.norm(turn)), rate_hz)[1:, None]
+        path = se3.pose(se3.matrix_from_rotvec(s * turn) @ start[:3, :3], start[:3, 3] + s * shift)  # up to the goal
         rest = round(pace.pause * rate_hz)
         poses += [path, np.repeat(goal[None], rest, axis=0)]
         labels += [np.full(len(path), number), np.full(rest, number)]
@@ -198,11 +201,3 @@ def upright(gravity: FloatArray) -> FloatArray:
     first = np.cross(across, up)
     first /= np.linalg.norm(first)
     return np.stack([first, np.cross(up, first), up], axis=1)
-
-
-def _reach(start: FloatArray, goal: FloatArray, pace: Pace, rate_hz: float) -> FloatArray:
-    """Poses after `start` up to and including `goal`."""
-    turn = se3.rotvec_from_matrix(goal[:3, :3] @ start[:3, :3].T)
-    shift = goal[:3, 3] - start[:3, 3]
-    s = pace.progress(float(np.linalg.norm(shift)), float(np.linalg.norm(turn)), rate_hz)[1:, None]
-    return se3.pose(se3.matrix_from_rotvec(s * turn) @ start[:3, :3], start[:3, 3] + s * shift)

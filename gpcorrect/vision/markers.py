@@ -83,14 +83,15 @@ def _round(answer: Image, u: IntArray, v: IntArray) -> FloatArray:
 
 
 def _match_blobs(
-    blobs: Blobs, expected: Mapping[str, FloatArray], reach_px: float, near_px: float
+    blobs: Blobs, markers: Mapping[str, FloatArray], camera: Camera, reach_px: float, near_px: float
 ) -> list[dict[str, int]]:
     """Say what may be the blobs of the markers, the likeliest first: of one kind, at one offset from their places.
 
-    A marker is expected at a pixel `(2,)`, NaN when it is out of sight; no offset is greater than `reach_px`, and no
-    marker farther than `near_px` from the offset of all.
+    Markers `(3,)` are expected where the camera would see them; no offset is greater than `reach_px`, and no marker
+    farther than `near_px` from the offset of all.
     """
-    places = {name: pixel for name, pixel in expected.items() if np.isfinite(pixel).all()}
+    seen = zip(markers, camera.project(np.array(list(markers.values()))), strict=True)
+    places = {name: pixel for name, pixel in seen if np.isfinite(pixel).all()}
     trials: list[tuple[float, FloatArray, dict[str, int]]] = []
     for kind in np.unique(blobs.kinds) if places else ():
         own = np.flatnonzero(blobs.kinds == kind)
@@ -121,19 +122,14 @@ def found_from(
     markers : mapping of marker to (3,) array, places in the tracker frame, m
     camera : Camera, where it stands roughly
     """
-
-    def _matches(seen_by: Camera, reach: float, near: float) -> list[dict[str, int]]:
-        pixels = seen_by.project(np.array(list(markers.values())))
-        return _match_blobs(blobs, dict(zip(markers, pixels, strict=True)), reach, near)
-
     first, *rounds = SETTINGS.marker_near_px
     best: tuple[Placement, dict[str, FloatArray]] | None = None
-    for matched in _matches(camera, SETTINGS.marker_reach_px, first):
+    for matched in _match_blobs(blobs, markers, camera, SETTINGS.marker_reach_px, first):
         found = _refined_from(image, blobs, matched, markers, camera)
         for near in rounds:
             if found is not None:
                 placed = replace(camera, T_camera_tracker=found[0].T_camera_tracker)
-                again = _matches(placed, near, near)
+                again = _match_blobs(blobs, markers, placed, near, near)
                 found = _refined_from(image, blobs, again[0], markers, placed) if again else None
         if found is not None and (best is None or _markers_agree(found[0]) > _markers_agree(best[0])):
             best = found

@@ -37,18 +37,15 @@ def _rows_unrelated(evidence: Evidence) -> Iterator[Finding]:
     for shift in SHIFTS:
         shifted = ~belongs & _belongs_shifted(commanded, observed, belongs, shift)
         if shifted.sum() >= max(LEAST_SHIFTED * len(rows), LEAST_EXPLAINED * (~belongs).sum(), 2):
-            yield _shifted(reference, rows[_from_where(shifted) :], shift, len(rows))
+            # From there on most are shifted: the most of those, less the others, lie behind it.
+            start = len(shifted) - 1 - int(np.argmax(np.cumsum(np.where(shifted, 1, -1)[::-1])))
+            yield _shifted(reference, rows[start:], shift, len(rows))
             return
     if belongs.mean() < BELONGS:
         wrong = rows[~belongs]
         what = f"{wrong.size} of {len(rows)} measured poses are not where {reference} puts them, in whatever frames."
         hint = "Does each row hold the pose that was measured at its command? Was one of the columns sorted?"
         yield Finding("error", "unrelated", "tracker_cp", what, hint, wrong.size, wrong)
-
-
-def _from_where(shifted: BoolArray) -> int:
-    """Return the row from which on most are shifted: the most of those, less the others, lie behind it."""
-    return len(shifted) - 1 - int(np.argmax(np.cumsum(np.where(shifted, 1, -1)[::-1])))
 
 
 def _shifted(reference: str, rows: IntArray, shift: int, count: int) -> Finding:
@@ -95,13 +92,10 @@ def _apart(commanded: FloatArray, observed: FloatArray, some: IntArray) -> Itera
     moved = [np.linalg.norm(table[:, None, :3] - table[some, :3], axis=2) for table in (commanded, observed)]
     yield _typical(moved[0]), _typical(moved[1])
     if commanded.shape[1] == observed.shape[1] == 7:
-        turned = [_turns(table[:, 3:], table[some, 3:]) for table in (commanded, observed)]
+        cosines = [np.abs(q @ q[some].T) for q in (commanded[:, 3:], observed[:, 3:])]  # of half the turn
+        turned = [2 * np.arccos(np.clip(cosine, 0.0, 1.0)) for cosine in cosines]
         if min(map(np.median, turned)) > LEAST_TURN:
             yield _typical(turned[0]), _typical(turned[1])
-
-
-def _turns(quaternion: FloatArray, others: FloatArray) -> FloatArray:
-    return np.asarray(2 * np.arccos(np.clip(np.abs(quaternion @ others.T), 0.0, 1.0)))
 
 
 def _typical(apart: FloatArray) -> FloatArray:

@@ -148,23 +148,6 @@ TOPICS: dict[str, Topic] = {
 }
 
 
-def _to_ros(message: msgspec.Struct) -> Any:
-    kinds = ros.ros_types().types
-    match message:
-        case JointState():
-            arrays = (np.array(a or (), dtype=np.float64) for a in (message.position, message.velocity, message.effort))
-            names = [f"joint_{j}" for j in range(1, len(message.position) + 1)]
-            return kinds[ros.JOINT_STATE](_header(message.stamp), names, *arrays)
-        case Pose():
-            return ros.ros_pose(ros.StampedPose(message.pose, *_time(message.stamp), message.frame))
-        case OperatingState():
-            header = _header(message.stamp)
-            return kinds[ros.OPERATING_STATE](header, message.state, message.is_homed, message.is_busy)
-        case Text():
-            return kinds[ros.STRING_STAMPED](_header(message.stamp), message.string)
-    raise TypeError(f"{type(message).__name__} has no ROS message.")
-
-
 def to_cdr(message: msgspec.Struct) -> bytes:
     """Return a struct as CDR with its 4-byte header.
 
@@ -172,7 +155,21 @@ def to_cdr(message: msgspec.Struct) -> bytes:
     ----------
     message : JointState, Pose, OperatingState or Text
     """
-    found = _to_ros(message)
+    kinds = ros.ros_types().types
+    match message:
+        case JointState():
+            arrays = (np.array(a or (), dtype=np.float64) for a in (message.position, message.velocity, message.effort))
+            names = [f"joint_{j}" for j in range(1, len(message.position) + 1)]
+            found = kinds[ros.JOINT_STATE](_header(message.stamp), names, *arrays)
+        case Pose():
+            found = ros.ros_pose(ros.StampedPose(message.pose, *_time(message.stamp), message.frame))
+        case OperatingState():
+            header = _header(message.stamp)
+            found = kinds[ros.OPERATING_STATE](header, message.state, message.is_homed, message.is_busy)
+        case Text():
+            found = kinds[ros.STRING_STAMPED](_header(message.stamp), message.string)
+        case _:
+            raise TypeError(f"{type(message).__name__} has no ROS message.")
     return bytes(ros.ros_types().serialize_cdr(found, found.__msgtype__))
 
 
