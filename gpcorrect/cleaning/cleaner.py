@@ -171,10 +171,6 @@ def clean_with(cleaner: FittedCleaner, log: CalibrationLog) -> CleaningReport:
     cleaner : FittedCleaner, from :func:`fit_cleaner`
     log : CalibrationLog, of the same arm and sensor, in the same tracker frame
 
-    Returns
-    -------
-    CleaningReport
-
     Raises
     ------
     LogError

@@ -67,10 +67,6 @@ def find_discrepancy(
         Folder for finished stages: a run that was killed goes on from there, a finished one is read back. Stages of
         other inputs count as absent, and are overwritten.
 
-    Returns
-    -------
-    DiscrepancyResult
-
     Raises
     ------
     LogError

@@ -50,10 +50,6 @@ def joint_motion_log(
     payloads : sequence of float
         Payloads at the tip, kg, taken in turn; the model's own when empty.
 
-    Returns
-    -------
-    CalibrationLog
-
     Raises
     ------
     DataError

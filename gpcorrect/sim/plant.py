@@ -95,10 +95,6 @@ def run(machine: Machine, plan: Plan, passes: int | None = None) -> Outcome:
         Desired paths.
     passes : int, optional
         Times that motion and load are computed from each other; as many as the drives need when None.
-
-    Returns
-    -------
-    Outcome
     """
     driven = follow_command(machine, Command.of(machine, plan), passes)
     motion = driven.motion

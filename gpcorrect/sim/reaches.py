@@ -119,10 +119,6 @@ def random_reaches_log(
     faults : bool, whether the tracker fails now and then
     model : Model, optional, another machine, of all six joints of an arm; `arm` is then not used
 
-    Returns
-    -------
-    CalibrationLog
-
     Raises
     ------
     DataError
