@@ -173,7 +173,10 @@ def _loops(evidence: Evidence, x: FloatArray, y: FloatArray, column: int) -> lis
         if len(rows):
             shown = rows[evenly_spaced(len(rows), MOST_POINTS)]
             series.append(Series(name, Mark.DOTS, role, x[shown], y[shown], size=2.0))
-            series.append(Series(name, Mark.LINE, role, *_running_median(x[rows], y[rows])))
+            along = rows[np.argsort(x[rows], kind="stable")]
+            cells = np.array_split(along, min(BINS, max(1, len(rows) // 10)))  # of equally many points
+            middle_x, middle_y = (np.array([np.median(values[cell]) for cell in cells]) for values in (x, y))
+            series.append(Series(name, Mark.LINE, role, middle_x, middle_y))
     return series
 
 
@@ -190,13 +193,6 @@ def _most_explaining(evidence: Evidence, index: int) -> int:
         return float((count * (total / np.maximum(count, 1) - residual.mean()) ** 2).sum())
 
     return int(np.argmax([_explained(column) for column in evidence.motor[good].T]))
-
-
-def _running_median(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Medians of y in cells of x that hold equally many points."""
-    order = np.argsort(x, kind="stable")
-    parts = np.array_split(order, min(BINS, max(1, len(x) // 10)))
-    return np.array([np.median(x[p]) for p in parts]), np.array([np.median(y[p]) for p in parts])
 
 
 def _limits(values: FloatArray) -> tuple[float, float]:

@@ -136,7 +136,9 @@ def simulate(machine: Machine, plan: Plan, seed: int = 0, *, position_only: bool
     rng = np.random.default_rng(seed)
     outcome = run(machine, plan)
     readings = Sensors(machine, rng).read(outcome.motion, outcome.torque, outcome.q, outcome.T_base_tip)
-    rows = _recorded(plan)
+    order = np.lexsort((plan.start, plan.session))  # the log's rows: run by run in the order of their clocks
+    run_index, sample = np.nonzero(plan.trajectory.T[order] != NOT_LOGGED)
+    rows = sample, order[run_index]
     q_set, q_measured = plan.q[rows], readings.measured_jp[rows]
     extra, tracker = {}, None
     if readings.T_tracker_marker is not None:
@@ -164,13 +166,6 @@ def simulate(machine: Machine, plan: Plan, seed: int = 0, *, position_only: bool
         ),
         name=f"simulated {machine.arm}",
     )
-
-
-def _recorded(plan: Plan) -> tuple[IntArray, IntArray]:
-    """Sample and run indices of the log's rows: run by run in the order of their clocks."""
-    order = np.lexsort((plan.start, plan.session))
-    run_index, sample = np.nonzero(plan.trajectory.T[order] != NOT_LOGGED)
-    return sample, order[run_index]
 
 
 def _log_time(plan: Plan) -> FloatArray:

@@ -182,7 +182,10 @@ class Studio:
             return
         left, top, right, bottom = box
         v, u = (row.ravel() for row in np.mgrid[top:bottom, left:right])
-        near = _touched(ball, self.lens, u, v)
+        _, to_centre, along = _rays(ball, self.lens, u, v)
+        beside2 = np.einsum("...i,...i", to_centre, to_centre) - along**2
+        # Pixels that the ball may touch: their middle's ray passes it within its radius and two pixels.
+        near = beside2 < (ball.radius + 2.0 * along / min(self.lens.focal)) ** 2
         u, v = u[near], v[near]
         offsets = (np.arange(self.samples) + 0.5) / self.samples - 0.5
         down, across = (row.ravel() for row in np.meshgrid(offsets, offsets, indexing="ij"))
@@ -196,14 +199,6 @@ def _rays(ball: Ball, lens: Lens, u: FloatArray, v: FloatArray) -> tuple[FloatAr
     d = d / np.sqrt(np.einsum("...i,...i", d, d))[..., None]
     to_centre = ball.centre - lens.position + (v - ball.row)[..., None] * np.array(ball.drift)
     return d, to_centre, np.einsum("...i,...i", d, to_centre)
-
-
-def _touched(ball: Ball, lens: Lens, u: NDArray[Any], v: NDArray[Any]) -> NDArray[np.bool_]:
-    """Find the pixels that a ball may touch: their middle's ray passes it within its radius and two pixels."""
-    _, to_centre, along = _rays(ball, lens, u, v)
-    beside2 = np.einsum("...i,...i", to_centre, to_centre) - along**2
-    near: NDArray[np.bool_] = beside2 < (ball.radius + 2.0 * along / min(lens.focal)) ** 2
-    return near
 
 
 def _seen(ball: Ball, lens: Lens, light: Light, u: FloatArray, v: FloatArray) -> tuple[FloatArray, NDArray[Any]]:
