@@ -210,6 +210,9 @@ class VerdictSettings:
     # Of the noise: a systematic part larger than the noise itself, left at one joint, is the headline whatever is named
     # at another. A definition.
     rest: float = 1.0
+    # Of noise that leaves as much on the test set: below it, what no test found in the other parts counts as well,
+    # such as a slip in a motion that only the test set has. By design.
+    chance: float = 1e-6
     # Of the gap on the test set, that must close where an effect shows and the rest is beyond doubt no noise: with more
     # of it left the effect is a part of something else. In 25 recordings of one or two effects true names
     # have 0.96 and more, of a real wrist 0.89 to 0.99; names for two causes outside the catalogue have 0.75.

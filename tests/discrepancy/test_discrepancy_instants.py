@@ -11,6 +11,7 @@ from discrepancy_support import nominal
 
 from gpcorrect.discrepancy.evidence.whitener import whitener_on
 from gpcorrect.discrepancy.naming.intervals import half_widths, size_overdispersion
+from gpcorrect.discrepancy.outcome.sentences import verdict_sentences
 from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates, watched
 from gpcorrect.discrepancy.search.instants import with_open_instant_placed
@@ -91,6 +92,16 @@ def test_a_slip_in_the_first_motion_of_a_session_is_placed_by_that_session_alone
     assert placed.effect.instant == pytest.approx(2.0, abs=0.1)
 
 
+def test_what_only_the_test_set_shows_is_no_exact_name() -> None:
+    """A slip in the first motion, which nothing is fitted to, is an offset elsewhere: UNKNOWN, and it says why."""
+    log = joint_log(3, CableSlip(joint=1, step=8 * NOISE, instant=4.0))
+    seed = next(k for k in range(99) if _first_motion_is_tested(log, k))
+    found = find_discrepancy(nominal(), log, seed=seed)
+    assert [e.name for e in found.effects] == ["homing_offset"]
+    assert found.level == "UNKNOWN"
+    assert "motions of the test set alone" in verdict_sentences(found)[0]
+
+
 def test_motions_that_start_anew_follow_each_other() -> None:
     """Each motion with a clock of its own: the slip is found all the same, and a remark says what was taken."""
     log = joint_log(6, CableSlip(joint=1, step=6 * NOISE, instant=7 * 60.0 - 20.0))
@@ -166,6 +177,11 @@ def test_evidence_counts_less_where_a_size_differs_from_motion_to_motion() -> No
     shared = joint_log(4, HomingOffset(joint=1, offset=1.5 * NOISE))
     assert _overdispersion_of_offset(shared) == 1.0
     assert _overdispersion_of_offset(_offsets_of_their_own()) > 3.0
+
+
+def _first_motion_is_tested(log: CalibrationLog, seed: int) -> bool:
+    dataset = prepare_data(log, nominal(), np.random.default_rng(seed)).dataset
+    return bool(dataset.test[dataset.trajectory == 0].all())
 
 
 def _offsets_of_their_own() -> CalibrationLog:

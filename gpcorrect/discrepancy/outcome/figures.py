@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.stats import chi2
 
 from gpcorrect.discrepancy.evidence.variables import travel_direction
+from gpcorrect.discrepancy.evidence.whitener import whitener_on
 from gpcorrect.discrepancy.outcome.result import ChannelGap, Evidence
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.search.candidates import FittedEffect
@@ -35,8 +37,10 @@ def gaps_of(
     dataset = prepared.dataset.strict()
     effects, test, train = [f.effect for f in fitted], dataset.test, dataset.training
     before, after, signatures = dataset.residual(), dataset.residual(effects), dataset.changes(effects)
-    gaps = []
+    whitener = whitener_on(dataset, after, test, tuple(noises))
+    white, gaps = whitener.whiten(after), []
     for i, channel in enumerate(dataset.scene.channels):
+        own_white = white[whitener.channel == i]
         noise, inputs = noises[i].std, np.stack(list(prepared.inputs[i].values.values()), axis=1)
         seen = test & np.isfinite(before[:, i]) & np.isfinite(after[:, i])
         own = np.stack([before[seen, i], after[seen, i]])
@@ -62,6 +66,7 @@ def gaps_of(
                 closed_ci95=interval,
                 black_box_ceiling=float(_closed(rms[0], _rms(boxed[test]), noise)),
                 permutation_control=control,
+                chance=float(chi2.sf(own_white @ own_white, max(len(own_white), 1))),
             )
         )
     return tuple(gaps)

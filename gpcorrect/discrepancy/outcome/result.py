@@ -182,11 +182,17 @@ class ChannelGap:
     channel: Channel
     black_box_ceiling: float  # fraction that a black box closes
     permutation_control: float  # the same of a permutation control
+    chance: float = 1.0  # that noise alone leaves as much on the test set, after
 
     @property
     def narrows(self) -> bool:
         """Whether what the effects take from its mean square matters beside its noise."""
         return bool(self.before**2 - self.after**2 > (TESTS.equivalence * self.noise) ** 2)
+
+    @property
+    def is_beyond_chance(self) -> bool:
+        """Whether noise alone would not leave as much after."""
+        return self.chance < VERDICT.chance
 
 
 @dataclass(frozen=True)

@@ -271,6 +271,10 @@ def _where(result: DiscrepancyResult) -> str:
     left = () if result.remainder is None else result.remainder.findings
     unknown = [v.place for v in result.verdict.places if v.level == Level.UNKNOWN]
     there = [f for f in left if (f.channel.joint or "tool") in unknown[:1]]
+    unfitted = [g for g in result.gap if (g.channel.joint or "tool") in unknown[:1] and g.is_beyond_chance]
+    if unfitted and not there:
+        where = channel_words(max(unfitted, key=lambda g: g.after / g.noise).channel)
+        return f": {where}, in motions of the test set alone (another --seed deals others to it)"
     for finding in (there or left or result.localisation.findings)[:1]:
         return f": {channel_words(finding.channel)}, most at {region_words(finding.region)}"
     for burst in result.provenance.bursts[:1]:

@@ -156,7 +156,7 @@ def _place_verdict(
     if (
         any(b.lasts for b in rare)
         or any(not e.is_minor for e in like)
-        or (findings and remaining > VERDICT.rest)
+        or ((findings or any(g.is_beyond_chance for g in own)) and remaining > VERDICT.rest)
         or (plain and not here)
     ):
         level = Level.UNKNOWN
