@@ -7,7 +7,7 @@ from discrepancy_core import held_up_raven, swings_of
 
 from gpcorrect.discrepancy import DiscrepancyResult, find_discrepancy
 from gpcorrect.sim.effects import Effect
-from gpcorrect.sim.effects.dynamics import BelievedPayload, FeedforwardError, MotorConstantError
+from gpcorrect.sim.effects.dynamics import BelievedPayload, FeedforwardError, GainError, MotorConstantError
 
 
 def found(*hidden: Effect) -> DiscrepancyResult:
@@ -43,3 +43,29 @@ def test_a_payload_that_the_controller_alone_believes_is_named() -> None:
     assert effect.parameters["mass"].value == pytest.approx(0.2, rel=0.1)
     completed = model.model_copy(update={"effects": (hidden,)})
     assert not find_discrepancy(completed, log).effects
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("joint", [2, "all"])
+def test_where_nothing_is_fed_forward_a_weak_motor_is_both_gains_by_one_fraction(joint: int | str) -> None:
+    """One law: no recording tells the two apart, and neither is EXACT; the advice says that none will."""
+    fed = held_up_raven(5e-5, 5e-5, 1e-5)
+    assert fed.controller is not None
+    model = fed.model_copy(update={"controller": fed.controller.model_copy(update={"feedforward": "none"})})
+    result = find_discrepancy(model, swings_of(model, MotorConstantError(joint, -0.15)))
+    (effect,) = result.effects
+    (rival,) = effect.rivals
+    assert {effect.name, rival.name} == {"motor_constant_error", "gain_error"}
+    assert effect.joint == rival.joint == joint
+    assert (effect.level, effect.probability) == ("CLASS", pytest.approx(rival.probability))
+    assert result.next_experiment is not None
+    assert not result.next_experiment.decisive
+
+
+@pytest.mark.slow
+def test_gains_off_by_fractions_of_their_own_in_all_joints_are_one_effect() -> None:
+    """It was a motor constant of all, EXACT, with a gain of some joints beside it."""
+    (effect,) = found(GainError("all", proportional=0.05, derivative=-0.1)).effects
+    assert (effect.level, effect.name, effect.joint) == ("EXACT", "gain_error", "all")
+    assert effect.parameters["proportional"].value == pytest.approx(0.05, rel=0.1)
+    assert effect.parameters["derivative"].value == pytest.approx(-0.1, rel=0.2)

@@ -144,6 +144,14 @@ def test_a_place_is_not_given_one_name_of_a_class(tmp_path: Path) -> None:
     assert "backlash or hysteresis" in table
 
 
+def test_two_of_one_name_are_told_apart() -> None:
+    """Not "feedforward error (70 %) or feedforward error (30 %)"."""
+    labels = [f"feedforward error (2, term {term})" for term in ("gravity", "inertia")]
+    other = replace(rival("feedforward_error", 2, 0.3), label=labels[1])
+    effect = named("feedforward_error", 2, "CLASS", probability=0.7, label=labels[0], rivals=(other,))
+    assert f"{labels[0]} (70 %) or {labels[1]} (30 %)" in verdict_sentence(result("CLASS", effect))
+
+
 def test_what_has_no_name_comes_before_a_run_for_a_smaller_question() -> None:
     """A run that tells two laws of one joint apart is the next step only where nothing larger is unknown."""
     run = Experiment("load joint 3", True, ("backlash (3)", "hysteresis (3)"), 40.0, 2.0)

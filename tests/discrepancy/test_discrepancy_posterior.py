@@ -83,6 +83,14 @@ def test_of_two_that_explain_alike_the_simpler_is_more_probable(catalogue: dict[
         assert mine.probability > 0.95 > rival.probability
 
 
+def test_two_forms_of_one_effect_are_no_rivals(catalogue: dict[str, Candidate]) -> None:
+    """A gain on speed alone and both gains are both called `gain_error`, and the one is a case of the other."""
+    both = catalogue["gain_error"]
+    derivative = replace(both, fixed=(("gains", "derivative"),))
+    found = posterior(derivative, _weighed(100.0, both, 100.0), COST)
+    assert [a.label for a in found if a.is_effect] == [derivative.label]
+
+
 @pytest.mark.parametrize(
     ("own", "lead", "beside", "stays"),
     [

@@ -106,11 +106,10 @@ def weigh(view: View, fit: FittedEffect, own: Own) -> Weighed:
     instead, beside = (smooth_nats(view, fitted, channels, columns) for fitted in (own.rest, search.fitted))
     margin = NAMING.hopeless * between_effects(own, beside, penalty(search.n_kinds))
     price = price_of(search, search.fitted, fit, own.overdispersion)
-    general = _more_general(search, own, fit, price)
-    rivals = [
-        r for r in _rivals(view, own, fit, margin) if not any(r.candidate.called_like(g.candidate) for g in general)
-    ]
-    best = tuple(sorted([*rivals, *general], key=lambda r: -r.nats))
+    rivals: list[Rival] = []
+    for more in (_same(view, own, fit, price), _more_general(search, own, fit, price), _rivals(view, own, fit, margin)):
+        rivals += [r for r in more if not any(r.candidate.called_like(known.candidate) for known in rivals)]
+    best = tuple(sorted(rivals, key=lambda r: -r.nats))
     return Weighed(own, price, _active(view, fit), best, instead, beside)
 
 
@@ -228,6 +227,21 @@ def _likeness(view: View, own: Own, other: FittedEffect, b: FloatArray, slopes: 
         basis, _ = np.linalg.qr(slopes)
         a, b = a - basis @ (basis.T @ a), b - basis @ (basis.T @ b)
     return float(abs(a @ b) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-300))
+
+
+def _same(view: View, own: Own, fit: FittedEffect, price: float) -> list[Rival]:
+    """Return the effect that does the same on this machine, with this one's evidence, if there is one.
+
+    It may have more numbers: that they agree says nothing against it, for one cause may be behind them.
+    """
+    other = fit.effect.like()
+    kind = next((t.candidate for t in view.search.traces if other is not None and t.candidate.may_be(other)), None)
+    if kind is None:
+        return []
+    twin = FittedEffect(kind, np.array([c.coordinate(getattr(other, c.parameter.name)) for c in kind.coordinates]))
+    change, same = (_change(view, own, (*own.rest, one)) for one in (fit, twin))
+    differs = float((same - change) @ (same - change)) > NAMING.shape_error**2 * float(change @ change)
+    return [] if differs else [Rival(twin, own.nats, price)]
 
 
 def _more_general(search: Search, own: Own, fit: FittedEffect, price: float) -> list[Rival]:

@@ -45,6 +45,7 @@ class NamedEffect:
     spread : float, by how much its size differs between trajectories beyond noise, as a part of the size
     closes : float
         Part of the gap that all effects together close where it shows, on the test set; 1 where the rest may be noise.
+    label : str, the candidate's, as that of an alternative
     """
 
     name: str
@@ -60,6 +61,7 @@ class NamedEffect:
     of_motor: bool = False
     spread: float = 0.0
     closes: float = 1.0
+    label: str = ""
 
     @property
     def is_constant(self) -> bool:
@@ -118,6 +120,7 @@ class NamedEffect:
             size,
             of_motor,
             named.spread,
+            label=candidate.label,
         )
 
 

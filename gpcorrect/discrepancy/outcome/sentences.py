@@ -209,11 +209,14 @@ def short_words(effect: NamedEffect) -> str:
 
 
 def _either(effect: NamedEffect, *, chances: bool = True) -> str:
-    """Return an effect and up to two rivals, the most probable first."""
+    """Return an effect and up to two rivals, the most probable first; those of one name by what they differ in."""
     names = [(effect.probability, effect.name.replace("_", " "))]
     for rival in effect.rivals:
         where = "" if rival.joint == effect.joint else f" of {place(rival.joint)}"
         names.append((rival.probability, f"{rival.name.replace('_', ' ')}{where}"))
+    if len({name for _, name in names}) < len(names):
+        labels = (effect.label, *(rival.label for rival in effect.rivals))
+        names = [(chance, label) for (chance, _), label in zip(names, labels, strict=True)]
     names.sort(key=lambda entry: -entry[0])
     return " or ".join(f"{name} ({_percent(chance)})" if chances else name for chance, name in names[:ALTERNATIVES])
 

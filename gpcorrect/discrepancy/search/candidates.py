@@ -18,7 +18,7 @@ from gpcorrect.sim.effects import Effect, Family, Scope
 from gpcorrect.sim.effects import candidates as shapes
 from gpcorrect.types import FloatArray
 
-DETAILS = ("side", "law", "pause", "rest", "form", "place")
+DETAILS = ("side", "law", "pause", "rest", "form", "place", "gains")
 HELD = 1e-4  # of a number that is held: a bounded fit needs some room
 
 
@@ -95,6 +95,16 @@ class Candidate:
         """
         own, others = ({k: v for k, v in c.fixed if k not in DETAILS} for c in (self, other))
         return (self.name, self.joint, own) == (other.name, other.joint, others)
+
+    def may_be(self, effect: Effect) -> bool:
+        """Return whether an effect is this one with some numbers.
+
+        Parameters
+        ----------
+        effect : Effect
+        """
+        here = type(effect) is self.kind and effect.joint == self.joint
+        return here and all(getattr(effect, name) == value for name, value in self.fixed)
 
     @property
     def label(self) -> str:

@@ -73,10 +73,8 @@ class Effect(ABC):
 
     def __post_init__(self) -> None:
         if not (self.joint in WHOLE_ARM or (isinstance(self.joint, int) and self.joint >= 1)):
-            raise DataError(
-                f"effect {self.about.name}: joint must be a number from 1 or one of {', '.join(WHOLE_ARM)}, "
-                f"got {self.joint!r}."
-            )
+            wanted = f"a number from 1 or one of {', '.join(WHOLE_ARM)}"
+            raise DataError(f"effect {self.about.name}: joint must be {wanted}, got {self.joint!r}.")
         _check_site(self.about, self.joint)
         for name, values in self.about.choices:
             if getattr(self, name) not in values:
@@ -89,6 +87,10 @@ class Effect(ABC):
     def canonical(self) -> Effect:
         """Return the same effect in the one way to write it, where there are several."""
         return self
+
+    def like(self) -> Effect | None:
+        """Return another effect that does the same on some machines, on which no recording tells the two apart."""
+        return None
 
     def overtones(self) -> tuple[Effect, ...]:
         """Return effects of the same kind that a periodic error of another cause would show beside this one."""
@@ -154,10 +156,8 @@ def _check(effect: str, parameter: Parameter, value: Any) -> None:
     bounded = real and (parameter.may_be_infinite or all(isfinite(v) for v in numbers))
     if not bounded or (parameter.positive and min(numbers) < 0):
         wanted = f"a {'' if parameter.may_be_infinite else 'finite '}number{' >= 0' if parameter.positive else ''}"
-        raise DataError(
-            f"effect {effect}: {parameter.name} ({parameter.meaning}) must be {wanted}"
-            f"{', or one a session' if parameter.per_session else ''}, got {value!r}."
-        )
+        wanted += ", or one a session" if parameter.per_session else ""
+        raise DataError(f"effect {effect}: {parameter.name} ({parameter.meaning}) must be {wanted}, got {value!r}.")
 
 
 class LoadEffect(Effect):

@@ -9,7 +9,7 @@ import numpy as np
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body, Drive
-from gpcorrect.sim.effects.base import DriveEffect, JointEffect, LoadEffect
+from gpcorrect.sim.effects.base import DriveEffect, Effect, JointEffect, LoadEffect
 from gpcorrect.sim.effects.compliance import Payload
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory, ring
@@ -114,7 +114,7 @@ GAINS = ("both", "derivative")
 
 @dataclass(frozen=True)
 class GainError(DriveEffect):
-    """The controller on the machine has other gains than the model's: each is off by a fraction of its own.
+    """A joint's controller, or all, has other gains than the model's: each is off by a fraction of its own.
 
     Where a controller brakes by the motor's own speed, as a robot file's servo does, `derivative` alone is what viscous
     friction on the motor would be.
@@ -143,15 +143,16 @@ class GainError(DriveEffect):
         needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
         neighbours=("feedforward_error", "viscous_friction", "command_delay", "motor_constant_error"),
         separating_runs=(Run.SPEED_LADDER, Run.LOAD_SWAP),
+        sites=(Site.JOINT, Site.ALL),
         choices=(("gains", GAINS),),
     )
 
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
-        """Scale the joint's gains."""
-        scale = np.ones((2, len(joints)))
-        scale[:, self.column(joints)] += self.proportional if self.gains == "both" else 0.0, self.derivative
-        kv = None if drive.kv is None else drive.kv * scale[1]
-        return replace(drive, kp=drive.kp * scale[0], kd=drive.kd * scale[1], kv=kv)
+        """Scale the gains."""
+        proportional = 1.0 + self._of_each(self.proportional if self.gains == "both" else 0.0, joints)
+        derivative = 1.0 + self._of_each(self.derivative, joints)
+        kv = None if drive.kv is None else drive.kv * derivative
+        return replace(drive, kp=drive.kp * proportional, kd=drive.kd * derivative, kv=kv)
 
 
 KNOWN_TO = 1.2  # times an inertia of a servo's steps, to which a fit knows it; chosen by hand, on one case
@@ -290,6 +291,10 @@ class MotorConstantError(DriveEffect):
         super().__post_init__()
         if not self.fraction > -1.0:
             raise DataError(f"effect motor_constant_error: fraction must be above -1, got {self.fraction!r}.")
+
+    def like(self) -> Effect:
+        """Return both gains off by the same fraction."""
+        return GainError(self.joint, self.fraction, self.fraction)
 
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
         """Scale all that is commanded: gains, what is fed forward, and the limit of what the drive asks for."""
