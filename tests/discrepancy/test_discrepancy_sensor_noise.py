@@ -215,3 +215,15 @@ def test_a_coarse_encoder_is_named_and_then_known() -> None:
     assert [(type(e), e.joint) for e in found.model.effects] == [(EncoderQuantisation, 1)]
     assert found.effects[0].parameters["step"].value == pytest.approx(step, rel=1e-3)
     assert not find_discrepancy(found.model, log).effects
+
+
+def test_a_sensor_that_is_held_between_its_samples_is_no_noisier() -> None:
+    """At half the rate each value comes twice: a value that is old had been noise that grows with speed."""
+    log = joint_log(5)
+    first = np.arange(len(log)) % 2 == 0  # motions have an even number of rows
+    seen = np.where(first[:, None], log.external_jp, np.roll(log.external_jp, 1, axis=0))
+    found = find_discrepancy(nominal(), replace(log, external_jp=seen))
+    assert found.level == "NONE"
+    (remark,) = [words for words in found.provenance.remarks if "is held" in words]
+    assert "external_jp" in remark
+    assert "50 %" in remark

@@ -13,6 +13,7 @@ from gpcorrect import se3
 from gpcorrect.arms import arm_named
 from gpcorrect.errors import LogError
 from gpcorrect.logs import read_log
+from gpcorrect.logs.checks.signals import held_rows
 from gpcorrect.logs.validate import refuse_misread, validate_log
 from gpcorrect.sim import debridement_log
 from gpcorrect.types import CalibrationLog, LogMeta, PoseSignal
@@ -124,6 +125,31 @@ def test_a_tracker_held_between_slower_samples_is_recognised():
     assert "about 3 times" in held.message
     assert held.severity == "error"  # so that a fit says it: its steps are dropped as faults
     assert not findings(log, "frozen")
+
+
+@pytest.mark.parametrize("times", [2, 5])
+def test_rows_of_a_held_encoder_are_those_that_repeat(times):
+    """However smooth its path; the first row of each hold is a sample."""
+    t, rows = np.arange(3000) / 100.0, np.arange(3000)
+    path = 0.5 * np.sin(1.3 * t)[:, None]
+    held = held_rows(one_joint(path, path[times * (rows // times)]), "external_jp")
+    assert np.array_equal(held, rows % times > 0)
+
+
+def test_no_row_of_an_encoder_that_counts_is_held():
+    """At one speed counts repeat as regularly as what is held: as many times each."""
+    t = np.arange(3000) / 100.0
+    path = np.arcsin(np.sin(1.3 * t))[:, None] / np.pi
+    for step in np.geomspace(1e-3, 0.1, 12):
+        assert not held_rows(one_joint(path, step * np.round(path / step)), "external_jp").any()
+
+
+def one_joint(path, seen):
+    """Return a motion of one joint at 100 Hz, and what an outside encoder says of it."""
+    n = np.zeros(len(path), dtype=np.int64)
+    return CalibrationLog(
+        time=np.arange(len(n)) / 100.0, trajectory=n, session=n, measured_jp=path, setpoint_jp=path, external_jp=seen
+    )
 
 
 def test_bad_quaternion_norms_are_counted():

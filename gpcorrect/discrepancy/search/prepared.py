@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -18,10 +19,12 @@ from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.split import Split, split_rows
 from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.settings import BURSTS, SPLIT, TESTS
+from gpcorrect.logs.checks.signals import held_rows
+from gpcorrect.logs.copies import OUTSIDE
 from gpcorrect.sim import machine_of
 from gpcorrect.sim.effects import Effect
 from gpcorrect.sim.model import Model
-from gpcorrect.types import BoolArray, CalibrationLog
+from gpcorrect.types import BoolArray, CalibrationLog, PoseSignal
 
 MOST = 0.5  # of a joint's usual way: what remembers more depends on the beginning all along, as the fit has taken it
 
@@ -66,12 +69,31 @@ def prepare_data(log: CalibrationLog, model: Model, rng: np.random.Generator) ->
     DataError
         The log lacks a needed signal or is too short to split.
     """
+    log, held = _as_sampled(log)
     log, anew = _one_after_the_other(log)
     log, remarks = with_joint_paths(log, machine_of(model).body)
     split = split_rows(log.trajectory, log.session, rng)
     scene = build_scene(log, model, np.isin(split.part, [0, 1]))  # the test set must not register the tracker
     dataset = build_dataset(scene, split, SPLIT.most_rows)
-    return _prepared(log, split, dataset, (split.remark, *anew, *remarks, *scene.remarks))
+    return _prepared(log, split, dataset, (split.remark, *held, *anew, *remarks, *scene.remarks))
+
+
+def _as_sampled(log: CalibrationLog) -> tuple[CalibrationLog, tuple[str, ...]]:
+    """Return the log without what outside sensors that are held between slower samples say again, and that in words.
+
+    A value that is a row old is noise that grows with speed.
+    """
+    words = []
+    for name in OUTSIDE:
+        signal, again = getattr(log, name), held_rows(log, name)
+        if again.any():
+            table = signal.table if isinstance(signal, PoseSignal) else signal
+            table = np.where(again[:, None], np.nan, table)
+            sampled: dict[str, Any] = {name: PoseSignal.of(table) if isinstance(signal, PoseSignal) else table}
+            log = replace(log, **sampled)
+            part = f"{100 * again.mean():.0f} % of its rows repeat the one before"
+            words.append(f"{name} is held between slower samples: {part}, and count as not measured")
+    return log, tuple(words)
 
 
 def _one_after_the_other(log: CalibrationLog) -> tuple[CalibrationLog, tuple[str, ...]]:

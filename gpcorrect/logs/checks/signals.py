@@ -10,7 +10,7 @@ from gpcorrect.logs.checks.evidence import JOINT_POSITIONS, Evidence, Finding, S
 from gpcorrect.logs.copies import OUTSIDE, stretches
 from gpcorrect.logs.mocap.take import RIGID, typical_misfit
 from gpcorrect.logs.sync import REFERENCES
-from gpcorrect.types import BoolArray, FloatArray, IntArray
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
 MANY_MISSING = 0.1  # of the samples: more than an occlusion now and then
 MOSTLY = 0.5  # of a trajectory, from which it is a copy of others
@@ -22,6 +22,8 @@ HELD_SHARE = 0.3  # of samples that repeat the one before while the robot moves:
 HELD_RUNS = 10  # a held signal repeats often,
 HELD_SPREAD = 2.0  # and nine runs in ten are at most so many times the usual one
 HELD_FACTOR = 4.0  # a run this many times longer than the usual one is frozen even so
+FEW_COUNTS = 10.0  # from row to row, of an encoder that repeats counts in a third of the rows
+WHOLE = 0.02  # of a count: a step is one of counts by a chance of one in 25
 FASTEST_TIP = 2.0  # m/s; surgical arms stay below one
 FASTEST_JOINT = {"R": (20.0, "rad/s"), "P": (2.0, "m/s")}  # chosen by hand, above any surgical arm
 MANY_JUMPS = 0.2  # of the samples; fewer are outliers, which cleaning is for
@@ -117,15 +119,12 @@ def _twice(evidence: Evidence) -> Iterator[Finding]:
 @check
 def _frozen(evidence: Evidence) -> Iterator[Finding]:
     """Find sensors that repeat a value to the last bit while the robot moves: blind, or held between samples."""
-    for name, references in REFERENCES.items():
-        commands_first = reversed(references)
-        reference = next((r for r in commands_first if {name, r} <= evidence.present), None)
+    for name in REFERENCES:
+        reference = _command_first(evidence, name)
         if reference is None:
             continue
-        same = _repeats(evidence, name)
-        moves = ~_repeats(evidence, reference) & np.isfinite(evidence.steps) & evidence.known[reference]
+        same, moves, usual = _holds(evidence, name, reference)
         repeated = runs(same)
-        usual = _usual_hold(repeated) if moves.any() and same[moves].mean() > HELD_SHARE else 0.0
         least = max(FROZEN_SAMPLES, HELD_FACTOR * usual)
         stuck = [r for r in repeated if r[1] - r[0] >= least and _displaced(evidence, reference, r)]
         if stuck:
@@ -146,6 +145,47 @@ def _frozen(evidence: Evidence) -> Iterator[Finding]:
             )
             severity: Severity = "error" if name in OUTSIDE else "warning"
             yield Finding(severity, "held", name, what, hint, int(held.sum()))
+
+
+def held_rows(log: CalibrationLog, name: str) -> BoolArray:
+    """Return the mask `(n,)` of rows in which a sensor held between slower samples says its last value again.
+
+    None of one that counts in steps, which may be as regular: it repeats what it reads.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+    name : str, signal of a sensor
+    """
+    evidence = Evidence(log)
+    reference = _command_first(evidence, name)
+    if reference is None:
+        return np.zeros(len(log), dtype=np.bool_)
+    same, _, usual = _holds(evidence, name, reference)
+    table = evidence.tables[name]
+    steps = np.abs(table - table[evidence.previous])[evidence.previous >= 0]
+    counts = all(_are_counts(column[column > 0.0]) for column in steps.T)
+    return same & (usual > 0.0 and not counts)
+
+
+def _are_counts(steps: FloatArray) -> bool:
+    """Whether steps are small multiples of the smallest."""
+    counts = steps / steps.min(initial=np.inf)
+    whole = np.isclose(counts, np.round(counts), rtol=0.0, atol=WHOLE)
+    return bool(not counts.size or (np.median(counts) < FEW_COUNTS and whole.mean() > 1.0 - HELD_SHARE))
+
+
+def _command_first(evidence: Evidence, name: str) -> str | None:
+    """Return the signal by which the robot moves: its command where that is known."""
+    return next((r for r in reversed(REFERENCES[name]) if {name, r} <= evidence.present), None)
+
+
+def _holds(evidence: Evidence, name: str, reference: str) -> tuple[BoolArray, BoolArray, float]:
+    """Rows that repeat the one before, those in which the robot moves, and the usual number of repeats; 0 for none."""
+    same = _repeats(evidence, name)
+    moves = ~_repeats(evidence, reference) & np.isfinite(evidence.steps) & evidence.known[reference]
+    regular = moves.any() and same[moves].mean() > HELD_SHARE
+    return same, moves, _usual_hold(runs(same)) if regular else 0.0
 
 
 def _repeats(evidence: Evidence, name: str) -> BoolArray:
