@@ -50,3 +50,14 @@ def test_a_hysteresis_is_found_with_its_depth() -> None:
     assert [f.candidate.name for f in found] == ["hysteresis"]
     assert 0.1 < found[0].effect.depth < 0.4  # type: ignore[attr-defined]
     assert abs(found[0].effect.radius / NOISE - 3.0) < 0.5  # type: ignore[attr-defined]
+
+
+def test_a_hysteresis_may_take_up_its_lag_over_half_a_stroke() -> None:
+    """Elements that slip one after the other, the last after many times their lag, leave a hundredth of each move."""
+    log = joint_log(3, Hysteresis(1, 3.0 * NOISE, depth=0.01, law="plays"))
+    bare = model_from_dict({"arm": "joints", "joints": [1, 2], "joint_types": "RR"})
+    dataset = prepare_data(log, bare, np.random.default_rng(0)).dataset
+    found = search(start_search(dataset, [c for c in all_candidates(dataset.scene) if c.joint == 1]), rounds=4).fitted
+    assert [f.candidate.name for f in found] == ["hysteresis"]
+    assert 0.006 < found[0].effect.depth < 0.015  # type: ignore[attr-defined]
+    assert abs(found[0].effect.radius / NOISE - 3.0) < 0.5  # type: ignore[attr-defined]

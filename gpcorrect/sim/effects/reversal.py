@@ -315,7 +315,7 @@ class Hysteresis(JointEffect):
             Parameter(
                 "depth",
                 "share of a motion that is lost right after a reversal",
-                Range("1", 0.02, 1.0, 0.25),
+                Range("1", 1e-4, 1.0, 0.25),  # from a tenth of a milliradian of a stroke of one radian on
                 ladder=Ladder(Per.VALUE, (0.25,), absent=True),
             ),
         ),
