@@ -26,6 +26,7 @@ from gpcorrect.calibration.poses import (
     stencil_step,
 )
 from gpcorrect.calibration.queries import POSE, POSITION
+from gpcorrect.calibration.sessions import sessions_apart
 from gpcorrect.calibration.settings import JOINTS, MEMORY, FitSettings
 from gpcorrect.calibration.task import LearnLaw, Measured, Outcome
 from gpcorrect.calibration.training_motion import MotionLimits, TrainingMotion
@@ -86,6 +87,7 @@ class CommandCorrector(PoseAnswers):
         used = [kind for kind in kinds if kind not in (MEMORY, JOINTS)]
         held = None if turns is None else turns.held(samples)
         remarks = [f"registration: {registration.reason}", *_not_corrected(features, held)]
+        remarks += sessions_apart(log, samples.rows, left_out.errors, samples.target[samples.rows])
         memory, route, intervals = None, None, law.intervals
         if MEMORY in kinds:
             folds, labels = folds_of(log.trajectory[pairs.rows]), np.cumsum(pairs.new, dtype=np.int64)

@@ -19,7 +19,8 @@ from gpcorrect.calibration.fit import FitResult, fit_model
 from gpcorrect.calibration.history import HeldOut, PartErrors
 from gpcorrect.calibration.joints import JointCorrector
 from gpcorrect.calibration.metrics import spread
-from gpcorrect.calibration.settings import FitSettings
+from gpcorrect.calibration.sessions import sessions_apart
+from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.calibration.task import Corrector, Measured
 from gpcorrect.cleaning import CleaningReport, Reason, require_segments
 from gpcorrect.logs.copies import LEAST, marks_of
@@ -93,16 +94,17 @@ class Evaluation:
             )
 
     def _in_vain(self) -> Iterator[str]:
-        """Name the parts where learning did not beat the simplest remedy."""
+        """Name the parts where learning hardly beat the simplest remedy."""
         clean, learned = self.clean, len(self.corrector.law.zero)
         for part in self.corrector.parts(clean.raw.shape[1]):
             if max(part.columns) >= learned:  # rotations, where positions alone are corrected
                 continue
             before, after = (spread(part.sizes(errors))["rmse"] for errors in (clean.registered, clean.corrected))
-            if after >= before > 0:
+            if before > 0 and after > (1.0 - LIMITS.least_lessened) * before:
                 remedy = "registration" if self.corrector.METHODS[1] == "rigid" else "a fixed offset"
+                lessens = "does not lessen" if after >= before else f"takes away only {1 - after / before:.0%} of"
                 yield (
-                    f"on held-out trajectories the learned part does not lessen the {part.name} error (RMSE "
+                    f"on held-out trajectories the learned part {lessens} the {part.name} error (RMSE "
                     f"{before:#.4g} {part.unit} after {remedy}, {after:#.4g} {part.unit} corrected). More motion is "
                     "needed, or the parts of the recording do not go together: the tracker, base or tool moved between "
                     "sessions, rows were exchanged, clocks are apart. See: gpcorrect validate LOG"
@@ -277,6 +279,9 @@ def evaluate_model(
     place = np.cumsum(held) - 1
     clean, dirty = (corrector.measure(log, keep) for keep in (passed, held))
     clean, dirty = (replace(measured, rows=place[measured.rows]) for measured in (clean, dirty))
+    if held.all() and corrector.TASK == CommandCorrector.TASK:  # of a held-out part the fit's own note says it
+        learned = len(corrector.law.zero)
+        first = (*first, *sessions_apart(log, clean.rows, clean.corrected[:, :learned], clean.registered[:, :learned]))
     return Evaluation(corrector, clean, dirty, cleaning, first)
 
 

@@ -106,6 +106,14 @@ class Limits:
     # m from the marker to the tool tip that intervals allow for where the orientation was held: it cannot be
     # observed then, and an asked turn by 1 deg moves the marker by 0.9 mm. Chosen by hand, of usual mountings.
     unseen_lever: float = 0.05
+    # Sessions that lie apart are said where chance makes it so in one log of a thousand, and the variance between them
+    # is so much of that of left-out errors: frames moved by 5 to 9 mm on simulated arms make 0.85 to 0.89, a homing
+    # 0.64; none of eight logs of one frame and homing, real ones among them, reaches 0.03.
+    apart_chance: float = 1e-3
+    apart_fraction: float = 0.25
+    # fraction of a held-out error that learning must take away not to be called in vain: less is what a tool that moved
+    # or two clocks leave of it, and no planner is the better for it. Chosen by hand.
+    least_lessened: float = 0.1
     folds: int = 4  # parts of neighbouring trajectories that are left out in turn; chosen by hand
     # length of the pieces, s, whose errors are ranked against each other in the test for ageing. Chosen by hand.
     piece_seconds: float = 20.0

@@ -1,0 +1,79 @@
+"""Sessions of one log that err apart from each other: the tracker's frame was moved, or the robot was homed anew."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import fdtrc  # scipy.stats has it too, and takes half a second to import
+
+from gpcorrect.calibration.dataset import pieces
+from gpcorrect.calibration.settings import LIMITS
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
+
+UNITS = ((1e3, "mm"), (np.degrees(1.0), "deg"))  # of positions and rotations, per m and rad
+
+
+def sessions_apart(log: CalibrationLog, rows: IntArray, errors: FloatArray, left: FloatArray) -> tuple[str, ...]:
+    """Return a note where what is not predicted differs from session to session by more than motions differ in one.
+
+    One-way analysis of variance of the mean errors of motions, component by component. A log whose sessions lie apart
+    by a small part of the error is left in peace, however certain that is.
+
+    Parameters
+    ----------
+    log : CalibrationLog, n samples
+    rows : (k,) int array, samples that were predicted
+    errors : (k, 3) or (k, 6) array, of predictions at motions that were not learned from, m and rad; NaN where none is
+    left : array of the same shape, what registration leaves: by this the distance between sessions is quoted
+    """
+    known = np.isfinite(errors).all(axis=1) & np.isfinite(left).all(axis=1)
+    rows, errors, left = rows[known], errors[known], left[known]
+    names, means, session = _means(log, rows, np.hstack([errors, left]))
+    if len(names) < 2:
+        return ()
+    width = errors.shape[1]
+    differ = _differ(means[:, :width], session, errors)
+    if not differ.any():
+        return ()
+    centres = np.array([means[session == name, width:].mean(axis=0) for name in names])
+    found = " and ".join(_farthest(names, centres, int(part)) for part in np.flatnonzero(differ))
+    return (
+        f"after registration {found}, more than motions of one session differ: the tracker's frame or the base was "
+        "moved, or the robot was homed anew, and one model answers for none of them well. Fit them apart, or see what "
+        "a new session costs: --hold-out-by session",
+    )
+
+
+def _means(log: CalibrationLog, rows: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray, IntArray]:
+    """Return the sessions of two motions or more, and the mean values of their motions with the session of each."""
+    motion = pieces(log.time[rows], log.trajectory[rows])
+    labels, first, index, count = np.unique(motion, return_index=True, return_inverse=True, return_counts=True)
+    means = np.zeros((len(labels), values.shape[1]))
+    np.add.at(means, index, values)
+    session = log.session[rows][first]
+    names, motions = np.unique(session, return_counts=True)
+    names = names[motions > 1]
+    told = np.isin(session, names)
+    return names, (means / count[:, None])[told], session[told]
+
+
+def _differ(means: FloatArray, session: IntArray, errors: FloatArray) -> BoolArray:
+    """Whether positions, and rotations, lie apart by session: surely, and by a good part of their errors."""
+    total, within = ((means - means.mean(axis=0)) ** 2).sum(axis=0), np.zeros(means.shape[1])
+    names = np.unique(session)
+    for name in names:
+        of_one = means[session == name]
+        within += ((of_one - of_one.mean(axis=0)) ** 2).sum(axis=0)
+    freedom = len(names) - 1, len(means) - len(names)
+    between = total - within
+    ratio = (between / freedom[0]) / np.maximum(within / freedom[1], np.finfo(float).tiny)
+    sure = fdtrc(*freedom, ratio) < LIMITS.apart_chance / means.shape[1]
+    parts = between.reshape(-1, 3).sum(axis=1) / len(means), (errors**2).mean(axis=0).reshape(-1, 3).sum(axis=1)
+    return np.asarray(sure.reshape(-1, 3).any(axis=1) & (parts[0] > LIMITS.apart_fraction * parts[1]))
+
+
+def _farthest(names: IntArray, centres: FloatArray, part: int) -> str:
+    """Say which two sessions lie farthest from each other, and by how much."""
+    apart = np.linalg.norm((centres[:, None] - centres)[:, :, 3 * part : 3 * part + 3], axis=2)
+    one, other = sorted(np.unravel_index(int(apart.argmax()), apart.shape))
+    factor, unit = UNITS[part]
+    return f"session {names[other]} lies {factor * apart[one, other]:.2g} {unit} from session {names[one]}"

@@ -1,0 +1,42 @@
+"""Sessions of one log whose frame or homing changed between them are named; those of one frame and homing are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support import short_search, small_log
+
+from gpcorrect.calibration import FitSettings, evaluate_model, fit_model
+from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
+
+MOVED = np.array([0.006, -0.005, 0.004])  # of the tracker's frame, m
+
+
+def in_sessions(log: CalibrationLog, moved: FloatArray) -> CalibrationLog:
+    """Return a log as two sessions of equally many trajectories, with the tracker moved before the second."""
+    assert log.tracker_cp is not None
+    session = (log.trajectory >= (log.trajectory.max() + 1) // 2).astype(int)
+    position = log.tracker_cp.position + session[:, None] * moved
+    return replace(log, session=session, tracker_cp=PoseSignal(position, log.tracker_cp.quaternion))
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_frame_that_was_moved_between_sessions_is_said(seed: int) -> None:
+    """A tracker moved by 9 mm between two sessions is said by fit and evaluate; a still one is not."""
+    still, moved = (in_sessions(small_log(seed), by) for by in (np.zeros(3), MOVED))
+    with short_search(80):
+        fits = [fit_model(log, FitSettings(inducing=60)) for log in (still, moved)]
+    said = [[r for r in (*f.remarks, *evaluate_model(f.corrector, f.log).cautions) if "session 1" in r] for f in fits]
+    assert [len(sentences) for sentences in said] == [0, 2]
+    assert float(said[1][0].split("lies ")[1].split(" mm")[0]) == pytest.approx(1e3 * np.linalg.norm(MOVED), rel=0.15)
+    assert "--hold-out-by session" in said[1][0]
+
+
+def test_sessions_of_one_motion_each_are_not_compared() -> None:
+    """Where each session is one motion, how motions of one session differ is not known, and nothing is said."""
+    log = small_log(2, trajectories=6)
+    with short_search(80):
+        result = fit_model(replace(log, session=log.trajectory), FitSettings(inducing=60))
+    assert not any("session" in remark for remark in result.remarks)
