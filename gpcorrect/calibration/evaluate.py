@@ -272,7 +272,7 @@ def evaluate_model(
     part = log if held.all() else log.select(held)
     cleaning = cleaning or corrector.clean(part)
     if not cleaning.keep.any():
-        cleaning = clean_changed(corrector, part, cleaning, *_refused(held))
+        cleaning = clean_changed(corrector, part, cleaning, *_refused(held, log))
         first = (*first, CAUTION)
     passed = np.zeros(len(log), dtype=bool)
     passed[held] = cleaning.keep
@@ -285,10 +285,12 @@ def evaluate_model(
     return Evaluation(corrector, clean, dirty, cleaning, first)
 
 
-def _refused(held: BoolArray) -> tuple[tuple[Reason, ...], str]:
+def _refused(held: BoolArray, log: CalibrationLog) -> tuple[tuple[Reason, ...], str]:
     """Return for which reasons a log is not measured, and what can be done then: a part of the training for any."""
     if held.all():
         return OTHER_FRAME, "See: gpcorrect validate LOG. Where tracker, base or tool were moved: gpcorrect fit"
+    if len(np.unique(log.session)) > 1:  # a model of some of them, measured on nothing, would be no remedy
+        return tuple(Reason), "Fit each session (file) apart: tracker, base or tool may have moved in between"
     return tuple(Reason), "See: gpcorrect validate LOG. Give more logs, or fit and measure nothing: --holdout 0"
 
 

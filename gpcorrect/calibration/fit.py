@@ -16,6 +16,7 @@ from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import learner_named
 from gpcorrect.calibration.loads import Loads
+from gpcorrect.calibration.sessions import sessions_lost
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.calibration.task import Corrector, recording_entry
 from gpcorrect.cleaning import CleaningReport, Pair, Reason, fit_cleaner
@@ -116,7 +117,8 @@ def fit_model(
     left_out = set(Reason) if settings.clean else {Reason.INVALID, Reason.MANUAL}
     learn_law = partial(_learn_law, settings=settings, progress=progress)
     outcome = task.learn(log, keep, cleaner, settings, learn_law)
-    remarks = [*log.remarks, *outcome.remarks, *_too_little(outcome.samples), *clocks.notes]
+    lost = sessions_lost(log, cleaning) if settings.clean else ()
+    remarks = [*log.remarks, *outcome.remarks, *lost, *_too_little(outcome.samples), *clocks.notes]
     n_train, registration = len(outcome.samples.rows), outcome.registration
     summary = {
         "robot": log.meta.robot,

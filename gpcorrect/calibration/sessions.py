@@ -1,4 +1,4 @@
-"""Sessions of one log that err apart from each other: the tracker's frame was moved, or the robot was homed anew."""
+"""Sessions of one log that err apart from each other, or that cleaning rejects: frames moved, or a homing between."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from scipy.special import fdtrc  # scipy.stats has it too, and takes half a seco
 
 from gpcorrect.calibration.dataset import pieces
 from gpcorrect.calibration.settings import LIMITS
+from gpcorrect.cleaning import CleaningReport, Reason
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
 UNITS = ((1e3, "mm"), (np.degrees(1.0), "deg"))  # of positions and rotations, per m and rad
@@ -40,6 +41,35 @@ def sessions_apart(log: CalibrationLog, rows: IntArray, errors: FloatArray, left
         f"after registration {found}, more than motions of one session differ: the tracker's frame or the base was "
         "moved, or the robot was homed anew, and one model answers for none of them well. Fit them apart, or see what "
         "a new session costs: --hold-out-by session",
+    )
+
+
+def sessions_lost(log: CalibrationLog, cleaning: CleaningReport) -> tuple[str, ...]:
+    """Return a note for each session most of which cleaning rejects, where most of another one passes.
+
+    Parameters
+    ----------
+    log : CalibrationLog, n samples
+    cleaning : CleaningReport, of these; what is no number, or was dropped by hand, does not count
+    """
+    counted = ~np.isin(cleaning.reason, (Reason.INVALID, Reason.MANUAL))
+    names = np.unique(log.session[counted])
+    rows = [counted & (log.session == name) for name in names]
+    lost = [bool(np.mean(~cleaning.keep[mine]) > LIMITS.lost_session) for mine in rows]
+    if all(lost):
+        return ()
+    return tuple(
+        _lost(log, cleaning, mine, int(name)) for name, mine, gone in zip(names, rows, lost, strict=True) if gone
+    )
+
+
+def _lost(log: CalibrationLog, cleaning: CleaningReport, mine: BoolArray, name: int) -> str:
+    first, last = log.trajectory[mine].min(), log.trajectory[mine].max()
+    return (
+        f"cleaning rejects {np.count_nonzero(mine & ~cleaning.keep)} of {np.count_nonzero(mine)} samples of session "
+        f"{name} (trajectories {first} to {last}; files are sessions in the order given, from 0), which is hardly "
+        "learned from: the tracker's frame, the base or the tool was moved, or the robot was homed anew. The model and "
+        "its errors are of the other sessions: fit this one apart"
     )
 
 

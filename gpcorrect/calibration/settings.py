@@ -111,6 +111,8 @@ class Limits:
     # 0.64; none of eight logs of one frame and homing, real ones among them, reaches 0.03.
     apart_chance: float = 1e-3
     apart_fraction: float = 0.25
+    # of a session, that cleaning rejects as no fault of single samples does: cleaning itself holds up to half
+    lost_session: float = 0.5
     # fraction of a held-out error that learning must take away not to be called in vain: less is what a tool that moved
     # or two clocks leave of it, and no planner is the better for it. Chosen by hand.
     least_lessened: float = 0.1

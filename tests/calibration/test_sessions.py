@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from support import short_search, small_log
 
-from gpcorrect.calibration import FitSettings, evaluate_model, fit_model
+from gpcorrect.calibration import FitSettings, evaluate_model, fit_model, run_experiment
+from gpcorrect.errors import LogError
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
 MOVED = np.array([0.006, -0.005, 0.004])  # of the tracker's frame, m
@@ -40,3 +41,21 @@ def test_sessions_of_one_motion_each_are_not_compared() -> None:
     with short_search(80):
         result = fit_model(replace(log, session=log.trajectory), FitSettings(inducing=60))
     assert not any("session" in remark for remark in result.remarks)
+
+
+def test_a_session_that_cleaning_rejects_is_named() -> None:
+    """Of two sessions with 8 cm between their frames cleaning rejects the lesser one: it is said which one was lost."""
+    log = small_log(3)
+    moved = in_sessions(log, np.array([0.06, -0.04, 0.04]))
+    moved = moved.select(moved.trajectory < 13)
+    with short_search(80):
+        result = fit_model(moved, FitSettings(inducing=60))
+    assert [r for r in result.remarks if "of session 1 (trajectories 8 to 12;" in r]
+
+
+def test_a_refusal_of_another_frame_advises_no_model_that_is_not_measured() -> None:
+    """Where the held-out session lies in another frame, fitting it apart is advised, not to measure nothing."""
+    with short_search(80), pytest.raises(LogError) as refused:
+        run_experiment(in_sessions(small_log(3), np.array([0.6, -0.4, 0.4])), FitSettings(inducing=60), holdout=0.5)
+    assert "apart" in (refused.value.hint or "")
+    assert "--holdout 0" not in (refused.value.hint or "")
