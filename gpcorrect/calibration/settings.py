@@ -116,6 +116,12 @@ class Limits:
     # fraction of a held-out error that learning must take away not to be called in vain: less is what a tool that moved
     # or two clocks leave of it, and no planner is the better for it. Chosen by hand.
     least_lessened: float = 0.1
+    # s that a sensor may be later than in the training without a word, or its interval if that is wider: play and pace
+    # move what is found by some milliseconds. Chosen by hand.
+    other_clock: float = 0.01
+    # of the median error, that shifting must take away for a clock to be spoken of: 14 ms and 30 ms that were planted
+    # take away a fifteenth and more, faster motion or another tool, found as 14 and 12 ms, nothing
+    clock_explains: float = 0.05
     folds: int = 4  # parts of neighbouring trajectories that are left out in turn; chosen by hand
     # length of the pieces, s, whose errors are ranked against each other in the test for ageing. Chosen by hand.
     piece_seconds: float = 20.0

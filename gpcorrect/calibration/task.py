@@ -17,18 +17,15 @@ from gpcorrect.calibration.dataset import Layout, Samples, pieces
 from gpcorrect.calibration.history import Step
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.metrics import Z95, coverage
+from gpcorrect.calibration.other_clock import beside_training
 from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.calibration.training_motion import UNITS, TrainingMotion
 from gpcorrect.cleaning import CleaningReport, FittedCleaner, Pair, clean_with, fit_cleaner
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import IntervalCalibration, LeftOut
 from gpcorrect.logs.copies import LEAST, Marks, marks_of, recalled, remembered
-from gpcorrect.logs.sync import NAMES, Clocks, match_clocks
+from gpcorrect.logs.sync import Clocks, match_clocks
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
-
-OTHER_CLOCK = 0.01
-"""s that a sensor may be later than in the training without a word, or its interval if that is wider: play and pace
-move what is found by some milliseconds. Chosen by hand."""
 
 LearnLaw = Callable[[Samples, Layout], tuple[Law, LeftOut]]
 
@@ -282,7 +279,7 @@ class Corrector(ABC):
         """Return the log with the outside sensor on the robot's clock, where the seconds between them are stated.
 
         What the motion suggests is said and not done: a model is measured on truth as it was stamped. A lag that the
-        training had too is no news.
+        training had too is no news, nor is one whose shift takes no errors away.
 
         Parameters
         ----------
@@ -290,18 +287,7 @@ class Corrector(ABC):
         mode : str, as for :func:`gpcorrect.logs.sync.match_clocks`
         """
         log, clocks = match_clocks(log, self.cleaner.pair.observed, self.cleaner.pair.command, mode, shifts=False)
-        lag, found = self.summary.get("fit", {}).get("tracker_lag", {}), clocks.offset
-        if found is None or not found.observable or found.drift is not None or found.reference not in lag:
-            return log, clocks
-        later = found.offset - lag[found.reference]
-        if abs(later) <= max(OTHER_CLOCK, found.ci95[1] - found.ci95[0]):
-            return log, replace(clocks, to_note=False)
-        size = f"{1e3 * abs(later):.0f} ms {'later' if later > 0 else 'earlier'} than in the training"
-        remark = (
-            f"the stamps of {NAMES.get(found.observed, found.observed)} are {size}: left as they are, and errors hold "
-            f"that time. If a clock or a camera's delay differs: --time-offset {later:.3g}"
-        )
-        return log, replace(clocks, remark=remark, to_note=True)
+        return log, beside_training(self, log, clocks)
 
     def clean(self, log: CalibrationLog) -> CleaningReport:
         """Classify the samples of another log by the training's thresholds.

@@ -215,7 +215,8 @@ def _shift(robot: CalibrationLog, seen: Stream, ahead: float | None) -> tuple[Fl
     doubt = _doubt(found, robot.time, seen.stamp)
     if doubt:
         raise LogError(f"the motion does not tell how the clocks lie: {doubt}", hint=_HINT, path=seen.source)
-    remark = f"the tracker's clock runs {found.offset:.4f} s ahead, found by {name}."
+    shift = found.at(robot.time + found.offset)
+    remark = f"the tracker's clock runs {found.offset:.4f} s ahead{_rate(found, shift)}, found by {name}."
     if name == "measured_cp":
         remark += " Slack between the motors and the tool makes it late, too; give --time-offset if it is known."
     if name == "setpoint_cp":
@@ -223,7 +224,18 @@ def _shift(robot: CalibrationLog, seen: Stream, ahead: float | None) -> tuple[Fl
             " What the robot lags behind its commands is taken for clock with it, and is not learned or measured: "
             "record measured_cp as well, or give --time-offset."
         )
-    return found.at(robot.time + found.offset), remark
+    return shift, remark
+
+
+def _rate(found: TimeOffset, shift: FloatArray) -> str:
+    """Say by how much one clock is faster, and what a constant number loses by that."""
+    if found.drift is None:
+        return ""
+    lost = 1e3 * np.abs(shift - found.offset).max()
+    return (
+        f" in the middle, and {found.drift.ppm:+.1f} ppm fast, which is followed (a constant --time-offset would lose "
+        f"{lost:.0f} ms at the ends)"
+    )
 
 
 def _doubt(found: TimeOffset, robot: FloatArray, take: FloatArray) -> str:

@@ -88,6 +88,21 @@ def test_a_clock_is_compared_with_that_of_the_training(stated: str) -> None:
     assert corrector.on_one_clock(align(more, size, signals=("external_jp",)), "auto")[1].notes == ()
 
 
+def test_motion_that_looks_early_is_no_other_clock() -> None:
+    """A recording that follows sooner than the training did is called one of another clock where that mends its errors.
+
+    The model's lag is set as if the training's had been 20 ms longer: what it learned fits the stamps as they are.
+    """
+    corrector = fit_model(joint_log(1), FitSettings(method="linear"), task=JointCorrector).corrector
+    summary = {**corrector.summary, "fit": {**corrector.summary["fit"]}}
+    summary["fit"]["tracker_lag"] = {name: lag + 0.02 for name, lag in summary["fit"]["tracker_lag"].items()}
+    log = joint_log(5)
+    assert replace(corrector, summary=summary).on_one_clock(log, "auto")[1].notes == ()
+    late = align(log, -0.05, signals=("external_jp",))
+    (said,) = corrector.on_one_clock(late, "auto")[1].notes
+    assert "later than in the training" in said
+
+
 @pytest.mark.parametrize("clean", [True, False])
 def test_too_few_static_poses_say_how_many_to_record(clean: bool) -> None:
     """A person with a dozen poses is told how many to record, and not to switch off a cleaning that rejected none."""
