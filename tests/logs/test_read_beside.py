@@ -17,11 +17,11 @@ from gpcorrect.types import CalibrationLog, PoseSignal
 AHEAD = -1_700_000_123.25  # s; the robot stamps seconds since 1970, the cameras count from zero
 
 
-def session(seed: int = 0, ahead: float = AHEAD) -> tuple[CalibrationLog, CalibrationLog]:
+def session(seed: int = 0, ahead: float = AHEAD, rows: int = 1500) -> tuple[CalibrationLog, CalibrationLog]:
     """Record a robot at 50 Hz, and a tracker at 100 Hz that began earlier and ended later."""
     rng = np.random.default_rng(seed)
     path, turn = wandering(rng), wandering(rng)
-    robot_time, take_time = np.arange(1500) / 50 + 5.0, np.arange(4200) / 100
+    robot_time, take_time = np.arange(rows) / 50 + 5.0, np.arange(2 * rows + 1200) / 100
 
     def pose(t: np.ndarray) -> PoseSignal:
         return PoseSignal(path(t), Rotation.from_rotvec(0.5 * turn(t)).as_quat(scalar_first=True))
@@ -30,7 +30,7 @@ def session(seed: int = 0, ahead: float = AHEAD) -> tuple[CalibrationLog, Calibr
     shifted = seen.position @ Rotation.from_rotvec([0.4, 1.0, -0.3]).as_matrix().T + [1.0, 0.2, 0.5]
     noisy = PoseSignal(shifted + 1e-4 * rng.normal(size=shifted.shape), seen.quaternion)
     zeros = np.zeros(len(robot_time), dtype=np.int64)
-    robot = CalibrationLog(robot_time - ahead, np.arange(1500) // 300, zeros, measured_cp=pose(robot_time))
+    robot = CalibrationLog(robot_time - ahead, np.arange(rows) // 300, zeros, measured_cp=pose(robot_time))
     none = np.zeros(len(take_time), dtype=np.int64)
     take = CalibrationLog(take_time, none, none, tracker_cp=noisy, extra={"marker_rms": take_time}, name="take")
     return replace(robot, setpoint_cp=robot.measured_cp, name="robot"), take
@@ -56,6 +56,16 @@ def test_a_lag_that_is_taken_for_clock_is_said():
     (remark,) = (said for said in joined.remarks if "found by setpoint_cp" in said)
     assert float(remark.split("runs ")[1].split()[0]) == pytest.approx(0.04, abs=5e-4)
     assert "lags behind its commands is taken for clock" in remark
+
+
+def test_a_clock_that_runs_fast_is_said_with_what_a_constant_number_loses():
+    """A tracker's clock 1000 ppm fast: its rate, and the 50 ms at either end of 100 s, stand in the remark."""
+    robot, take = session(3, 0.0, rows=5000)
+    joined = with_tracker(robot, replace(take, time=take.time * 1.001))
+    (remark,) = (said for said in joined.remarks if "ppm fast" in said)
+    assert float(remark.split("and ")[1].split(" ppm")[0]) == pytest.approx(1000, abs=20)
+    assert float(remark.split("lose ")[1].split(" ms")[0]) == pytest.approx(50, abs=2)
+    assert not any("ppm" in said for said in with_tracker(*session(1, 0.0)).remarks)
 
 
 def test_a_given_shift_is_applied():
