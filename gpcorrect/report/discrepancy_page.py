@@ -123,7 +123,7 @@ def _where(result: DiscrepancyResult) -> Section:
         strongest = f"{channel_words(left[0].channel)} over {_depends(left[0])} ({left[0].nats:.0f} nats)"
         words.append(f"After the named effects, {count} noise, the strongest {strongest}.")
     elif result.effects:
-        words.append("Nothing is left after the named effects.")
+        words.append("After the named effects, no test of the motions that they were fitted to beats noise.")
     machine = machine_of(result.model).body
     figures = [map_chart(result.evidence, i, channel, machine) for i, channel in _worst(result)[:MOST_MAPS]]
     return Section("Where", words, (table,), figures)

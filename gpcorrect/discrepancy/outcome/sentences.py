@@ -52,20 +52,27 @@ def next_step(result: DiscrepancyResult) -> str:
             return f"stop looking{_behind(result)}: the model is as good as these sensors can tell{apart}"
         case Level.EXACT:
             return "use model.toml, for simulation and for the next run"
-        case Level.UNKNOWN if found and [s.variable.quantity for s in found[0].region] == [Quantity.FREQUENCY]:
-            return "find what shakes at that frequency, whatever the arm does: a pump, a fan, the floor"
-        case Level.UNKNOWN if result.provenance.bursts and not found:
-            return "look at the machine in motions like those in which it happens, and record more of them"
         case Level.UNKNOWN:
-            changes = "look for what changes it from motion to motion: load, heat, wear, speed, the way it came"
-            dark = "look at the machine where the maps below are dark; no effect of the catalogue acts like that"
-            return changes if any(not e.is_constant for e in result.verdict.alike) else dark
+            return _next_of_unknown(result)
         case _ if not found and _tolerated(result) > VERDICT.most_tolerated:
             return "calibrate the table, or leave T_tracker_base out of the model: then it is registered from the data"
         case _ if result.provenance.bursts and not found:
             return "record more motions like those in which it happens: a name must hold on motions not seen"
         case _:
             return "record more trajectories, or with another outside sensor"
+
+
+def _next_of_unknown(result: DiscrepancyResult) -> str:
+    found = result.localisation.findings
+    if _unfitted(result) is not None:
+        return "run it again with another --seed: it deals other motions to the parts that effects are fitted to"
+    if found and [s.variable.quantity for s in found[0].region] == [Quantity.FREQUENCY]:
+        return "find what shakes at that frequency, whatever the arm does: a pump, a fan, the floor"
+    if result.provenance.bursts and not found:
+        return "look at the machine in motions like those in which it happens, and record more of them"
+    if any(not e.is_constant for e in result.verdict.alike):
+        return "look for what changes it from motion to motion: load, heat, wear, speed, the way it came"
+    return "look at the machine where the maps below are dark; no effect of the catalogue acts like that"
 
 
 def closed_by(gaps: Sequence[ChannelGap], joint: int | str | None = None) -> ChannelGap | None:
@@ -271,18 +278,32 @@ def _burst_words(burst: Burst) -> str:
 
 
 def _where(result: DiscrepancyResult) -> str:
+    unfitted = _unfitted(result)
+    if unfitted is not None:
+        return f": {channel_words(unfitted.channel)}, in motions of the test set alone"
     left = () if result.remainder is None else result.remainder.findings
-    unknown = [v.place for v in result.verdict.places if v.level == Level.UNKNOWN]
-    there = [f for f in left if (f.channel.joint or "tool") in unknown[:1]]
-    unfitted = [g for g in result.gap if (g.channel.joint or "tool") in unknown[:1] and g.is_beyond_chance]
-    if unfitted and not there:
-        where = channel_words(max(unfitted, key=lambda g: g.after / g.noise).channel)
-        return f": {where}, in motions of the test set alone (another --seed deals others to it)"
+    unknown = _first_unknown(result)
+    there = [f for f in left if (f.channel.joint or "tool") == unknown]
     for finding in (there or left or result.localisation.findings)[:1]:
         return f": {channel_words(finding.channel)}, most at {region_words(finding.region)}"
     for burst in result.provenance.bursts[:1]:
         return f", and {'happens rarely' if burst.rare else 'comes and goes'}: {_burst_words(burst)}"
     return ""
+
+
+def _first_unknown(result: DiscrepancyResult) -> int | str | None:
+    """Return the place with the largest unknown rest, if there is one."""
+    return next((v.place for v in result.verdict.places if v.level == Level.UNKNOWN), None)
+
+
+def _unfitted(result: DiscrepancyResult) -> ChannelGap | None:
+    """Return the channel at that place that is off in the test set, if nothing is found there in the other parts."""
+    place = _first_unknown(result)
+    found = () if result.remainder is None else result.remainder.findings
+    if any((f.channel.joint or "tool") == place for f in found):
+        return None
+    off = [g for g in result.gap if (g.channel.joint or "tool") == place and g.is_beyond_chance]
+    return max(off, key=lambda g: g.after / g.noise, default=None)
 
 
 def _percent(fraction: float) -> str:
