@@ -299,7 +299,7 @@ def _first_unknown(result: DiscrepancyResult) -> int | str | None:
 def _unfitted(result: DiscrepancyResult) -> ChannelGap | None:
     """Return the channel at that place that is off in the test set, if nothing is found there in the other parts."""
     place = _first_unknown(result)
-    found = () if result.remainder is None else result.remainder.findings
+    found = (result.remainder or result.localisation).findings
     if any((f.channel.joint or "tool") == place for f in found):
         return None
     off = [g for g in result.gap if (g.channel.joint or "tool") == place and g.is_beyond_chance]
