@@ -30,6 +30,7 @@ from gpcorrect.calibration.sessions import sessions_apart
 from gpcorrect.calibration.settings import JOINTS, MEMORY, FitSettings
 from gpcorrect.calibration.task import LearnLaw, Measured, Outcome
 from gpcorrect.calibration.training_motion import MotionLimits, TrainingMotion
+from gpcorrect.calibration.unseen_lever import lever_note
 from gpcorrect.cleaning import POSES, FittedCleaner, Pair
 from gpcorrect.correction import Correction
 from gpcorrect.errors import DataError, GpCorrectError, LogError
@@ -87,6 +88,7 @@ class CommandCorrector(PoseAnswers):
         used = [kind for kind in kinds if kind not in (MEMORY, JOINTS)]
         held = None if turns is None else turns.held(samples)
         remarks = [f"registration: {registration.reason}", *_not_corrected(features, held)]
+        remarks += lever_note(log, pairs.rows, reference.position, pairs.command.position - reference.position)
         remarks += sessions_apart(log, samples.rows, left_out.errors, samples.target[samples.rows])
         memory, route, intervals = None, None, law.intervals
         if MEMORY in kinds:
