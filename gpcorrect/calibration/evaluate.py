@@ -96,6 +96,11 @@ class Evaluation:
     def _in_vain(self) -> Iterator[str]:
         """Name the parts where learning hardly beat the simplest remedy."""
         clean, learned = self.clean, len(self.corrector.law.zero)
+        causes = (
+            ". More motion is needed, or the parts of the recording do not go together: the tracker, base or tool "
+            "moved between sessions, rows were exchanged, clocks are apart. See: gpcorrect validate LOG"
+        )
+        causes = "" if CAUTION in self.first else causes  # which names the cause
         for part in self.corrector.parts(clean.raw.shape[1]):
             if max(part.columns) >= learned:  # rotations, where positions alone are corrected
                 continue
@@ -105,9 +110,7 @@ class Evaluation:
                 lessens = "does not lessen" if after >= before else f"takes away only {1 - after / before:.0%} of"
                 yield (
                     f"on held-out trajectories the learned part {lessens} the {part.name} error (RMSE "
-                    f"{before:#.4g} {part.unit} after {remedy}, {after:#.4g} {part.unit} corrected). More motion is "
-                    "needed, or the parts of the recording do not go together: the tracker, base or tool moved between "
-                    "sessions, rows were exchanged, clocks are apart. See: gpcorrect validate LOG"
+                    f"{before:#.4g} {part.unit} after {remedy}, {after:#.4g} {part.unit} corrected){causes}"
                 )
 
     @property

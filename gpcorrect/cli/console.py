@@ -189,13 +189,20 @@ def show_errors(title: str, errors: Mapping[str, Any]) -> None:
 def certainty(figures: Mapping[str, Any]) -> str:
     """Return what a measurement says of its intervals and of the training region, in a line.
 
+    Axes (x, y, z; rx, ry, rz of rotations) whose intervals hold too few errors are named: the mean of all hides one.
+
     Parameters
     ----------
     figures : mapping, of `Evaluation.to_dict`
     """
+    from gpcorrect.calibration.evaluate import LEAST_HELD
+
     names = ("coverage95", "coverage95_dirty", "in_domain", "in_domain_dirty")
     held, held_all, inside, inside_all = (f"{100 * figures[name]:.1f} %" for name in names)
-    return f"95 % intervals cover {held} ({held_all} of all samples); {inside} in domain ({inside_all} of all)"
+    axes = figures.get("coverage95_axes", {})
+    few = [f"{100 * part:.0f} % along {axis}" for axis, part in axes.items() if part < LEAST_HELD]
+    only = f", but {' and '.join(few)}" if few else ""
+    return f"95 % intervals cover {held}{only} ({held_all} of all samples); {inside} in domain ({inside_all} of all)"
 
 
 def digests(*paths: Path) -> list[tuple[str, str]]:

@@ -12,6 +12,7 @@ from command_line import CommandLine, written
 from support import Fitted, real_data, small_log
 
 from gpcorrect.calibration import load
+from gpcorrect.cli.console import certainty
 from gpcorrect.types import CalibrationLog, PoseSignal
 
 # The marker is the tool tip and the clocks agree: looking for them takes longest, and other tests do it.
@@ -132,3 +133,11 @@ def test_a_correction_that_does_not_help_is_said_to_be_none(gpcorrect: CommandLi
     ratio = [done["errors"][m]["position_mm"]["norm"]["rmse"] for m in ("corrected", "rigid")]
     assert any("position" in caution for caution in done["cautions"]) == (ratio[0] >= ratio[1])
     assert ratio[0] > 0.95 * ratio[1]
+
+
+def test_an_axis_whose_intervals_hold_too_few_is_named() -> None:
+    """The mean over all axes hides one: an axis below 90 % stands beside it, and one that was not measured does not."""
+    figures = {"coverage95": 0.96, "coverage95_dirty": 0.9, "in_domain": 1.0, "in_domain_dirty": 1.0}
+    axes = {"x": 0.97, "y": 0.84, "z": 0.99, "rx": float("nan")}
+    assert "cover 96.0 %, but 84 % along y (90.0 %" in certainty({**figures, "coverage95_axes": axes})
+    assert "but" not in certainty({**figures, "coverage95_axes": {"x": 0.93}})
