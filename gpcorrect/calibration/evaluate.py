@@ -100,12 +100,14 @@ class Evaluation:
             ". More motion is needed, or the parts of the recording do not go together: the tracker, base or tool "
             "moved between sessions, rows were exchanged, clocks are apart. See: gpcorrect validate LOG"
         )
+        # a joint may have little to learn beyond its zero
+        least = 0.0 if isinstance(self.corrector, JointCorrector) else LIMITS.least_lessened
         causes = "" if CAUTION in self.first else causes  # which names the cause
         for part in self.corrector.parts(clean.raw.shape[1]):
             if max(part.columns) >= learned:  # rotations, where positions alone are corrected
                 continue
             before, after = (spread(part.sizes(errors))["rmse"] for errors in (clean.registered, clean.corrected))
-            if before > 0 and after > (1.0 - LIMITS.least_lessened) * before:
+            if before > 0 and after >= (1.0 - least) * before:
                 remedy = "registration" if self.corrector.METHODS[1] == "rigid" else "a fixed offset"
                 lessens = "does not lessen" if after >= before else f"takes away only {1 - after / before:.0%} of"
                 yield (

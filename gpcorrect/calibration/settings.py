@@ -113,8 +113,8 @@ class Limits:
     apart_fraction: float = 0.25
     # of a session, that cleaning rejects as no fault of single samples does: cleaning itself holds up to half
     lost_session: float = 0.5
-    # fraction of a held-out error that learning must take away not to be called in vain: less is what a tool that moved
-    # or two clocks leave of it, and no planner is the better for it. Chosen by hand.
+    # fraction of a held-out error of poses that learning must take away not to be called in vain: less is what a tool
+    # that moved or two clocks leave of it, and no planner is the better for it. Chosen by hand.
     least_lessened: float = 0.1
     # s that a sensor may be later than in the training without a word, or its interval if that is wider: play and pace
     # move what is found by some milliseconds. Chosen by hand.

@@ -9,7 +9,7 @@ import pytest
 from joint_logs import joint_log
 from support import short_search, small_log
 
-from gpcorrect.calibration import FitSettings, JointCorrector, fit_model, run_experiment
+from gpcorrect.calibration import FitSettings, JointCorrector, evaluate_model, fit_model, run_experiment
 from gpcorrect.errors import LogError
 from gpcorrect.logs import align
 from gpcorrect.sim import debridement_log
@@ -111,3 +111,14 @@ def test_too_few_static_poses_say_how_many_to_record(clean: bool) -> None:
         fit_model(replace(log, static=True, trajectory=np.arange(12)), FitSettings(clean=clean))
     assert "Record 30 poses" in refused.value.hint
     assert "--no-clean" not in refused.value.hint
+
+
+def test_learning_that_takes_away_little_is_said(reaches: CalibrationLog) -> None:
+    """A twentieth less than registration leaves is said of poses, with the number; a third less is not."""
+    with short_search(60):
+        corrector = fit_model(reaches, FitSettings(inducing=30, marker="none")).corrector
+    measured = evaluate_model(corrector, reaches)
+    for part, count in ((0.95, 2), (0.67, 0)):
+        clean = replace(measured.clean, corrected=part * measured.clean.registered)
+        said = [caution for caution in replace(measured, clean=clean).cautions if "takes away only 5%" in caution]
+        assert len(said) == count
