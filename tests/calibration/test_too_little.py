@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from joint_logs import joint_log
-from support import short_search, small_log
+from support import real_data, short_search, small_log
 
 from gpcorrect.calibration import FitSettings, JointCorrector, evaluate_model, fit_model, run_experiment
 from gpcorrect.errors import LogError
-from gpcorrect.logs import align
+from gpcorrect.logs import align, read_log
+from gpcorrect.logs.validate import validate_log
 from gpcorrect.sim import debridement_log
 from gpcorrect.types import CalibrationLog
 
@@ -122,3 +123,8 @@ def test_learning_that_takes_away_little_is_said(reaches: CalibrationLog) -> Non
         clean = replace(measured.clean, corrected=part * measured.clean.registered)
         said = [caution for caution in replace(measured, clean=clean).cautions if "takes away only 5%" in caution]
         assert len(said) == count
+
+
+def test_a_motion_of_a_lone_sample_stops_no_comparison_of_clocks() -> None:
+    """Halves of a recording of which one holds a lone sample of a motion are compared all the same."""
+    assert validate_log(read_log(real_data("mrdlab_spindle.parquet"))).ok

@@ -148,7 +148,8 @@ class Timing:
         self._knots = [p.time for p in pieces]
         # Intervals between knots that are no gap and whose slopes see none.
         gaps = [np.diff(p.time) > default_max_gap(p.time) for p in pieces]
-        near = [np.convolve(gap, np.ones(2 * REACH + 1), mode="full")[REACH : REACH + len(gap)] for gap in gaps]
+        ones = np.ones(2 * REACH + 1)
+        near = [np.convolve(gap, ones)[REACH : REACH + len(gap)] if len(gap) else gap for gap in gaps]
         self._sound = [found == 0 for found in near]
         self._splines = [
             Akima1DInterpolator(p.time, part) if len(p) >= MIN_KNOTS else None
