@@ -296,7 +296,8 @@ def _refused(held: BoolArray, log: CalibrationLog) -> tuple[tuple[Reason, ...], 
         return OTHER_FRAME, "See: gpcorrect validate LOG. Where tracker, base or tool were moved: gpcorrect fit"
     if len(np.unique(log.session)) > 1:  # a model of some of them, measured on nothing, would be no remedy
         return tuple(Reason), "Fit each session (file) apart: tracker, base or tool may have moved in between"
-    return tuple(Reason), "See: gpcorrect validate LOG. Give more logs, or fit and measure nothing: --holdout 0"
+    apart = "Where tracker, base or tool moved in between, fit the parts before and after apart"
+    return tuple(Reason), f"{apart}; else give more logs, or measure nothing: --holdout 0"
 
 
 def part_errors(corrector: Corrector, measured: Measured) -> tuple[PartErrors, ...]:
