@@ -105,8 +105,9 @@ class PoseSignal:
 class LogMeta:
     """What a log's sidecar says of it; empty text where it says nothing.
 
-    `joint_types` is R or P for each joint, however spaced; other letters are refused with a LogError. `tracker_base` is
-    T_tracker_base where the source states it: translation (m), then rotation vector (rad).
+    `joint_types` is R or P for each joint, however spaced; other letters are refused with a LogError. `joint_names` are
+    the source's, in the order of the columns; empty where unknown. `tracker_base` is T_tracker_base where the source
+    states it: translation (m), then rotation vector (rad).
     """
 
     robot: str = ""
@@ -117,6 +118,7 @@ class LogMeta:
     source: str = ""
     licence: str = ""
     tracker_base: tuple[float, ...] | None = None
+    joint_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         types = self.joint_types.replace(" ", "").replace(",", "").upper()
@@ -124,6 +126,10 @@ class LogMeta:
             hint = "Correct the sidecar."
             raise LogError(f"joint_types {self.joint_types!r} does not name each joint with R or P.", hint=hint)
         object.__setattr__(self, "joint_types", types)
+        if len(set(self.joint_names)) < len(self.joint_names):
+            raise LogError(
+                f"joint_names name a joint twice: {', '.join(self.joint_names)}.", hint="Correct the sidecar."
+            )
 
 
 @dataclass(frozen=True, eq=False)

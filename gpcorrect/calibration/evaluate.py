@@ -272,6 +272,7 @@ def evaluate_model(
     DataError
         Its stamps cannot be seconds.
     """
+    log = corrector.in_joint_order(log)
     first = corrector.cautions(log) if held is None else ()
     held = np.ones(len(log), dtype=bool) if held is None else held
     part = log if held.all() else log.select(held)

@@ -123,6 +123,7 @@ def fit_model(
     summary = {
         "robot": log.meta.robot,
         "arm": log.meta.arm,
+        **({"joint_names": list(log.meta.joint_names)} if log.meta.joint_names else {}),
         "method": settings.method,
         **outcome.report,
         "data": recording_entry(log, marks),

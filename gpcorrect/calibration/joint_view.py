@@ -192,6 +192,7 @@ class ViewCorrector(Corrector):
         LogError, DataError
             A signal is missing or cannot be right, or the log has other joints or state than the training's.
         """
+        log = self.in_joint_order(log)
         self.refuse_misread(log)
         log, apart = self._apart(log)
         reported, samples = self.view.of_log(log, np.ones(len(log), dtype=bool), needs_truth=False)

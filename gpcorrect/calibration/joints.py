@@ -180,6 +180,7 @@ class JointCorrector(ViewCorrector):
                 hint="Give one recording, made after the last homing.",
             )
         self.refuse_other_arm(log)
+        log = self.in_joint_order(log)
         self.refuse_misread(log)
         measured = self.measure(log, np.ones(len(log), dtype=bool))
         seconds = float(np.ptp(measured.time))

@@ -57,6 +57,7 @@ PARTS: dict[str, Any] = {
 }
 """Parts of a description that every fit writes, with their types."""
 OPTIONAL: dict[str, Any] = {
+    "joint_names": Sequence[str],
     "frames": {"input": str, "output": str},
     "training_region": {"position_min": Three, "position_max": Three},
 }

@@ -144,10 +144,10 @@ def refuse_unlike(one: Corrector, other: Corrector, names: tuple[str, str]) -> N
     if isinstance(one, JointCorrector) and isinstance(other, JointCorrector):
         pairs.append(("answers in the direction", one.view.direction, other.view.direction))
         pairs.append(("has joints of the types", one.types, other.types))
-    for word in ("robot", "arm"):
+    for word in ("robot", "arm", *(("joint_names",) if one.TASK == JointCorrector.TASK else ())):
         first, second = one.summary.get(word), other.summary.get(word)
         if first and second:
-            pairs.append((f"is of the {word}", first, second))
+            pairs.append((f"is of the {word.replace('_', ' ')}", first, second))
     for words, first, second in pairs:
         if first != second:
             raise DataError(

@@ -24,6 +24,7 @@ from gpcorrect.cleaning import CleaningReport, FittedCleaner, Pair, clean_with, 
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import IntervalCalibration, LeftOut
 from gpcorrect.logs.copies import LEAST, Marks, marks_of, recalled, remembered
+from gpcorrect.logs.join import BY_NAME, in_joint_order
 from gpcorrect.logs.sync import Clocks, match_clocks
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
@@ -264,6 +265,15 @@ class Corrector(ABC):
         if not log.static:
             self.trained.refuse_slow(path, log.time, log.trajectory)
 
+    def in_joint_order(self, log: CalibrationLog) -> CalibrationLog:
+        """Return a log with its joints in the training's order, where both name them; LogError where they are others.
+
+        Parameters
+        ----------
+        log : CalibrationLog
+        """
+        return in_joint_order(log, self.summary.get("joint_names", ()))
+
     def having_seen(self, log: CalibrationLog, keep: BoolArray) -> Self:
         """Return the same corrector, of a training that moved as this log does too.
 
@@ -286,6 +296,7 @@ class Corrector(ABC):
         log : CalibrationLog
         mode : str, as for :func:`gpcorrect.logs.sync.match_clocks`
         """
+        log = self.in_joint_order(log)
         log, clocks = match_clocks(log, self.cleaner.pair.observed, self.cleaner.pair.command, mode, shifts=False)
         return log, beside_training(self, log, clocks)
 
@@ -329,13 +340,14 @@ class Corrector(ABC):
         return f"the model was learned on {own}, and this recording is of {other}"
 
     def cautions(self, log: CalibrationLog) -> tuple[str, ...]:
-        """Return what makes errors on a log other than those of new motion of the model's arm, a sentence each.
+        """Return what makes errors on a log other than those of new motion of the model's arm, and joints put in order.
 
         Parameters
         ----------
         log : CalibrationLog
         """
-        return tuple(said for said in (self.learned_from(log), self._caution_arm(log)) if said)
+        moved = (remark for remark in log.remarks if BY_NAME in remark)
+        return tuple(said for said in (*moved, self.learned_from(log), self._caution_arm(log)) if said)
 
     def learned_from(self, log: CalibrationLog) -> str:
         """Say where a log holds some of what was learned from: a whole recording, a part, or both in another file.

@@ -114,6 +114,7 @@ def update_model(
         The model's method cannot take more data, or the log's stamps cannot be seconds.
     """
     corrector.refuse_other_arm(log)
+    log = corrector.in_joint_order(log)
     held = held_out(log, holdout)
     train = log.select(~held) if held.any() else log
     progress = progress or Progress()

@@ -250,7 +250,7 @@ def explore(
     corrector = load(model)
     region = None
     if task is not None:
-        log = read_logs([task], columns)
+        log = corrector.in_joint_order(read_logs([task], columns))
         samples = corrector.samples(log, corrector.clean_afresh(log).keep)
         region = samples.X[samples.rows]
     found = propose(corrector, n, np.random.default_rng(seed), region)

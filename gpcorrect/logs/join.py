@@ -17,6 +17,7 @@ from gpcorrect.logs.sync import REFERENCES, TimeOffset, stream_offset
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
 
 SAME_MACHINE = ("robot", "arm", "joint_types")
+BY_NAME = "columns of joints were put by name in the order"  # what a remark says where they were
 
 IN_BOTH = 0.05  # of the stretches of the shorter of two recordings, from which they hold the same samples
 SAME_MOTION = 0.9  # of the spread that one motion must explain of the other
@@ -41,7 +42,7 @@ def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "
     ------
     LogError
         There is no log, the same recording comes twice, static poses are among recordings, or the logs are of different
-        robots, arms or numbers of joints.
+        robots, arms, or names or numbers of joints.
     """
     if not logs:
         raise LogError("expected at least one log, got none.")
@@ -49,6 +50,8 @@ def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "
         return logs[0]
     if len({log.static for log in logs}) > 1:
         raise LogError("static poses cannot be joined with recordings that have a clock.")
+    names = max((log.meta.joint_names for log in logs), key=len)
+    logs = [in_joint_order(log, names) for log in logs]
     refuse_twice(logs)
     digest = hashlib.sha256("".join(log.digest for log in logs).encode()).hexdigest()
     common = tuple(s for s in logs[0].signals if all(s in log.signals for log in logs))
@@ -61,7 +64,7 @@ def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "
         numbers if sessions == "renumber" else np.concatenate([log.session for log in logs]),
         **signals,
         extra={name: np.concatenate([log.extra[name] for log in logs]) for name in extra},
-        meta=_joined_meta(logs),
+        meta=replace(_joined_meta(logs), joint_names=names),
         static=logs[0].static,
         name=", ".join(log.name for log in logs),
         recordings=tuple(recording for log in logs for recording in log.recordings),
@@ -69,6 +72,42 @@ def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "
         digest=digest if all(log.digest for log in logs) else "",
         remarks=(*_remarks(logs, common), *(f"{log.name}: {r}" for log in logs for r in log.remarks)),
     )
+
+
+def in_joint_order(log: CalibrationLog, names: Sequence[str]) -> CalibrationLog:
+    """Return a log with its joints in the order of these names, and a remark; as it is where it or they name none.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+    names : sequence of str, of all joints in the order wanted; more or fewer only behind those that both name
+
+    Raises
+    ------
+    LogError
+        The log names other joints, or lacks columns of some.
+    """
+    own, names = log.meta.joint_names, tuple(names)
+    both = min(len(own), len(names))
+    if own[:both] == names[:both]:
+        return log
+    said = f"the joints are {', '.join(own)}, and those that they go with {', '.join(names)}"
+    if sorted(own) != sorted(names):
+        hint = "If they are the same joints, name them alike in the sidecar: joint_names."
+        raise LogError(f"{said}.", hint=hint, path=log.name)
+
+    def places(width: int) -> list[int]:
+        order = [*(own.index(name) for name in names[:width]), *range(len(own), width)]
+        if max(order, default=-1) >= width:
+            raise LogError(f"{said}: {width} columns cannot be put in that order.", path=log.name)
+        return order
+
+    tables = {name: getattr(log, name) for name in log.JOINTS if name in log.signals}
+    moved: dict[str, Any] = {name: table[:, places(table.shape[1])] for name, table in tables.items()}
+    types = "".join(log.meta.joint_types[k] for k in places(len(log.meta.joint_types)))
+    remark = f"the {BY_NAME} {', '.join(names)}; they came as {', '.join(own)}."
+    meta = replace(log.meta, joint_names=names, joint_types=types)
+    return replace(log, **moved, meta=meta, remarks=(*log.remarks, remark))
 
 
 def refuse_twice(logs: Sequence[CalibrationLog]) -> None:
@@ -127,7 +166,7 @@ def _joined(logs: Sequence[CalibrationLog], name: str) -> Any:
 def _joined_meta(logs: Sequence[CalibrationLog]) -> LogMeta:
     """Join what the logs say: the same once, different notes one after the other."""
     merged: dict[str, Any] = {}
-    for name in (f.name for f in fields(LogMeta) if f.name != "tracker_base"):
+    for name in (f.name for f in fields(LogMeta) if f.name not in ("tracker_base", "joint_names")):
         values = list(dict.fromkeys(v for log in logs if (v := getattr(log.meta, name))))
         if name in SAME_MACHINE and len(values) > 1:
             raise LogError(f"logs of different machines cannot be joined: {name} is {' and '.join(values)}.")

@@ -200,42 +200,50 @@ def _pose_streams(name: str, recorded: Recorded, stamp: FloatArray, rows: IntArr
     return [Stream(name, stamp, pose, recorded.topic)], remarks
 
 
-def in_one_order(recorded: Mapping[str, Recorded]) -> tuple[dict[str, Recorded], tuple[str, ...]]:
-    """Give the joints of all joint states the order that the first topic names them in; and remarks on it.
+def in_one_order(recorded: Mapping[str, Recorded]) -> tuple[dict[str, Recorded], tuple[str, ...], tuple[str, ...]]:
+    """Give the joints of all joint states the order of the first message of the first topic; their names, and remarks.
 
     Parameters
     ----------
     recorded : mapping of str to Recorded
     """
-    ordered, remarks, order, first = dict(recorded), [], None, ""
+    ordered, remarks, order, first = dict(recorded), list[str](), tuple[str, ...](), ""
     for kind in JOINT_SIGNALS:
         if kind not in recorded:
             continue
         one = recorded[kind]
         names = one.rows[0][0]
-        if len(set(names)) < max(len(names), 1):  # without names, or with the same twice, none is known
+        if len(set(names) - {""}) < max(len(names), 1):  # without names, or with the same twice, none is known
             continue
-        if order is None:
-            order, first = names, one.topic
+        if any(row[0] != names and sorted(row[0]) == sorted(names) for row in one.rows):
+            remarks.append(f"{one.topic} names its joints in changing order: that of its first message was taken.")
+            ordered[kind] = one = replace(one, rows=[_moved(row, names) for row in one.rows])
+        if names[: len(order)] == order:  # the first, or with more joints behind the others
+            order, first = names, first or one.topic
         elif any(name in order and order.index(name) != place for place, name in enumerate(names)):
             if sorted(names) != sorted(order):
                 raise LogError(f"{first} holds the joints {', '.join(order)}, and {one.topic} {', '.join(names)}.")
-            ordered[kind] = replace(one, rows=[_moved(row, names, order) for row in one.rows])
+            ordered[kind] = replace(one, rows=[_moved(row, order) for row in one.rows])
             remarks.append(f"{one.topic} names its joints in another order than {first}: that of {first} was taken.")
-    return ordered, tuple(remarks)
+    return ordered, order, tuple(remarks)
 
 
-def _moved(row: tuple[Any, ...], names: tuple[str, ...], order: tuple[str, ...]) -> tuple[Any, ...]:
-    if row[0] != names:
-        return row  # refused later: the joints change from message to message
-    places = [names.index(name) for name in order]
-    return (order, *(part[places] if len(part) == len(names) else part for part in row[1:]))
+def _moved(row: tuple[Any, ...], order: tuple[str, ...]) -> tuple[Any, ...]:
+    if row[0] == order or sorted(row[0]) != sorted(order):
+        return row  # other joints are refused later: they change from message to message
+    places = [row[0].index(name) for name in order]
+    return (order, *(part[places] if len(part) == len(order) else part for part in row[1:]))
 
 
 def _joint_streams(name: str, recorded: Recorded, stamp: FloatArray, rows: IntArray) -> tuple[list[Stream], list[str]]:
     """Streams of joint positions, and of measured velocities and efforts where they were published; and remarks."""
-    if len({row[0] for row in recorded.rows}) > 1:
-        raise LogError(f"the joints of {recorded.topic} change from message to message.")
+    named = list(dict.fromkeys(row[0] for row in recorded.rows))
+    if len(named) > 1:
+        found = " and then ".join(", ".join(row) or "none" for row in named[:2])
+        raise LogError(
+            f"the joints of {recorded.topic} change from message to message: it names {found}.",
+            hint="Only their order may change. Record each part of the robot under a topic of its own.",
+        )
     names = JOINT_SIGNALS[name]
     streams, remarks = [], []
     for k, signal in enumerate(names, start=1):

@@ -92,6 +92,7 @@ class _Sidecar(BaseModel):
     robot: StrictStr = ""
     arm: StrictStr = ""
     joint_types: StrictStr = ""
+    joint_names: tuple[StrictStr, ...] = ()
     tracker: StrictStr = ""
     notes: StrictStr = ""
     source: StrictStr = ""

@@ -45,7 +45,7 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
         topics, remarks = choose_topics({c.topic: c.msgtype for c in bag.connections if c.msgcount}, options)
         recorded = _record(bag, topics)
         origin = bag.start_time
-    recorded, moved = in_one_order(recorded)
+    recorded, names, moved = in_one_order(recorded)
     remarks, streams, meta = [*remarks, *moved], list[Stream](), LogMeta()
     for kind, messages in recorded.items():
         found, said, stated = streams_of(kind, messages, origin, options.clock, options.arm)
@@ -53,7 +53,7 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
         streams += found
         remarks += said
     log = combine(streams, options.base, options.max_gap, shifts=options.shifts, disorder=settings.disorder)
-    return replace(log, meta=meta, remarks=(*remarks, *log.remarks))
+    return replace(log, meta=replace(meta, joint_names=names), remarks=(*remarks, *log.remarks))
 
 
 def topics_of(path: Path) -> tuple[list[tuple[str, str, int, float]], dict[str, int]]:

@@ -19,9 +19,10 @@ from read_support import (
 from scipy.spatial.transform import Rotation
 
 from gpcorrect.errors import LogError, MissingExtraError
-from gpcorrect.logs import read_log, rosbag
+from gpcorrect.logs import join_logs, read_log, rosbag, write_log
 from gpcorrect.logs.columns import ReadSettings
 from gpcorrect.logs.order import Disorder
+from gpcorrect.types import CalibrationLog
 
 KINDS = ("bag", "mcap", "db3", "folder")
 STEP = 10_000_000  # ns
@@ -198,12 +199,37 @@ def test_a_quaternion_far_from_unit_is_a_missing_rotation_and_counted(tmp_path: 
     assert "1 samples of measured_cp have no valid rotation" in log.remarks[0]
 
 
-def test_joints_that_change_their_names_are_refused(tmp_path: Path):
+def test_joints_in_changing_order_are_matched_by_name_and_other_joints_refused(tmp_path: Path):
+    turned = [1, 0, 2, 3, 4, 5]
     posts = [
-        joint_state("/p/measured_js", JOINTS[k], t, names="abcdef" if k else "bacdef") for k, t in enumerate(TICKS)
+        joint_state("/p/measured_js", JOINTS[k][turned if k % 3 else ...], t, names="bacdef" if k % 3 else "abcdef")
+        for k, t in enumerate(TICKS)
     ]
-    with pytest.raises(LogError, match="joints of /p/measured_js change"):
-        read_log(write_bag(tmp_path / "r", posts, "bag"))
+    log = read_log(write_bag(tmp_path / "r", posts, "bag"))
+    np.testing.assert_array_equal(log.measured_jp, JOINTS)
+    assert "changing order" in log.remarks[0]
+    posts[-1] = joint_state("/p/measured_js", JOINTS[-1], TICKS[-1], names="abcdeg")
+    with pytest.raises(LogError, match="change from message to message: it names a, b, c, d, e, f and then a, b, c, d"):
+        read_log(write_bag(tmp_path / "s", posts, "bag"))
+
+
+def test_joint_names_are_kept_for_recordings_in_another_order(tmp_path: Path):
+    """The same robot's joints, in another order in the second bag, were joined column by column without a word."""
+
+    def recorded(place: Path, order: list[int], late: int) -> CalibrationLog:
+        names = "".join("abcdef"[j] for j in order)
+        posts = [joint_state("/p/setpoint_js", JOINTS[k][order], t + late, names=names) for k, t in enumerate(TICKS)]
+        return read_log(write_bag(place, posts, "bag"))
+
+    one, two = recorded(tmp_path / "r", [0, 1, 2, 3, 4, 5], 0), recorded(tmp_path / "s", [5, 4, 3, 2, 0, 1], 1)
+    write_log(two, tmp_path / "two.csv")
+    back = read_log(tmp_path / "two.csv")
+    assert one.meta.joint_names == tuple("abcdef")
+    assert back.meta.joint_names == tuple("fedcab")
+    joined = join_logs([one, back])
+    np.testing.assert_array_equal(joined.setpoint_jp, np.concatenate([JOINTS, JOINTS]))
+    assert joined.meta.joint_names == tuple("abcdef")
+    assert "by name in the order a, b, c, d, e, f; they came as f, e, d, c, a, b" in joined.remarks[-1]
 
 
 def test_velocities_that_come_and_go_are_left_out_and_reported(tmp_path: Path):

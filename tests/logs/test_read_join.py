@@ -90,3 +90,25 @@ def test_a_log_without_samples_adds_none():
     log = random_log(0)
     joined = join_logs([log, replace(random_log(1).select(slice(0, 0)), contents=(), recordings=())])
     np.testing.assert_array_equal(joined.tracker_cp.table, log.tracker_cp.table)
+
+
+def test_joints_are_put_in_order_by_name_with_their_types_and_other_joints_are_refused():
+    one, two = (replace(random_log(k), meta=LogMeta()) for k in range(2))
+    count = two.measured_jp.shape[1]
+    names = tuple("abcdefgh"[:count])
+    turned = np.roll(np.arange(count), 1)
+    types = "R" * (count - 1) + "P"
+    one = replace(one, meta=LogMeta(joint_names=names, joint_types=types))
+    joints = {name: getattr(two, name)[:, turned] for name in two.JOINTS}
+    own = LogMeta(joint_names=tuple(names[j] for j in turned), joint_types="".join(types[j] for j in turned))
+    joined = join_logs([one, replace(two, **joints, meta=own)])
+    assert joined.meta == one.meta
+    for name in joints:
+        np.testing.assert_array_equal(getattr(joined, name)[len(one) :], getattr(two, name))
+    np.testing.assert_array_equal(join_logs([one, two]).measured_jp[len(one) :], two.measured_jp)  # no names: as before
+    with pytest.raises(LogError, match=r"the joints are z, .* and those that they go with a, "):
+        join_logs([one, replace(two, meta=LogMeta(joint_names=("z", *names[1:])))])
+    with pytest.raises(LogError, match="columns cannot be put in that order"):
+        join_logs([one, replace(two, measured_jp=two.measured_jp[:, 1:], meta=own)])
+    with pytest.raises(LogError, match="twice"):
+        LogMeta(joint_names=("a", "a"))
