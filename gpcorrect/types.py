@@ -159,6 +159,8 @@ class CalibrationLog:
         SHA-256 of what each of them holds: the same for a recording that was converted or copied by hand.
     remarks : tuple of str
         What reading had to decide or leave out, a sentence each.
+    listed_joints : tuple of str
+        Joints in the order that the source lists them in, where the columns were put in another; else empty.
     static : bool
         Poses without a clock, as point-and-measure tables hold them: each row is a motion of its own, `time` and
         `trajectory` are its row number, and there are no velocities.
@@ -184,6 +186,7 @@ class CalibrationLog:
     recordings: tuple[str, ...] = ()
     contents: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+    listed_joints: tuple[str, ...] = ()
     static: bool = False
 
     POSES = ("setpoint_cp", "measured_cp", "tracker_cp")

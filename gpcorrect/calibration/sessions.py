@@ -40,7 +40,7 @@ def sessions_apart(log: CalibrationLog, rows: IntArray, errors: FloatArray, left
     return (
         f"after registration {found}, more than motions of one session differ: the tracker's frame or the base was "
         "moved, or the robot was homed anew, and one model answers for none of them well. Fit them apart, or see what "
-        "a new session costs: --hold-out-by session",
+        "a new session costs: gpcorrect fit --hold-out-by session",
     )
 
 

@@ -24,7 +24,7 @@ from gpcorrect.cleaning import CleaningReport, FittedCleaner, Pair, clean_with, 
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import IntervalCalibration, LeftOut
 from gpcorrect.logs.copies import LEAST, Marks, marks_of, recalled, remembered
-from gpcorrect.logs.join import BY_NAME, in_joint_order
+from gpcorrect.logs.join import in_joint_order, order_words
 from gpcorrect.logs.sync import Clocks, match_clocks
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
@@ -346,8 +346,7 @@ class Corrector(ABC):
         ----------
         log : CalibrationLog
         """
-        moved = (remark for remark in log.remarks if BY_NAME in remark)
-        return tuple(said for said in (*moved, self.learned_from(log), self._caution_arm(log)) if said)
+        return tuple(said for said in (order_words(log), self.learned_from(log), self._caution_arm(log)) if said)
 
     def learned_from(self, log: CalibrationLog) -> str:
         """Say where a log holds some of what was learned from: a whole recording, a part, or both in another file.

@@ -17,7 +17,6 @@ from gpcorrect.logs.sync import REFERENCES, TimeOffset, stream_offset
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
 
 SAME_MACHINE = ("robot", "arm", "joint_types")
-BY_NAME = "columns of joints were put by name in the order"  # what a remark says where they were
 
 IN_BOTH = 0.05  # of the stretches of the shorter of two recordings, from which they hold the same samples
 SAME_MOTION = 0.9  # of the spread that one motion must explain of the other
@@ -71,6 +70,7 @@ def join_logs(logs: Sequence[CalibrationLog], *, sessions: Literal["renumber", "
         contents=tuple(content for log in logs for content in log.contents),
         digest=digest if all(log.digest for log in logs) else "",
         remarks=(*_remarks(logs, common), *(f"{log.name}: {r}" for log in logs for r in log.remarks)),
+        listed_joints=next((log.listed_joints for log in logs if log.listed_joints), ()),
     )
 
 
@@ -105,9 +105,20 @@ def in_joint_order(log: CalibrationLog, names: Sequence[str]) -> CalibrationLog:
     tables = {name: getattr(log, name) for name in log.JOINTS if name in log.signals}
     moved: dict[str, Any] = {name: table[:, places(table.shape[1])] for name, table in tables.items()}
     types = "".join(log.meta.joint_types[k] for k in places(len(log.meta.joint_types)))
-    remark = f"the {BY_NAME} {', '.join(names)}; they came as {', '.join(own)}."
     meta = replace(log.meta, joint_names=names, joint_types=types)
-    return replace(log, **moved, meta=meta, remarks=(*log.remarks, remark))
+    ordered = replace(log, **moved, meta=meta, listed_joints=own)
+    return replace(ordered, remarks=(*log.remarks, order_words(ordered)))
+
+
+def order_words(log: CalibrationLog) -> str:
+    """Say in which order joints came, and were put; nothing of a log whose joints stand as they came.
+
+    Parameters
+    ----------
+    log : CalibrationLog
+    """
+    came, put = ", ".join(log.listed_joints), ", ".join(log.meta.joint_names)
+    return f"the columns of joints were put by name in the order {put}; they came as {came}." if came else ""
 
 
 def refuse_twice(logs: Sequence[CalibrationLog]) -> None:

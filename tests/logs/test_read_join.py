@@ -103,6 +103,7 @@ def test_joints_are_put_in_order_by_name_with_their_types_and_other_joints_are_r
     own = LogMeta(joint_names=tuple(names[j] for j in turned), joint_types="".join(types[j] for j in turned))
     joined = join_logs([one, replace(two, **joints, meta=own)])
     assert joined.meta == one.meta
+    assert joined.listed_joints == own.joint_names
     for name in joints:
         np.testing.assert_array_equal(getattr(joined, name)[len(one) :], getattr(two, name))
     np.testing.assert_array_equal(join_logs([one, two]).measured_jp[len(one) :], two.measured_jp)  # no names: as before
