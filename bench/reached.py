@@ -3,8 +3,9 @@
     python bench/reached.py [--trajectories 80]
 
 The last fifth of the trajectories of a simulated dVRK and of the real one; of these the samples that cleaning passes.
-The peer is the inverse of the registration: what a lab has without a model. Beside them the errors of the usual answer,
-the command that a pose needs, of the same law.
+The first peer is the inverse of the registration: what a lab has without a model. The second is boosted trees from
+commanded joints, their velocities and slacks to what the registration leaves. Beside them the errors of the usual
+answer, the command that a pose needs, of the same law.
 """
 
 from __future__ import annotations
@@ -13,18 +14,20 @@ import argparse
 from collections.abc import Iterator
 
 import numpy as np
+from sklearn.ensemble import HistGradientBoostingRegressor
 from support import print_table, real_data, save_results
 
-from gpcorrect.calibration import FitSettings, fit_corrector, reached
+from gpcorrect.calibration import FitSettings, fit_corrector, reached, reached_path
 from gpcorrect.calibration.dataset import held_out
 from gpcorrect.calibration.poses import rotations_of
 from gpcorrect.logs import read_log
-from gpcorrect.rigid import pose_residual
+from gpcorrect.play import play_states
+from gpcorrect.rigid import apply_residual, pose_residual
 from gpcorrect.sim import random_reaches_log
-from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
+from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal
 from gpcorrect.velocity import twists
 
-SHARE = 0.2
+SHARE, WIDTHS = 0.2, (0.02, 0.1, 0.3)
 
 
 def main() -> None:
@@ -43,21 +46,39 @@ def recordings(trajectories: int) -> Iterator[tuple[str, CalibrationLog]]:
 def rows_of(name: str, log: CalibrationLog) -> list[list[object]]:
     """Learn from the first trajectories of a recording, and ask about the others both ways round."""
     held = held_out(log, SHARE)
-    model = fit_corrector(log.select(~held), FitSettings(features=("pose", "velocity")))
-    usual = model.measure(log, held & model.clean(log).keep)
-    rows, sent, seen = usual.rows, log.setpoint_cp, log.tracker_cp
-    velocity = twists(log.time, sent.position, rotations_of(sent), log.trajectory)[rows]
-    moving = np.isfinite(velocity).all(axis=1)
-    sent, seen, velocity = sent[rows][moving], seen[rows][moving], velocity[moving]
-    answer = reached(model, np.hstack([sent.position, sent.quaternion]), velocity)
-    forward = pose_residual(PoseSignal(answer.position, answer.quaternion), seen)
-    cover = 100 * float((np.abs(forward) <= answer.interval95).mean())
-    registered = pose_residual(model.rigid.inverse(sent), seen)
-    return [
-        [f"{name}: registration's inverse", *rms(registered), ""],
-        [f"{name}: pose that a command reaches", *rms(forward), f"{cover:.1f}"],
-        [f"{name}: command for a pose", *rms(usual.corrected[moving]), f"{100 * float(usual.coverage95.mean()):.1f}"],
-    ]
+    models = [fit_corrector(log.select(~held), FitSettings(features=f)) for f in (("pose", "velocity"), ())]
+    usual = models[0].measure(log, held & models[0].clean(log).keep)
+    velocity = twists(log.time, log.setpoint_cp.position, rotations_of(log.setpoint_cp), log.trajectory)
+    rows = usual.rows[np.isfinite(velocity[usual.rows]).all(axis=1)]
+    sent, seen, rigid = log.setpoint_cp.table, log.tracker_cp[rows], models[0].rigid
+    registered = rigid.inverse(log.setpoint_cp)
+    path = reached_path(models[1], sent[held], log.time[held])
+    answers = {
+        "each command for itself": reached(models[0], sent[rows], velocity[rows]),
+        "a path of commands": path[np.searchsorted(np.flatnonzero(held), rows)],
+    }
+    found = [[f"{name}: registration's inverse", *rms(pose_residual(registered[rows], seen)), ""]]
+    trees = boosted(log, registered, np.flatnonzero(~held), rows)
+    found.append([f"{name}: and boosted trees", *rms(pose_residual(trees, seen)), ""])
+    for way, answer in answers.items():
+        left = pose_residual(PoseSignal(answer.position, answer.quaternion), seen)
+        cover = 100 * (np.abs(left) <= answer.interval95).mean(axis=0)
+        found.append([f"{name}: {way}", *rms(left), f"{cover.mean():.1f} ({cover.min():.0f} to {cover.max():.0f})"])
+    covered = f"{100 * float(usual.coverage95.mean()):.1f}"
+    return [*found, [f"{name}: command for a pose, by itself", *rms(usual.corrected), covered]]
+
+
+def boosted(log: CalibrationLog, registered: PoseSignal, train: IntArray, test: IntArray) -> PoseSignal:
+    """Return where boosted trees say that commands end: the registration's pose, moved by what they predict."""
+    q = log.setpoint_jp
+    half, new = np.ptp(q, axis=0) / 2, np.diff(log.trajectory, prepend=-1) != 0
+    steps = np.where(new[:, None], 0.0, np.diff(q, axis=0, prepend=q[:1])) / half
+    slacks = play_states(steps, np.outer(WIDTHS, np.ones(q.shape[1])), np.cumsum(new)).reshape(len(q), -1)
+    X = np.hstack([q, steps, slacks])
+    left = pose_residual(registered, log.tracker_cp)
+    known = train[np.isfinite(left[train]).all(axis=1)]
+    trees = [HistGradientBoostingRegressor(random_state=0).fit(X[known], column) for column in left[known].T]
+    return apply_residual(registered[test], np.stack([tree.predict(X[test]) for tree in trees], axis=1))
 
 
 def rms(errors: FloatArray) -> tuple[float, float]:

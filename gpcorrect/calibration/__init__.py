@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     )
     from gpcorrect.calibration.explore import Proposal, propose
     from gpcorrect.calibration.fit import FitResult, fit_corrector, fit_model
-    from gpcorrect.calibration.forward import reached
+    from gpcorrect.calibration.forward import reached, reached_path
     from gpcorrect.calibration.history import HeldOut, PartErrors, Step, command_line, last_measured, now, versions
     from gpcorrect.calibration.joints import JointCorrector
     from gpcorrect.calibration.learners import LEARNERS, learner_named
@@ -62,7 +62,7 @@ __getattr__ = imported_on_demand(
         "excitation": "DIRECTIONS Direction TimedPath direction_named random_sinusoids random_sweeps timed zigzag",
         "explore": "Proposal propose",
         "fit": "FitResult fit_corrector fit_model",
-        "forward": "reached",
+        "forward": "reached reached_path",
         "history": "HeldOut PartErrors Step command_line last_measured now versions",
         "joints": "JointCorrector",
         "learners": "LEARNERS learner_named",
@@ -141,6 +141,7 @@ __all__ = [
     "random_sinusoids",
     "random_sweeps",
     "reached",
+    "reached_path",
     "refuse_other_use",
     "refuse_unlike",
     "require_model_place",

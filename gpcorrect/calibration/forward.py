@@ -17,6 +17,7 @@ from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError
 from gpcorrect.rigid import RigidModel, apply_residual, pose_residual
 from gpcorrect.types import FloatArray, PoseSignal
+from gpcorrect.velocity import twists
 
 SOLVED = 1e-7  # m and rad between a command and that of the pose found: far below any tracker
 STEPS = 30
@@ -76,6 +77,38 @@ def reached(corrector: CommandCorrector, commands: ArrayLike, twist: ArrayLike |
     if corrector.memory is not None or corrector.route is not None:
         found = found.because(Reason.NO_HISTORY)
     return found.because(Reason.AT_REST) if twist is None and corrector.features.uses_velocity else found
+
+
+def reached_path(corrector: CommandCorrector, commands: ArrayLike, times: ArrayLike) -> Correction:
+    """Return the poses that a timed path of commands reaches, n rows.
+
+    Velocities come from the five-point stencil on it. A model that looks at the arm's joints answers by these, with
+    their memory along the path; others answer each pose for itself, as :func:`reached`.
+
+    Parameters
+    ----------
+    corrector : CommandCorrector, of the arm
+    commands : (n, 7) or (n, 3) array, commanded positions (m) and unit quaternions wxyz, base frame
+    times : (n,) array, seconds, strictly increasing
+
+    Raises
+    ------
+    DataError
+        As for :func:`reached`, or the times do not increase, or cannot be seconds.
+    """
+    rows = queries.checked_poses(commands, orientation=corrector.has_orientation)
+    seconds, one = queries.checked_times(times, len(rows)), np.zeros(len(rows), dtype=np.int64)
+    target = PoseSignal.of(rows)
+    alone = reached(corrector, rows, np.nan_to_num(twists(seconds, target.position, rotations_of(target), one)))
+    found = None if corrector.route is None else corrector.route.reached(target, seconds, one)
+    if found is None:
+        return alone
+    assert found.position is not None
+    rigid, known = corrector.rigid, np.asarray(np.isfinite(found.std).all(axis=1))
+    poses = rigid.inverse(PoseSignal(found.position, found.quaternion))
+    std, width = (_observed_std(rigid, poses, values) for values in (found.std, found.interval95))
+    answer = Correction(poses.position, poses.quaternion, None, std, width, found.reasons)
+    return answer if known.all() else answer.at(known, alone.because(Reason.OUTSIDE))
 
 
 def _observed_std(rigid: RigidModel, poses: PoseSignal, std: FloatArray) -> FloatArray:

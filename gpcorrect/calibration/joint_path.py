@@ -28,7 +28,12 @@ class JointPath:
 
 
 def joint_path(
-    time: FloatArray, session: IntArray, q: FloatArray, effort: FloatArray | None, state: FloatArray | None = None
+    time: FloatArray,
+    session: IntArray,
+    q: FloatArray,
+    effort: FloatArray | None,
+    state: FloatArray | None = None,
+    along: FloatArray | None = None,
 ) -> JointPath:
     """Return a path with its beginnings and velocities.
 
@@ -38,10 +43,12 @@ def joint_path(
     session : (n,) int array, homing or day
     q : (n, d) array, rad or m
     effort, state : (n, d) and (n, k) arrays or None, as logged
+    along : (n, d) array, optional, the path whose velocities count, where it is not that of `q`
     """
     new = path_starts(time, session, np.asarray(np.isfinite(q).all(axis=1)))
     step = np.diff(time, prepend=time[:1])
-    velocity = np.diff(q, axis=0, prepend=q[:1]) / np.where(step > 0, step, 1.0)[:, None]
+    going = q if along is None else along
+    velocity = np.diff(going, axis=0, prepend=going[:1]) / np.where(step > 0, step, 1.0)[:, None]
     velocity = np.where((new | (step <= 0))[:, None] | ~np.isfinite(velocity), 0.0, velocity)
     return JointPath(time, new, q, velocity, effort, state)
 

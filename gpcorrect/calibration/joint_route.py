@@ -8,7 +8,6 @@ is wrong there and back, and the error that this leaves was in the training too.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Self
 
 import numpy as np
 
@@ -18,11 +17,13 @@ from gpcorrect.calibration.arm_kinematics import ArmKinematics
 from gpcorrect.calibration.dataset import Layout, Samples, clocks, folds_of
 from gpcorrect.calibration.domain import Bounds
 from gpcorrect.calibration.joint_task import JointTask
+from gpcorrect.calibration.joint_view import JointView
 from gpcorrect.calibration.joints import JointCorrector
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import PolynomialMap
 from gpcorrect.calibration.learners.learner import cross_predicted
 from gpcorrect.calibration.one_pose import command
+from gpcorrect.calibration.pose_joints import PoseJoints
 from gpcorrect.calibration.poses import WORTH_IT, changes, changes_text
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.calibration.task import LearnLaw, Outcome
@@ -32,10 +33,7 @@ from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError, DegenerateError
 from gpcorrect.gpr import IntervalCalibration, LeftOut
 from gpcorrect.rigid import apply_residual, pose_residual
-from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, LogMeta, PoseSignal
-
-SAME_BRANCH = 1.0
-"""rad or m that a command and its pose may be apart in joints: more is another branch of the inverse. By hand."""
+from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal
 
 HOPELESS = 0.05
 """Of the error of poses alone that a linear law of joints may have more, the mean of position and rotation; by hand. It
@@ -45,59 +43,10 @@ UNSEARCHED = 0.1
 """The same before the play of joints is searched for, which takes most of the time and 2 to 5 points away: 15 to 17 %
 more for four simulated RAVEN-II, 15 to 18 % less for the real dVRK whichever fifth is held out."""
 MOST_LOOKED_AT = 6000  # samples, likewise; chosen by hand
-REACHED = ("position", "memory", "lags")
-"""What the model that moves commands knows of them. Not their velocities: commands that it moves by a degree within a
-millisecond would look fast to it, and be moved back (103 changes of more than half a degree within a millisecond in
-24,000 poses of `bench/attack.py --only reaching`; none without). Held-out degrees of `dvrk_random` are the same."""
+REACHED = ("position", "velocity", "memory", "lags")  # what the model that moves commands knows of them
 AWAY = 0.1
 """Of the error of left-out commands that may be added by moving them to where the arm would arrive: beyond that the
 model of where it arrives is not believed. On a planted play, where four fifths of what is missed go, it is 0.07."""
-
-
-@dataclass(frozen=True, eq=False)
-class PoseJoints:
-    """Samples of a log of poses, in the joints of its arm; NaN where there are none."""
-
-    log: CalibrationLog  # n samples of joints: the next two, as set points and as what was seen from outside
-    # (n, d) each: joints of commands and of references, rad or m
-    asked: FloatArray
-    wanted: FloatArray
-    # the poses
-    reference: PoseSignal
-    command: PoseSignal
-    known: BoolArray  # (n,) which have joints of a reference, in a posture where poses determine joints
-
-    @classmethod
-    def of(
-        cls,
-        log: CalibrationLog,
-        pair: tuple[PoseSignal, PoseSignal],
-        kinematics: ArmKinematics,
-        wanted: FloatArray | None = None,
-    ) -> Self:
-        """Return the samples of a log.
-
-        Parameters
-        ----------
-        log : CalibrationLog, n samples
-        pair : two PoseSignal, their references and commands
-        kinematics : ArmKinematics, of the arm
-        wanted : (n, d) array, optional, joints of the references, where they are known already
-        """
-        wanted = kinematics.inverse(pair[0]) if wanted is None else np.array(wanted)
-        asked = kinematics.inverse(pair[1])
-        wanted[~(np.abs(wanted - asked) <= SAME_BRANCH).all(axis=1)] = np.nan
-        joints = CalibrationLog(
-            time=log.time,
-            trajectory=log.trajectory,
-            session=log.session,
-            setpoint_jp=asked,
-            external_jp=wanted,
-            meta=LogMeta(joint_types=kinematics.chain.joint_types),
-            name=log.name,
-        )
-        known = np.isfinite(wanted).all(axis=1) & kinematics.determined(asked)
-        return cls(joints, asked, wanted, *pair, known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,6 +127,7 @@ class JointRoute:
             back = JointCorrector.learn(joints.log, joints.known, cleaner, own, learn_law)
             reached = corrector_of(back)
             aim = Aim.learn(reached, reached.view.wide(back.left_out.errors), joints.log, first)
+            aim = replace(aim, arrivals=route.arrivals(joints, reached.view, back.samples, back.left_out))
             aimed = replace(route, aim=aim).calibrated(joints, outcome.samples, outcome.left_out, first)
             if changes(aimed[1], left_out).mean() <= AWAY:
                 route, left_out = aimed
@@ -194,10 +144,7 @@ class JointRoute:
         time = joints.log.time
         answer = self.joints.correct_path(joints.wanted, time, sessions=clocks(time, joints.log.session))
         assert answer.joints is not None
-        known, found = np.isfinite(left_out.errors).all(axis=1), answer.joints
-        cells = np.ix_(samples.rows[known], self.joints.view.moving)
-        found[cells] = joints.asked[cells] - left_out.errors[known]
-        return found
+        return _where_left_out(answer.joints, joints.asked, samples, left_out, self.joints.view)
 
     def calibrated(
         self, joints: PoseJoints, samples: Samples, left_out: LeftOut, first: FloatArray
@@ -211,21 +158,39 @@ class JointRoute:
         left_out : LeftOut, of the law of joints, at those of them that it learns from
         first : (n, d) array, from :meth:`commands`
         """
-        rows, view = samples.rows, self.joints.view
         found = np.array(first)
         if self.aim is not None:
             found, _ = self.aim.moved(joints.wanted, first, joints.log.time, joints.log.session)
-        found[rows[~np.isfinite(left_out.errors).all(axis=1)]] = np.nan
-        std = view.wide(left_out.std)
-        in_joints = Correction(None, None, found[rows], std, np.full(std.shape, np.nan), np.zeros(len(rows), np.int64))
-        answer = self._as_poses(joints.reference[rows], joints.wanted[rows], in_joints)
+        left_out, intervals = self._left_out(joints, found, samples, left_out, self.joints.view)
+        return replace(self, intervals=intervals), left_out
+
+    def arrivals(self, joints: PoseJoints, view: JointView, samples: Samples, left_out: LeftOut) -> IntervalCalibration:
+        """Return intervals that hold for the poses that left-out commands reach.
+
+        Parameters
+        ----------
+        joints : PoseJoints, n samples
+        view : JointView, of the law from commands to the joints that they reach
+        samples, left_out
+            Of that law, as for :meth:`calibrated`.
+        """
+        found = _where_left_out(joints.asked, joints.wanted, samples, left_out, view)
+        return self._left_out(joints.back, found, samples, left_out, view)[1]
+
+    def _left_out(
+        self, joints: PoseJoints, found: FloatArray, samples: Samples, left_out: LeftOut, view: JointView
+    ) -> tuple[LeftOut, IntervalCalibration]:
+        """Return a view's left-out answers in joints `(n, d)` as poses, and intervals that hold for them."""
+        rows, std = samples.rows, view.wide(left_out.std)
+        answers: FloatArray = np.where(np.isfinite(left_out.errors).all(axis=1, keepdims=True), found[rows], np.nan)
+        in_joints = Correction(None, None, answers, std, np.full(std.shape, np.nan), np.zeros(len(rows), np.int64))
+        answer = self._as_poses(joints.reference[rows], joints.wanted[rows], in_joints, self.intervals)
         assert answer.position is not None
         errors = pose_residual(PoseSignal(answer.position, answer.quaternion), joints.command[rows])
         known = np.isfinite(errors).all(axis=1)
         trajectory = samples.trajectory[rows][known]
         intervals = IntervalCalibration.fit(errors[known], answer.std[known], trajectory, folds_of(trajectory))
-        left_out = LeftOut(errors, answer.std, left_out.novelty)
-        return replace(self, intervals=intervals.widened(samples.widening)), left_out
+        return LeftOut(errors, answer.std, left_out.novelty), intervals.widened(samples.widening)
 
     def check_answers(self, reference: PoseSignal, bounds: Bounds) -> FloatArray:
         """Return answers `(2 n, 13)` to poses, each by itself and then as a path: position, wxyz, half intervals.
@@ -261,7 +226,22 @@ class JointRoute:
             assert in_joints.joints is not None
             moved, beyond = self.aim.moved(q, in_joints.joints, time, session)
             in_joints = replace(in_joints, joints=moved).because(Reason.OUTSIDE, beyond)
-        return self._as_poses(reference, q, in_joints, bounds)
+        return self._as_poses(reference, q, in_joints, self.intervals, bounds)
+
+    def reached(self, command: PoseSignal, time: FloatArray, session: IntArray) -> Correction | None:
+        """Return the poses that a path of commands reaches, NaN where the arm comes not near; None where unknown.
+
+        Parameters
+        ----------
+        command : PoseSignal, n poses in the command's frame
+        time : (n,) array, s
+        session : (n,) int array, homing or day
+        """
+        if self.aim is None or self.aim.arrivals is None:
+            return None
+        q = self.kinematics.inverse(command)
+        in_joints = self.aim.reached.correct_path(q, time, sessions=clocks(time, session))
+        return self._as_poses(command, q, in_joints, self.aim.arrivals)
 
     def stream(self) -> _RouteStream:
         """Return a stream of the joints of poses."""
@@ -290,7 +270,12 @@ class JointRoute:
         return Correction(moved, quaternion, None, std, self.intervals.interval95(std), reasons)
 
     def _as_poses(
-        self, reference: PoseSignal, q: FloatArray, in_joints: Correction, bounds: Bounds | None = None
+        self,
+        reference: PoseSignal,
+        q: FloatArray,
+        in_joints: Correction,
+        calibration: IntervalCalibration,
+        bounds: Bounds | None = None,
     ) -> Correction:
         """Return answers in joints as poses, within bounds; NaN where joints are."""
         assert in_joints.joints is not None
@@ -306,7 +291,7 @@ class JointRoute:
             position[known], quaternion[known] = moved.position, moved.quaternion
             spread = self.kinematics.chain.jacobian(in_joints.joints[known]) ** 2
             std[known] = np.sqrt((spread @ np.nan_to_num(in_joints.std[known])[..., None] ** 2)[..., 0])
-        intervals = self.intervals.interval95(std)
+        intervals = calibration.interval95(std)
         return Correction(position, quaternion, None, std, intervals, in_joints.reasons).because(Reason.LIMITED, cut)
 
 
@@ -339,6 +324,16 @@ def _require_promise(
     change = changes(replace(first, errors=pose_residual(moved, joints.command[rows])), alone)
     if change.mean() > most:
         raise DegenerateError(f"a linear law of them promises too little, {changes_text(change)}.")
+
+
+def _where_left_out(
+    found: FloatArray, truth: FloatArray, samples: Samples, left_out: LeftOut, view: JointView
+) -> FloatArray:
+    """Return joints `(n, d)` with what was found without their own trajectories, where that is known."""
+    known, found = np.isfinite(left_out.errors).all(axis=1), np.array(found)
+    cells = np.ix_(samples.rows[known], view.moving)
+    found[cells] = truth[cells] - left_out.errors[known]
+    return found
 
 
 class _RouteStream:

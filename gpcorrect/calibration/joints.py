@@ -86,6 +86,7 @@ class JointCorrector(ViewCorrector):
         sessions: ArrayLike | None = None,
         *,
         from_middle: bool = False,
+        along: FloatArray | None = None,
     ) -> Correction:
         """Return the true joints of a path of reported ones, or what to command, by the model's direction.
 
@@ -98,6 +99,8 @@ class JointCorrector(ViewCorrector):
         efforts : (n, d) array, optional, as logged, for models that look at them
         sessions : (n,) int array, optional, where the number changes, the arm was homed or moved by hand
         from_middle : bool, whether joints are known to begin in the middle of their slack
+        along : (n, d) array, optional
+            The path whose velocities count, where that is not `q`: commands that were moved at will, rad or m.
 
         Returns
         -------
@@ -126,8 +129,10 @@ class JointCorrector(ViewCorrector):
         if apart is not None:
             joints, seconds, homed = joints[apart.order], seconds[apart.order], apart.session
             effort = None if effort is None else effort[apart.order]
+            along = None if along is None else along[apart.order]
         effort = None if effort is None else effort[:, moving]
-        path = joint_path(seconds, homed, self.view.reached(joints)[:, moving], effort)
+        going = None if along is None else along[:, moving]
+        path = joint_path(seconds, homed, self.view.reached(joints)[:, moving], effort, along=going)
         samples = self.view.samples(path, homed, np.full(path.q.shape, np.nan), np.zeros(n, dtype=bool))
         samples = replace(samples, unsure=None) if from_middle else samples
         answer = self.view.answer(joints, self.predicted(samples, apart))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,6 +32,16 @@ if TYPE_CHECKING:
 ALMOST = 0.9
 """Of the training's shortest step, over which a faster stream takes its velocities: clocks jitter; chosen by hand."""
 MOST_PAST = 4096  # samples stored to take a velocity over: bounds the memory of a stream; chosen by hand
+
+
+class _Sample(NamedTuple):
+    """One moment of the d joints that move."""
+
+    time: float  # s
+    q: FloatArray  # (d,) rad or m
+    effort: FloatArray | None  # (d,)
+    state: FloatArray | None  # (k,)
+    along: FloatArray  # (d,) the path whose velocities count: `q`, unless another is given
 
 
 class _ViewStream:
@@ -72,32 +82,27 @@ class _ViewStream:
             self._begin()
         return step is Step.LEAP
 
-    def _predict(
-        self, time: float, q: FloatArray, effort: FloatArray | None, state: FloatArray | None, leap: bool
-    ) -> Prediction:
+    def _predict(self, sample: _Sample, leap: bool) -> Prediction:
         """Return what the law says of a sample; of a leap, as of the only sample of a path, outside."""
         if not leap:
-            return self._next(time, q, effort, state)
-        alone = type(self)(self._corrector)
-        return self._corrector.law.outside(alone._next(time, q, effort, state))
+            return self._next(sample)
+        return self._corrector.law.outside(type(self)(self._corrector)._next(sample))
 
-    def _next(self, time: float, q: FloatArray, effort: FloatArray | None, state: FloatArray | None) -> Prediction:
+    def _next(self, sample: _Sample) -> Prediction:
         """Return what the law says of the path's next sample."""
         law = self._corrector.law
-        x, unsure = self._inputs(time, q, effort, state)
+        x, unsure = self._inputs(sample)
         return law.predict_one(x, np.zeros(len(law.zero)), unsure)
 
-    def _inputs(
-        self, time: float, q: FloatArray, effort: FloatArray | None, state: FloatArray | None
-    ) -> tuple[FloatArray, FloatArray | None]:
-        """Note where the joints `q` (d,) are; return their features `(k,)` and by how much these may be off.
+    def _inputs(self, sample: _Sample) -> tuple[FloatArray, FloatArray | None]:
+        """Note where the joints are; return their features `(k,)` and by how much these may be off.
 
         Features are NaN where the law needs what is not given; for the doubt see :meth:`JointFeatures.unsure`.
         """
         features = self._features
-        x = np.concatenate([self._column(kind, time, q, effort, state) for kind in features.kinds])[features.used]
-        self._past.append((time, q))
-        return x, None if self._settled else self._unsure(features.scaled(q))
+        x = np.concatenate([self._column(kind, sample) for kind in features.kinds])[features.used]
+        self._past.append((sample.time, sample.along))
+        return x, None if self._settled else self._unsure(features.scaled(sample.q))
 
     def _unsure(self, scaled: FloatArray) -> FloatArray | None:
         """Note what the path has covered; what it has crossed once it has crossed for good."""
@@ -107,35 +112,33 @@ class _ViewStream:
         self._settled = unsure is None or not unsure.any()
         return unsure
 
-    def _column(
-        self, kind: str, time: float, q: FloatArray, effort: FloatArray | None, state: FloatArray | None
-    ) -> FloatArray:
+    def _column(self, kind: str, sample: _Sample) -> FloatArray:
         features = self._features
         match kind:
             case "position":
-                return features.scaled(q)
+                return features.scaled(sample.q)
             case "velocity":
-                return self._velocity(time, q) / features.half
+                return self._velocity(sample) / features.half
             case "acceleration":
-                changes = self._behind(kind, time, self._velocity(time, q) / features.half, features.rates)
+                changes = self._behind(kind, sample.time, self._velocity(sample) / features.half, features.rates)
                 return (changes / features.rates[:, None]).ravel()
             case "memory":
-                return self._remember(features.scaled(q))
+                return self._remember(features.scaled(sample.q))
             case "lags":
-                signals = features.lagged_signals(features.scaled(q), effort)
-                return self._behind(kind, time, signals, features.lags).ravel()
-        given = effort if kind == "effort" else state
+                signals = features.lagged_signals(features.scaled(sample.q), sample.effort)
+                return self._behind(kind, sample.time, signals, features.lags).ravel()
+        given = sample.effort if kind == "effort" else sample.state
         size = len(features.centre) if kind == "effort" else features.n_state
         return np.full(size, np.nan) if given is None else given
 
-    def _velocity(self, time: float, q: FloatArray) -> FloatArray:
+    def _velocity(self, sample: _Sample) -> FloatArray:
         """Over the latest sample that is about a training step old; until there is one, over the first."""
         if not self._past:
-            return np.zeros(len(q))
-        while len(self._past) > 1 and time - self._past[1][0] > self._window:
+            return np.zeros(len(sample.q))
+        while len(self._past) > 1 and sample.time - self._past[1][0] > self._window:
             self._past.popleft()
         then, before = self._past[0]
-        return (q - before) / (time - then)
+        return (sample.along - before) / (sample.time - then)
 
     def _remember(self, path: FloatArray) -> FloatArray:
         """Advance the slacks to `path` (d,), in units of half the ranges, and return their features."""
@@ -176,7 +179,13 @@ class JointStream(_ViewStream):
         self._cable = np.zeros((2, len(learned.gap) if isinstance(learned, CableModel) else 0))
 
     def correct(
-        self, time: float, q: ArrayLike, effort: ArrayLike | None = None, state: ArrayLike | None = None
+        self,
+        time: float,
+        q: ArrayLike,
+        effort: ArrayLike | None = None,
+        state: ArrayLike | None = None,
+        *,
+        along: FloatArray | None = None,
     ) -> Correction:
         """Return corrected joints `(d,)` at `time`.
 
@@ -188,6 +197,7 @@ class JointStream(_ViewStream):
             the path begins anew.
         effort : (d,) array, optional, as logged; the answer is NaN where the model looks at efforts and none are given
         state : (k,) array, optional, for models of the whole state
+        along : (d,) array, optional, as for :meth:`JointCorrector.correct_path`
 
         Raises
         ------
@@ -200,7 +210,8 @@ class JointStream(_ViewStream):
         if not np.isfinite(moving).all():
             self._begin()
             return view.answer(joints[None], law.unknown())[0]
-        return view.answer(joints[None], self._predict(time, moving, efforts, rest, leap))[0]
+        sample = _Sample(time, moving, efforts, rest, moving if along is None else along[view.moving])
+        return view.answer(joints[None], self._predict(sample, leap))[0]
 
     def follow(
         self, time: float, q: ArrayLike, effort: ArrayLike | None = None, state: ArrayLike | None = None
@@ -216,7 +227,7 @@ class JointStream(_ViewStream):
             self._begin()
         elif not leap:
             filters = isinstance(self._corrector.law.learned, CableModel)
-            (self._next if filters else self._inputs)(time, moving, efforts, rest)
+            (self._next if filters else self._inputs)(_Sample(time, moving, efforts, rest, moving))
 
     def _checked(
         self, q: ArrayLike, effort: ArrayLike | None, state: ArrayLike | None
@@ -228,10 +239,10 @@ class JointStream(_ViewStream):
         rest = None if state is None else _numbers(state, view.features.n_state, "state columns")
         return joints, efforts, rest
 
-    def _next(self, time: float, q: FloatArray, effort: FloatArray | None, state: FloatArray | None) -> Prediction:
+    def _next(self, sample: _Sample) -> Prediction:
         """See :class:`_ViewStream`; a learner that filters the path follows it."""
-        law, new = self._corrector.law, not self._past
-        x, unsure = self._inputs(time, q, effort, state)
+        law, new, q, effort = self._corrector.law, not self._past, sample.q, sample.effort
+        x, unsure = self._inputs(sample)
         if not isinstance(law.learned, CableModel):
             return law.predict_one(x, q if self._corrector.view.end_to_end else np.zeros(len(q)), unsure)
         motor, stretch = law.learned.inputs(q[None], None if effort is None else effort[None])
@@ -307,7 +318,7 @@ class ToolStream(_ViewStream):
                 hint="Hand over the same signals as in the training log.",
             )
         leap = self._arrive(state.time, q)
-        return view.answer(position[None], self._predict(state.time, q, effort, whole, leap))[0]
+        return view.answer(position[None], self._predict(_Sample(state.time, q, effort, whole, q), leap))[0]
 
 
 def _whole_state(state: RobotState, expected: Sequence[str]) -> FloatArray:

@@ -23,10 +23,11 @@ from gpcorrect.calibration.dataset import Samples, folds_of, held_out
 from gpcorrect.calibration.domain import Bounds, Domain
 from gpcorrect.calibration.evaluate import Evaluation, evaluate_model
 from gpcorrect.calibration.history import step_now
-from gpcorrect.calibration.joint_route import JointRoute, PoseJoints
+from gpcorrect.calibration.joint_route import JointRoute
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import GPMap, PolynomialMap
 from gpcorrect.calibration.learners.gp import CLEARLY
+from gpcorrect.calibration.pose_joints import PoseJoints
 from gpcorrect.calibration.poses import PosePairs
 from gpcorrect.calibration.task import Corrector, Measured, Part, recording_entry
 from gpcorrect.errors import DataError
@@ -164,7 +165,9 @@ def _learn_route(
     aim = route.aim
     if aim is not None:
         back = aim.reached.samples(joints.log, np.ones(len(log), dtype=bool))
-        aim = replace(aim, reached=replace(aim.reached, law=_learn(aim.reached.law, back, progress)[0]))
+        learned, _, _, missed = _learn(aim.reached.law, back, progress)
+        arrivals = aim.arrivals and _widest(aim.arrivals, route.arrivals(joints, aim.reached.view, back, missed))
+        aim = replace(aim, reached=replace(aim.reached, law=learned), arrivals=arrivals)
     route = replace(route, aim=aim, joints=replace(route.joints, law=law))
     fresh, _ = route.calibrated(joints, samples, left_out, route.commands(joints, samples, left_out))
     if len(np.unique(samples.trajectory[samples.rows])) < ENOUGH:

@@ -73,6 +73,21 @@ def test_a_stream_is_its_path(models: tuple[JointCorrector, Aim]) -> None:
     assert np.isnan(path[40]).all()
 
 
+def test_a_command_moved_at_once_does_not_look_fast() -> None:
+    """On a machine that lags by 30 ms of its speed, 20 mdeg within a millisecond move commands by no more than that."""
+    log = commanded_log(0)
+    assert log.setpoint_jp is not None
+    speed = np.gradient(log.setpoint_jp, log.time, axis=0)
+    lagging = replace(log, external_jp=log.setpoint_jp - 0.03 * speed)
+    settings = replace(SETTINGS, features=("position", "velocity"), direction="estimate")
+    aim = Aim(fit_model(lagging, settings, task=JointCorrector).corrector, np.full(3, 0.5))
+    q, jitter = log.setpoint_jp, np.radians(0.02) * np.array([1.0, 1.0, 0.1])
+    time, path = np.ravel(log.time[:, None] + [0.0, 1e-3]), np.stack([q, q + 1e-3 * speed], axis=1)
+    moved, _ = aim.moved(path.reshape(-1, 3), (path + [[0.0], [1.0]] * jitter).reshape(-1, 3), time, [0] * len(time))
+    steps = np.abs(np.diff(moved, axis=0)[::2])[50:]
+    assert np.quantile(steps / jitter, 0.99, axis=0).max() < 3.0  # the motion itself is one
+
+
 def test_shares_that_cannot_be_are_refused(models: tuple[JointCorrector, Aim]) -> None:
     """More than all of what is missing, of another arm, or by a model of the other direction."""
     first, aim = models

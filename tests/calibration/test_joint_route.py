@@ -20,6 +20,7 @@ from gpcorrect.calibration import (
     evaluate_model,
     fit_model,
     load,
+    reached_path,
     run_experiment,
     save,
     update_model,
@@ -28,6 +29,7 @@ from gpcorrect.calibration.arm_kinematics import ArmKinematics
 from gpcorrect.calibration.model_file import _digest, read_parts
 from gpcorrect.errors import ArtifactError, DataError, DegenerateError, LogError
 from gpcorrect.logs import read_log
+from gpcorrect.rigid import pose_residual
 from gpcorrect.sim import random_reaches_log
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
@@ -104,6 +106,22 @@ def test_a_stream_is_its_path_and_a_file_keeps_it(learned: FitResult, tmp_path: 
         np.testing.assert_allclose([a.interval95 for a in answers], path.interval95, atol=1e-9)
     assert "just begun" in answers[0].reason
     assert answers[1].reason == ""
+
+
+def test_a_path_of_commands_ends_where_it_says(learned: FitResult, tmp_path: Path) -> None:
+    """On other motion, by the joints' slack along the path: far nearer than pose by pose, and intervals hold it."""
+    log, corrector = reaches(0, 32), learned.corrector
+    held = np.isin(log.trajectory, range(24, 32))
+    save(corrector, tmp_path / "m.gpc")
+    sent, seen = log.setpoint_cp.table[held], log.tracker_cp[np.flatnonzero(held)]
+    path = reached_path(load(tmp_path / "m.gpc"), sent, log.time[held])
+    alone = reached_path(replace(corrector, route=None), sent, log.time[held])
+    errors = [pose_residual(PoseSignal(a.position, a.quaternion), seen) for a in (path, alone)]
+    for part, share in ((slice(0, 3), 0.7), (slice(3, 6), 0.5)):
+        assert np.linalg.norm(errors[0][:, part]) < share * np.linalg.norm(errors[1][:, part])
+    assert (np.abs(errors[0]) <= path.interval95).mean() > 0.9
+    with pytest.raises(DataError, match="increas"):
+        reached_path(corrector, sent[:3], [0.0, 0.2, 0.1])
 
 
 def test_a_single_pose_is_answered_without_joints_and_says_so(learned: FitResult) -> None:
