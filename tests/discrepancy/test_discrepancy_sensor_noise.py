@@ -185,8 +185,9 @@ def test_a_noisier_tracker_is_named_with_the_size_of_its_positions() -> None:
     assert (effect.name, effect.joint) == ("noise_change", "tool")
     low, high = effect.parameters["std"].ci95
     assert low < 4e-4 < high
-    scene = prepare_data(log, found.model, np.random.default_rng(0)).dataset.scene
-    stated = {c.signal: n.white for c, n in zip(scene.channels, stated_noises(scene), strict=True) if n is not None}
+    dataset = prepare_data(log, found.model, np.random.default_rng(0)).dataset
+    noises = zip(dataset.scene.channels, stated_noises(dataset.scene, dataset.resolution), strict=True)
+    stated = {c.signal: n.white for c, n in noises if n is not None}
     assert stated["tracker_cp"] == pytest.approx(np.hypot(2e-4, effect.parameters["std"].value))
     assert stated["tracker_rotation"] == pytest.approx(1e-3)
 

@@ -10,6 +10,7 @@ from discrepancy.discrepancy_core import NOISE, joint_log
 from discrepancy.discrepancy_support import nominal
 from scipy.signal import lfilter
 
+from gpcorrect.discrepancy import find_discrepancy
 from gpcorrect.discrepancy.evidence.whitener import estimate_noises
 from gpcorrect.discrepancy.recording.noise import ChannelNoise, NoiseSource
 from gpcorrect.discrepancy.recording.stated_noise import averaged, rounded_to
@@ -99,3 +100,25 @@ def test_averaged_noise_is_that_of_means() -> None:
     mean = averaged(single, count, 0.01)
     assert mean.white == pytest.approx(0.8 / np.sqrt(count))
     assert mean.slow == pytest.approx(slow.reshape(-1, count).mean(axis=1).std(), rel=0.03)
+
+
+def test_what_an_outside_sensor_rounds_adds_to_the_noise_that_is_stated() -> None:
+    """A count of twice the stated noise shows in the values: that the sensor is noisier by it is no discrepancy."""
+    rng, step, trajectories, samples = np.random.default_rng(7), 2e-4, 12, 400
+    t, phase = np.arange(samples)[:, None] / 20.0, np.linspace(0.0, 6.0, trajectories)[:, None, None]
+    q = np.concatenate(0.5 * np.sin(t * [0.9, 1.1] + phase))
+    seen = np.round((q + 0.4 * step * rng.standard_normal(q.shape)) / step) * step
+    number = np.repeat(np.arange(trajectories), samples)
+    log = CalibrationLog(
+        time=np.arange(len(q)) / 20.0 + 10.0 * number,
+        trajectory=number,
+        session=np.zeros_like(number),
+        measured_jp=q,
+        external_jp=seen,
+    )
+    model = nominal().model_copy(update={"noise": Noise(external_jp_white=(0.4 * step, 0.4 * step))})
+    dataset = prepare_data(log, model, rng).dataset
+    for error, noise in zip((seen - q).T, estimate_noises(dataset, dataset.residual(), dataset.training), strict=True):
+        assert noise.source == NoiseSource.STATED
+        assert noise.std == pytest.approx(error.std(), rel=0.05)
+    assert find_discrepancy(model, log).level == "NONE"

@@ -101,7 +101,8 @@ def estimate_noises(dataset: Dataset, residual: FloatArray, rows: BoolArray) -> 
     block = np.where(rows, dataset.block, -1)
     count, step = dataset.samples_a_row, scene.step
     noises = []
-    for column, resolution, stated in zip(residual.T, dataset.resolution, stated_noises(scene), strict=True):
+    known = stated_noises(scene, dataset.resolution)
+    for column, resolution, stated in zip(residual.T, dataset.resolution, known, strict=True):
         own = estimate_noise(dataset.time, column, block, dataset.still, NOISE.floor)
         if own.std < resolution:  # steps hide in holds what they do not while the joint moves
             moving, nowhere = np.where(dataset.still, -1, block), np.zeros_like(dataset.still)

@@ -184,6 +184,7 @@ def _grown(
     seen[seen] = dataset.training[dataset.group[seen]]
     speeds = scene.layout.gather(scene.motion.velocity)
     found, known = [], of_kind(scene.model.effects, SpeedNoise)
+    stated = stated_noises(scene, dataset.resolution)
     for joint, indices in groups.items():
         own = residual[:, indices]
         if isinstance(joint, int):
@@ -203,7 +204,7 @@ def _grown(
                 found.append(_noise_effect(SpeedNoise, joint, "R", numbers, faster.nats, len(groups)))
                 # of what is left a change at some moment may be seen
                 own = own / np.hypot(1.0, faster.seconds * speeds[:, [column]] / faster.level)
-        growth = _growth(scene, own, seen, indices, len(groups))
+        growth = _growth(scene, own, seen, [stated[i] for i in indices], len(groups))
         if growth is not None:
             unit = scene.channels[indices[0]].unit
             numbers = {
@@ -222,7 +223,11 @@ def _stated_step(scene: Scene, column: int) -> float:
 
 
 def _growth(
-    scene: Scene, residual: FloatArray, seen: BoolArray, indices: Sequence[int], channels: int
+    scene: Scene,
+    residual: FloatArray,
+    seen: BoolArray,
+    known: Sequence[ChannelNoise | None],
+    channels: int,
 ) -> Growth | None:
     """Growth of one sensor; the axes of a tracker are one."""
     every = [levels_of(column, scene.trajectory, seen) for column in residual.T]
@@ -234,7 +239,6 @@ def _growth(
     clock = scene.layout.gather(scene.motion.time)
     moments = [clock[scene.trajectory == k] for k in numbers]
     start, end = np.array([m.min() for m in moments]), np.array([m.max() for m in moments])
-    known = [stated_noises(scene)[i] for i in indices]
     stated = [stated_level(n, scene.step) for n in known if n is not None]
     nominal = float(np.exp(np.mean(np.log(stated)))) if len(stated) == len(known) else None
     return growth_of(levels, errors, start, end, nominal, channels)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,22 +21,25 @@ NOISY = ("external_jp", "tracker_cp")  # signals that `noise_change` acts on: of
 UNIFORM = np.sqrt(12.0)  # step of a rounded value over the standard deviation of its error
 
 
-def stated_noises(scene: Scene) -> tuple[ChannelNoise | None, ...]:
+def stated_noises(scene: Scene, steps: Sequence[float] | FloatArray) -> tuple[ChannelNoise | None, ...]:
     """Return the noise of single samples of every channel as the model states it; None where it says nothing.
 
     Parameters
     ----------
     scene : Scene
+    steps : (c,) sequence
+        Step in which each channel is written down, 0 for none. What an outside sensor's rounding adds to its noise is
+        known by it, whether the model says so or not.
     """
     noise = scene.model.noise
     if noise is None:
         return (None,) * len(scene.channels)
-    return tuple(_of_channel(scene, channel, noise) for channel in scene.channels)
+    return tuple(_of_channel(scene, c, noise, float(step)) for c, step in zip(scene.channels, steps, strict=True))
 
 
-def _of_channel(scene: Scene, channel: Channel, noise: Noise) -> ChannelNoise | None:
-    """Noise of a channel by its parts and the model's effects on it."""
-    white, slow, phi = _parts(noise, channel)
+def _of_channel(scene: Scene, channel: Channel, noise: Noise, written: float) -> ChannelNoise | None:
+    """Noise of a channel by its parts, the step in which it is written down, and the model's effects on it."""
+    white, slow, phi = _parts(noise, channel, written)
     if not white and not slow:
         return None
     effects = scene.model.effects
@@ -51,18 +55,21 @@ def _of_channel(scene: Scene, channel: Channel, noise: Noise) -> ChannelNoise | 
     return ChannelNoise(float(np.linalg.norm(parts)), slow, time_constant)
 
 
-def _parts(noise: Noise, channel: Channel) -> tuple[float, float, float]:
+def _parts(noise: Noise, channel: Channel, written: float) -> tuple[float, float, float]:
     """White and slow standard deviation, and the slow part's correlation from sample to sample."""
-    if channel.signal == "tracker_cp":
-        return noise.tracker_white, noise.tracker_ar_std, noise.tracker_ar_phi
-    if channel.signal == "tracker_rotation":
-        return noise.tracker_rotation_white, noise.tracker_rotation_ar_std, noise.tracker_ar_phi
     of_joints = (noise.encoder_step, noise.external_jp_white, noise.external_jp_ar_std)
-    step, white, slow = (values[channel.index] if values else 0.0 for values in of_joints)
-    rounded = step / float(UNIFORM)
-    if channel.signal == "measured_jp":
-        return rounded, 0.0, 0.0
-    return float(np.hypot(white, rounded)) if white or slow else 0.0, slow, noise.external_jp_ar_phi
+    if channel.signal == "tracker_cp":
+        step, white, slow, phi = 0.0, noise.tracker_white, noise.tracker_ar_std, noise.tracker_ar_phi
+    elif channel.signal == "tracker_rotation":
+        step, white, slow = 0.0, noise.tracker_rotation_white, noise.tracker_rotation_ar_std
+        phi = noise.tracker_ar_phi
+    else:
+        step, white, slow = (values[channel.index] if values else 0.0 for values in of_joints)
+        phi = noise.external_jp_ar_phi
+    if channel.signal == "measured_jp":  # steps coarser than stated are a discrepancy, `encoder_quantisation`
+        return step / float(UNIFORM), 0.0, 0.0
+    rounded = max(step, written) / float(UNIFORM)
+    return float(np.hypot(white, rounded)) if white or slow else 0.0, slow, phi
 
 
 def averaged(noise: ChannelNoise, count: int, step: float) -> ChannelNoise:
