@@ -17,7 +17,11 @@ WORLD = 0  # MuJoCo's number of the world's body
 FREE, BALL = 0, 1  # MuJoCo's numbers of joint types that are no axis
 CONNECT, WELD, COUPLED = 0, 1, 2  # MuJoCo's numbers of equality constraints: two bodies, two bodies, two joints
 SITE = 6  # MuJoCo's number of the object type
-PARALLEL, ON_ONE_LINE = 1e-3, 1e-6  # rad, or m, below which axes count as parallel, and as one
+# Sine of the angle below which axes are meant to be parallel: calibrated files have them askew by milliradians, and
+# designs by none or by tens of degrees. The common normal of such two lies anywhere, and what moves one of them across
+# it by 1 mm is two rows' offsets of ten times as much, in opposite directions (Hayati 1983).
+PARALLEL = 0.1
+ON_ONE_LINE = 1e-6  # m, below which axes count as one
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +141,7 @@ def about_z(angle: float) -> FloatArray:
 def to_common_normal(placement: FloatArray) -> float:
     """Return the angle about a joint's axis from its frame's x to the common normal of the axis before and its own.
 
-    Axes that are parallel but for what a file's rounding leaves have it along what lies between them.
+    Axes that are meant to be parallel have it along what lies between them.
 
     Parameters
     ----------

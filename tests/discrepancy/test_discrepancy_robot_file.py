@@ -13,8 +13,9 @@ from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.needs import split_by_needs
 from gpcorrect.errors import DataError
-from gpcorrect.sim import effect_from_dict, joint_motion_log, model_from_dict
+from gpcorrect.sim import effect_from_dict, joint_motion_log, machine_of, model_from_dict
 from gpcorrect.sim.effects import Run
+from gpcorrect.sim.effects.geometry import DhError
 from gpcorrect.sim.settings import Noise
 
 pytest.importorskip("mujoco", reason="robot files need mujoco: pip install 'gpcorrect[mujoco]'")
@@ -150,6 +151,36 @@ def test_axes_that_ought_to_be_parallel_are_found_askew(tmp_path):
     assert (result.level, effect.name, effect.joint) == ("EXACT", "dh_error", 3)
     assert effect.parameters["beta"].value == pytest.approx(0.002, rel=0.1)
     assert [effect.parameters[name].value for name in ("a", "alpha", "d", "theta")] == [0.0] * 4
+
+
+def nearly_parallel(folder):
+    """Return the arm whose elbow is askew by 50 milliradians, as no design is, but a calibrated file may be."""
+    askew = PARALLEL.replace('name="elbow" axis="0 1 0"', 'name="elbow" axis="0 1 0.05"')
+    (folder / "arm.xml").write_text(askew, encoding="utf-8")
+    noise = {"external_jp_white": [1e-4] * 4, "tracker_white": 1e-4, "tracker_rotation_white": 1e-3}
+    return model_from_dict({"robot": "arm.xml", "tool": "tip", "noise": noise}, folder=folder)
+
+
+def test_a_link_between_axes_that_are_nearly_parallel_has_a_length(tmp_path):
+    """Their common normal lies across the link, and what makes that longer was no one row's number."""
+    chain = machine_of(nearly_parallel(tmp_path)).body.chain
+    longer = DhError(3, 1e-3, 0.0, 0.0, 0.0)
+    moved = longer.act(chain).forward(np.zeros(4)) - chain.forward(np.zeros(4))
+    np.testing.assert_allclose(moved[:3, 3], [1e-3, 0.0, 0.0], atol=2e-5)
+    np.testing.assert_allclose(moved[:3, :3], 0.0, atol=1e-12)
+    replace(longer, beta=0.001, form="parallel").check(chain)
+
+
+@pytest.mark.slow
+def test_a_link_between_axes_that_are_nearly_parallel_is_found_too_long(tmp_path):
+    """A tracker alone gave 0.25 mm to a ratio of one joint and a coupling to the next, both EXACT."""
+    nominal, longer = nearly_parallel(tmp_path), DhError(3, 4e-4, 0.0, 0.0, 0.0)
+    log = replace(joint_motion_log(nominal.with_effects(longer), 8, 8.0, seed=3), external_jp=None)
+    result = find_discrepancy(nominal, log)
+    (effect,) = result.effects
+    assert (result.level, effect.name, effect.joint) == ("EXACT", "dh_error", 3)
+    low, high = effect.parameters["a"].ci95
+    assert low < 4e-4 < high
 
 
 @pytest.mark.slow
