@@ -15,7 +15,7 @@ from crtk_support import PATIENT, living_arm, wait_for
 
 from gpcorrect.logs import read_log
 from gpcorrect_service.crtk import Bus, BusSettings
-from gpcorrect_studies.debridement import rehearsal
+from gpcorrect_studies.debridement import command, rehearsal
 
 pytestmark = pytest.mark.slow
 # Tests that need no arm of this module come first: it takes half a core from its first test to the last.
@@ -72,6 +72,26 @@ def test_debridement_with_served_corrections(gpcorrect, tmp_path, monkeypatch):
     assert json.loads(done.out)["served"][0].startswith("arm1, SHA-256 ")
     assert (tmp_path / "arm1.gpc").exists()
     assert "times faster with correction" in (tmp_path / "task.html").read_text()
+
+
+def test_debridement_replaces_no_model_of_somebody(gpcorrect, tmp_path):
+    """A folder's model that this rehearsal did not make was fitted over without a word."""
+    (tmp_path / "arm1.gpc").write_bytes(b"mine")
+    refused = gpcorrect("debride", "--arms", 1, "--rehearsals", 8, "--models", tmp_path)
+    assert_refused(refused, "arm1.gpc was not made by this rehearsal", "--models")
+    assert (tmp_path / "arm1.gpc").read_bytes() == b"mine"
+    both = gpcorrect("debride", "--arms", 1, "--models", tmp_path, "--endpoint", "tcp/127.0.0.1:9")
+    assert_refused(both, "a folder of models was named too", "--endpoint")
+
+
+def test_debridement_with_running_services_fits_nothing(gpcorrect, monkeypatch):
+    """It rehearsed and fitted first, for minutes, a model that nobody asked."""
+    monkeypatch.setattr(rehearsal, "fit_corrector", lambda *_: pytest.fail("a model was fitted"))
+    three = [word for port in (7, 8, 9) for word in ("--endpoint", f"tcp/127.0.0.1:{port}")]
+    assert_refused(gpcorrect("debride", *three), "one an arm (2); got 3")
+    monkeypatch.setattr(command, "FOUND", 0.2)
+    refused = gpcorrect("debride", "--arms", 1, "--rehearsals", 8, "--endpoint", "tcp/127.0.0.1:9")
+    assert_refused(refused, "no server answered on gpcorrect/arm1")
 
 
 def test_a_calibration_from_end_to_end(gpcorrect, tmp_path):

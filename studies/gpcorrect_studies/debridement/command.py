@@ -41,7 +41,7 @@ def debride(
     rehearsals: Annotated[int, typer.Option(help="Fragments that each arm rehearses to learn from.", min=8)] = 20,
     models: Annotated[
         Path | None,
-        typer.Option(help="Folder that keeps the models; those that are there are taken.", show_default=False),
+        typer.Option(help="Folder that keeps the models; those of the same rehearsal are taken.", show_default=False),
     ] = None,
     endpoint: Annotated[
         list[str] | None,
@@ -68,9 +68,13 @@ def debride(
     page = report_page(report)
     chosen: Mode = one_of(mode, get_args(Mode), "the mode")
     scene, places = stations(arms)
+    given = _one_an_arm(endpoint or [], arms, models)
     with ExitStack() as stack:
-        folder = Path(stack.enter_context(TemporaryDirectory())) if models is None else models
-        make_folder(folder)
+        folder = models
+        if folder is None and not given:
+            folder = Path(stack.enter_context(TemporaryDirectory()))
+        if folder is not None:
+            make_folder(folder)
         progress = stack.enter_context(progress_bar(quiet=json))
         progress.step("rehearsal and fit", 0.0)
         ends = Parallel(n_jobs=arms)(
@@ -78,8 +82,8 @@ def debride(
         )
         progress.step("rehearsal and fit", 1.0)
         start = max(ends) + AFTER_REHEARSAL
-        endpoints = stack.enter_context(_services(places, folder, endpoint or []))
-        with _clients(places, endpoints, FOUND if endpoint else CONNECT) as clients:
+        endpoints = given if folder is None else stack.enter_context(_services(places, folder))
+        with _clients(places, endpoints, FOUND if given else CONNECT) as clients:
             served = [client.model() for client in clients]
         ways = {"fast": speed / 100, "slow": slow / 100, "margins": Margins(position=margin / 1e3), "mode": chosen}
         missions = [
@@ -110,17 +114,27 @@ def _done(mission: Mission, endpoints: Sequence[str], seed: int, ways: Mapping[s
         return compare(mission, clients, seed, **ways)
 
 
+def _one_an_arm(given: Sequence[str], arms: int, models: Path | None) -> list[str]:
+    """Return the address of each arm's running service, none where services are to be started from a folder's models.
+
+    DataError where the number of addresses fits no arms, or a folder was named too.
+    """
+    if given and models is not None:
+        hint = "Leave out --models to ask these services, or --endpoint to have the folder's models served."
+        raise DataError("services that run have their models, and a folder of models was named too.", hint=hint)
+    if len(given) not in (0, 1, arms):
+        raise DataError(f"give one address, or one an arm ({arms}); got {len(given)}.")
+    return list(given) * (arms if len(given) == 1 else 1)
+
+
 @contextmanager
-def _services(places: Sequence[Station], folder: Path, given: Sequence[str]) -> Iterator[list[str]]:
-    """Give the address of a service for each arm: one that runs already, or a process that is started here."""
-    if given and len(given) not in (1, len(places)):
-        raise DataError(f"give one address, or one an arm ({len(places)}); got {len(given)}.")
-    endpoints = list(given) * (len(places) if len(given) == 1 else 1) or [free_endpoint() for _ in places]
+def _services(places: Sequence[Station], folder: Path) -> Iterator[list[str]]:
+    """Serve each arm's model from a process that is started here, and give their addresses."""
+    endpoints = [free_endpoint() for _ in places]
     with ExitStack() as stack:
-        if not given:
-            for place, endpoint in zip(places, endpoints, strict=True):
-                model = str(folder / f"{place.name}.gpc")
-                stack.enter_context(running("serve", model, "--endpoint", endpoint, "--arm", place.name))
+        for place, endpoint in zip(places, endpoints, strict=True):
+            model = str(folder / f"{place.name}.gpc")
+            stack.enter_context(running("serve", model, "--endpoint", endpoint, "--arm", place.name))
         yield endpoints
 
 

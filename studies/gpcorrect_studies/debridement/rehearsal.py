@@ -99,29 +99,42 @@ def _cycle(scene: Scene, station: Station, rng: np.random.Generator, registered:
     raise DataError(f"{station.name} reaches hardly any place of the scene.")
 
 
-def learn(scene: Scene, place: Station, folder: Path, rehearsals: int, speed: float, seed: int) -> float:
+def learn(scene: Scene, place: Station, folder: Path | None, rehearsals: int, speed: float, seed: int) -> float:
     """Rehearse, and fit a model unless there is one of this very rehearsal; return when it ended, s.
 
     Parameters
     ----------
     scene : Scene
     place : Station
-    folder : Path, the model is `<name of the place>.gpc` in it
+    folder : Path or None, the model is `<name of the place>.gpc` in it; None where a service has one: nothing is fitted
     rehearsals : int
     speed : float, m/s
     seed : int
+
+    Raises
+    ------
+    DataError
+        The folder holds a model of that name that this rehearsal did not make: it is somebody's, and is not replaced.
     """
     salt = int(place.name.removeprefix("arm"))
     rng = np.random.default_rng([seed, salt])
     log = rehearsal_log(scene, place, rehearsals, speed, rng, 1000 * seed + 10 * salt)
+    if folder is None:
+        return float(log.time[-1])
     model, note = folder / f"{place.name}.gpc", folder / f"{place.name}.rehearsal"
     made_from = (
         repr((rehearsals, speed, seed, log.signals, INDUCING, SEARCH, FEATURES)).encode()
         + np.asarray(log.setpoint_jp).tobytes()
     )
     digest = hashlib.sha256(made_from).hexdigest()
-    if not (model.exists() and note.exists() and note.read_text() == digest):
+    if not model.exists():
         settings = FitSettings(inducing=INDUCING, search_samples=SEARCH, features=FEATURES, marker="none", seed=seed)
-        save(fit_corrector(log, settings), model)
-        write_file(note, digest)
+        made = fit_corrector(log, settings)
+        write_file(note, digest)  # first: a model without it is somebody's own
+        save(made, model)
+    elif not (note.exists() and note.read_text() == digest):
+        raise DataError(
+            f"{model} was not made by this rehearsal (its number, speed and seed count), and is not replaced.",
+            hint="Name another folder with --models, or serve that model and name its address with --endpoint.",
+        )
     return float(log.time[-1])
