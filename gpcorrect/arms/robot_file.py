@@ -179,9 +179,14 @@ def _turns(model: Any, j: int) -> bool:
 
 
 def _limits(model: Any, j: int) -> tuple[float, float]:
+    lower, upper = map(float, model.jnt_range[j])
+    if lower > upper:  # MuJoCo takes it for a joint without limits
+        raise DataError(
+            f"the range of joint {model.joint(j).name!r} ends below its beginning: {lower:g} to {upper:g}.",
+            hint="Exchange its two ends: lower and upper of a URDF's limit, range in MJCF.",
+        )
     if model.jnt_limited[j]:
-        lower, upper = model.jnt_range[j]
-        return float(lower), float(upper)
+        return lower, upper
     if not _turns(model, j):
         hint = "Give it a range in the robot file."
         raise DataError(f"the sliding joint {model.joint(j).name!r} has no range.", hint=hint)

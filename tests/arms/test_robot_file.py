@@ -224,6 +224,7 @@ REFUSED = {
     "no inertia": ([(SLIDER_MASS, "")], TIP, "has no inertia.*slider.*<inertial>"),
     "no mesh": ([(SHOULDER_MASS, "")], TIP, "nowhere.stl.*takes its mass from that mesh"),
     "no range": ([('axis="1 0 0.2" range="-0.1 0.2"', 'axis="1 0 0.2"')], TIP, "sliding joint 'slide' has no range"),
+    "range backwards": ([('range="-2.5 2.5"', 'range="2.5 -2.5"')], TIP, "'pan' ends below its beginning: 2.5 to -2.5"),
     "tied joints": ([("</mujoco>", TIED)], TIP, "ties joints roll and pan closes a loop.*<mimic>"),
     "ball at the end": (
         [(GRIP, '<joint type="ball"/>'), (GRIP_SERVO, "")],
