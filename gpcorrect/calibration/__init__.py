@@ -44,7 +44,14 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.model_store import Entry, ModelStore, refuse_other_use
     from gpcorrect.calibration.pose_answers import PoseStream
     from gpcorrect.calibration.settings import FitSettings, InputSignal
-    from gpcorrect.calibration.side_by_side import Difference, SideBySide, compare, measure_both, refuse_unlike
+    from gpcorrect.calibration.side_by_side import (
+        Difference,
+        SideBySide,
+        commands_apart,
+        compare,
+        measure_both,
+        refuse_unlike,
+    )
     from gpcorrect.calibration.stream import JointStream, RobotState, ToolStream
     from gpcorrect.calibration.task import Corrector, Measured
     from gpcorrect.calibration.tool_position import PositionEstimator
@@ -71,7 +78,7 @@ __getattr__ = imported_on_demand(
         "model_store": "Entry ModelStore refuse_other_use",
         "pose_answers": "PoseStream",
         "settings": "FitSettings InputSignal",
-        "side_by_side": "Difference SideBySide compare measure_both refuse_unlike",
+        "side_by_side": "Difference SideBySide commands_apart compare measure_both refuse_unlike",
         "stream": "JointStream RobotState ToolStream",
         "task": "Corrector Measured",
         "tool_position": "PositionEstimator",
@@ -116,6 +123,7 @@ __all__ = [
     "Update",
     "Use",
     "command_line",
+    "commands_apart",
     "compare",
     "detect",
     "direction_named",

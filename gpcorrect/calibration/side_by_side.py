@@ -212,7 +212,7 @@ def compare(one: Any, other: Any) -> dict[str, Any]:
         "differs": {name: (left.get(name), right.get(name)) for name in names},
     }
     if isinstance(one, CommandCorrector):
-        found["commands"] = _commands_apart(one, other)
+        found["commands"] = commands_apart(one, other)
     return found
 
 
@@ -223,7 +223,18 @@ def _flat(summary: Any, prefix: str = "") -> dict[str, Any]:
     return flat
 
 
-def _commands_apart(one: CommandCorrector, other: CommandCorrector) -> dict[str, float]:
+def commands_apart(one: CommandCorrector, other: CommandCorrector) -> dict[str, float]:
+    """Return how far the commands of two models lie apart on the check queries that both recorded.
+
+    Parameters
+    ----------
+    one, other : CommandCorrector
+
+    Returns
+    -------
+    dict
+        `queries`, how many; `mean_mm`, `max_mm` and `max_deg` between the commands (0 deg where one has no rotations).
+    """
     queries = np.vstack([one.check_queries, other.check_queries])
     first, second = ([model.correct(q[:7], q[7:]) for q in queries] for model in (one, other))
     if one.route is not None or other.route is not None:  # single poses say nothing of what paths are answered by

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,7 +12,7 @@ import typer
 
 from gpcorrect.cli.console import dropped_words, note, out, plain_table, print_json, print_result
 from gpcorrect.cli.options import SERVICE, AnyModel, ArmName, Config, Json, KeyRoot, ServicePlace, one_of
-from gpcorrect.errors import DataError
+from gpcorrect.errors import ArtifactError, DataError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -186,8 +187,9 @@ def activate(model: Name, place: Place, json: Json = False) -> None:
     """
     if (folder := _stored(place)) is not None:
         entry = folder.find(model)
+        before = folder.active(entry.kind)
         folder.activate(entry)
-        print_result(asdict(entry), _activated_words(entry), as_json=json)
+        _show_stored(folder, before, entry, as_json=json)
         return
     with _operator(place) as operator:
         _show_activated(operator, model, as_json=json)
@@ -201,8 +203,8 @@ def rollback(place: Place, kind: Kind = "pose", json: Json = False) -> None:
     """
     one_of(kind, ("pose", "joints"), "a kind")
     if (folder := _stored(place)) is not None:
-        entry = folder.rollback(kind)
-        print_result(asdict(entry), _activated_words(entry), as_json=json)
+        before = folder.active(kind)
+        _show_stored(folder, before, folder.rollback(kind), as_json=json)
         return
     with _operator(place) as operator:
         answer = operator.models()[0]
@@ -287,11 +289,26 @@ def _show_activated(operator: Operator, model: str, *, back: bool = False, as_js
         return
     for answer in answers:
         before = answer.before[:DIGITS] or "-"
-        out.print(f"{answer.replica}: {answer.kind} {answer.id} {answer.hash[:DIGITS]}, before {before}")
+        apart = _apart_words(answer.apart_mm, answer.apart_deg)
+        out.print(f"{answer.replica}: {answer.kind} {answer.id} {answer.hash[:DIGITS]}, before {before}{apart}")
 
 
-def _activated_words(entry: Entry) -> str:
-    return f"active {entry.kind}: {entry.id} {entry.hash[:DIGITS]}; servers of this folder take it within seconds"
+def _show_stored(folder: ModelStore, before: Entry | None, entry: Entry, *, as_json: bool) -> None:
+    """Print which model of a folder is active now, and how far its commands lie from those of the one before."""
+    from gpcorrect.calibration import commands_apart
+
+    mm = deg = None
+    if before is not None and entry.kind == "pose":
+        with suppress(ArtifactError):  # a damaged one may be followed
+            found = commands_apart(folder.verified(before), folder.verified(entry))
+            mm, deg = found["max_mm"], found["max_deg"]
+    words = f"active {entry.kind}: {entry.id} {entry.hash[:DIGITS]}{_apart_words(mm, deg)}"
+    told = {**asdict(entry), "apart_mm": mm, "apart_deg": deg}
+    print_result(told, f"{words}; servers of this folder take it within seconds", as_json=as_json)
+
+
+def _apart_words(mm: float | None, deg: float | None) -> str:
+    return "" if mm is None else f", whose commands lie up to {mm:.3g} mm and {deg:.3g} deg from the former's"
 
 
 def _folder(path: Path) -> ModelStore:

@@ -68,6 +68,20 @@ def test_a_store_by_command(store: Path, run: Run) -> None:
     assert (code, "monday" in text) == (2, True)
 
 
+def test_an_activation_says_how_far_commands_move(store: Path, run: Run) -> None:
+    """A model of another frame, a metre away, was activated without a word, in a folder and in servers."""
+    files = [folder.path(folder.find(name)) for folder in [ModelStore(store)] for name in ("monday", "tuesday")]
+    apart = json.loads(run("models", "diff", *files, "--json")[1])["commands"]
+    says = f"commands lie up to {apart['max_mm']:.3g} mm and {apart['max_deg']:.3g} deg from the former's"
+    assert run("models", "activate", "monday", "--store", store)[0] == 0
+    assert says in " ".join(run("models", "activate", "tuesday", "--store", store)[1].split())
+    code, text = run("models", "rollback", "--store", store, "--json")
+    assert (code, json.loads(text)["apart_mm"]) == (0, apart["max_mm"])
+    with store_process(store) as server:
+        place = ("--endpoint", server.endpoint)
+        assert says in " ".join(run("models", "activate", "tuesday", *place)[1].split())
+
+
 def test_running_servers_by_command(store: Path, run: Run) -> None:
     """With an address, the running server lists, activates, goes back, pauses; the doctor calls it well."""
     folder = ModelStore(store)

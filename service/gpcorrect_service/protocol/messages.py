@@ -113,13 +113,15 @@ class ActivateRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, o
 
 
 class ActivateAnswer(msgspec.Struct, frozen=True):
-    """Which model answers now, and which one did before."""
+    """Which model answers now, which one did before, and how far their commands lie apart (None where not known)."""
 
     id: str
     hash: str
     kind: str
     before: str
     replica: str
+    apart_mm: float | None = None
+    apart_deg: float | None = None
 
 
 class PartRmse(msgspec.Struct, frozen=True):

@@ -11,7 +11,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import asdict
 
-from gpcorrect.calibration import Entry, ModelStore, last_measured
+from gpcorrect.calibration import Entry, ModelStore, commands_apart, last_measured
 from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import ArtifactError, DataError, GpCorrectError
 from gpcorrect.types import FloatArray
@@ -219,8 +219,21 @@ class Admin:
             self._active.activate(model)
             self._changed()
         old = before.hash if before else ""
-        self._logger.info("activated", kind=entry.kind, model_id=model.id, model_hash=model.hash, before=old)
-        return plain_response(parsed, messages.ActivateAnswer(model.id, model.hash, entry.kind, old, self._replica))
+        apart: tuple[float | None, float | None] = (None, None)
+        if isinstance(before, Model) and isinstance(model, Model):
+            found = commands_apart(before.corrector, model.corrector)
+            apart = found["max_mm"], found["max_deg"]
+        answer = messages.ActivateAnswer(model.id, model.hash, entry.kind, old, self._replica, *apart)
+        self._logger.info(
+            "activated",
+            kind=entry.kind,
+            model_id=model.id,
+            model_hash=model.hash,
+            before=old,
+            apart_mm=answer.apart_mm,
+            apart_deg=answer.apart_deg,
+        )
+        return plain_response(parsed, answer)
 
     def _state(self, parsed: Parsed) -> Response:
         """Pause, or go on; where there is a store, whoever starts from it later does so too."""
