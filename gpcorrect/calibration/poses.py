@@ -128,7 +128,8 @@ def pose_pair(log: CalibrationLog) -> tuple[PoseSignal, PoseSignal]:
             f"learning needs tracker_cp and setpoint_cp; missing: {', '.join(missing)}. "
             f"Present: {', '.join(log.signals) or 'none'}.",
             hint="Name the columns in a mapping file: --columns map.toml"
-            + (", or the arm whose joints these are: --machine robot.urdf" if of_joints else ""),
+            + (", or the arm whose joints these are: --machine robot.urdf" if of_joints else "")
+            + "".join(f". Reading said: {remark.rstrip('.')}" for remark in log.remarks),
             path=log.name,
         )
     if len(log) == 0:

@@ -79,7 +79,7 @@ def for_purpose(report: ValidationReport, log: CalibrationLog, purpose: str) -> 
 def _refusal(purpose: Purpose, log: CalibrationLog) -> tuple[str, str]:
     """Return why a recording would be refused, and what to do; empty where it would not."""
     try:
-        purpose.require(log)
+        purpose.require(replace(log, remarks=()))  # which the dry run shows by themselves
     except GpCorrectError as error:
         return error.message.removeprefix(f"{log.name}: "), error.hint
     return "", ""

@@ -43,10 +43,11 @@ def read(path: Path, settings: ReadSettings) -> CalibrationLog:
     options = settings.columns.bag
     with _opened(path) as bag:
         topics, remarks = choose_topics({c.topic: c.msgtype for c in bag.connections if c.msgcount}, options)
-        recorded = _record(bag, topics)
+        unsaid = "tracker_cp" not in topics and options.topics.get("tracker_cp", options.tracker_topic) is None
+        recorded, unread = _record(bag, topics, unsaid=unsaid)
         origin = bag.start_time
     recorded, names, moved = in_one_order(recorded)
-    remarks, streams, meta = [*remarks, *moved], list[Stream](), LogMeta()
+    remarks, streams, meta = [*remarks, *unread, *moved], list[Stream](), LogMeta()
     for kind, messages in recorded.items():
         found, said, stated = streams_of(kind, messages, origin, options.clock, options.arm)
         meta = stated or meta
@@ -77,8 +78,11 @@ def topics_of(path: Path) -> tuple[list[tuple[str, str, int, float]], dict[str, 
     return topics, {r.topic: len(r.rows) for _, r in tree.edges.values() if r.topic in tree.moving()}
 
 
-def _record(bag: AnyReader, topics: Mapping[str, str]) -> dict[str, Recorded]:
-    """Messages of the chosen sources, by kind; transforms are read where a pair of frames, or nothing, was chosen."""
+def _record(bag: AnyReader, topics: Mapping[str, str], *, unsaid: bool) -> tuple[dict[str, Recorded], list[str]]:
+    """Messages of the chosen sources, by kind, and a remark on transforms that move and may be what is missing.
+
+    Transforms are read where a pair of frames, or nothing, was chosen, and where nobody said which the tracker is.
+    """
     types = {c.topic: c.msgtype for c in bag.connections}
     recorded: dict[str, list[Recorded]] = {}
     kinds: dict[str, Recorded] = {}
@@ -88,7 +92,7 @@ def _record(bag: AnyReader, topics: Mapping[str, str]) -> dict[str, Recorded]:
             kinds[kind] = Recorded(source, extractor(kind, types[topic], place))
             recorded.setdefault(topic, []).append(kinds[kind])
     tree = _Tree()
-    wanted = not topics or any(frames_of(source) for source in topics.values())
+    wanted = unsaid or not topics or any(frames_of(source) for source in topics.values())
     connections = [c for c in bag.connections if c.topic in recorded or (wanted and c.msgtype in TF_TYPES)]
     for connection, receive, raw in bag.messages(connections=connections):
         message = bag.deserialize(raw, connection.msgtype)
@@ -97,17 +101,13 @@ def _record(bag: AnyReader, topics: Mapping[str, str]) -> dict[str, Recorded]:
                 one.add(message, receive)
         else:
             tree.add(message, receive, static=connection.topic.endswith("tf_static"))
-    if not topics:
-        moving = tree.moving()
-        if len(moving) != 1:
-            hint = "Choose one, or any pair of frames: --tracker-topic '/tf:base->tool' (in Python tracker_topic)."
-            raise LogError(f"expected one moving transform, found {', '.join(moving) or 'none'}.", hint=hint)
-        topics = {"tracker_cp": moving[0]}
+    remarks = tree.remarks() if topics and unsaid else []
+    topics = topics or {"tracker_cp": tree.only_moving()}
     for kind, source in topics.items():
         pair = frames_of(source)
         if pair:
             kinds[kind] = tree.pose(*pair)
-    return {kind: kinds[kind] for kind in kinds if kinds[kind].rows}
+    return {kind: kinds[kind] for kind in kinds if kinds[kind].rows}, remarks
 
 
 @contextmanager
@@ -170,6 +170,24 @@ class _Tree:
             _source_name(parent, child)
             for child, (parent, recorded) in self.edges.items()
             if child not in self.still and len(set(recorded.rows)) > 1
+        ]
+
+    def only_moving(self) -> str:
+        """Return the pair of frames that moves; LogError where there is another number of them."""
+        moving = self.moving()
+        if len(moving) != 1:
+            hint = "Choose one, or any pair of frames: --tracker-topic '/tf:base->tool' (in Python tracker_topic)."
+            raise LogError(f"expected one moving transform, found {', '.join(moving) or 'none'}.", hint=hint)
+        return moving[0]
+
+    def remarks(self) -> list[str]:
+        """Return which transforms move, beside topics that hold no tracker."""
+        moving = self.moving()
+        if not moving:
+            return []
+        choice = f'name it: --tracker-topic "{moving[0]}" (in Python tracker_topic)'
+        return [
+            f"no tracker was read; transforms that move: {', '.join(moving)}. If one is what a tracker saw, {choice}."
         ]
 
     def pose(self, parent: str, child: str) -> Recorded:

@@ -141,6 +141,22 @@ def test_the_only_moving_transform_is_the_tracker(tmp_path: Path, kind: str):
     assert_planted(read_log(write_bag(tmp_path / "r", [*moving, fixed], kind, unknown)))
 
 
+def test_transforms_beside_a_robot_without_a_tracker_are_named(tmp_path: Path):
+    """A tracker on /tf beside CRTK topics was left out without a word."""
+    told = [pose_stamped("/PSM1/setpoint_cp", POSE.position[k], POSE.quaternion[k], t) for k, t in enumerate(TICKS)]
+    seen = [
+        transforms("/tf", [("camera", "tool", POSE.position[k], POSE.quaternion[k])], t) for k, t in enumerate(TICKS)
+    ]
+    bag = write_bag(tmp_path / "r", told + seen, "mcap")
+    log = read_log(bag)
+    assert log.tracker_cp is None
+    assert any('--tracker-topic "/tf:camera->tool"' in remark for remark in log.remarks)
+    named = read_log(bag, tracker_topic="/tf:camera->tool")
+    assert_planted(named)
+    for settled in (named, read_log(bag, tracker_topic="")):
+        assert not any("transforms that move" in remark for remark in settled.remarks)
+
+
 def test_the_pose_between_any_two_frames_is_the_product_of_the_transforms(tmp_path: Path):
     """Up one branch and down the other, fixed and moving; a slower one is interpolated."""
     arm, base = random_pose(np.random.default_rng(2), 1), random_pose(np.random.default_rng(3), 1)

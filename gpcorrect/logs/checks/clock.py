@@ -116,7 +116,7 @@ def _trajectories(evidence: Evidence) -> Iterator[Finding]:
         return
     numbers, sizes = np.unique(log.trajectory, return_counts=True)
     if len(numbers) == 1:
-        what = "there is only one trajectory: none can be held out to measure errors on."
+        what = "there is only one trajectory: errors are measured on a block of it, and intervals have little to go by."
         yield Finding("warning", "one_trajectory", "trajectory", what, "Cut the log, or join several.", 1)
     short = numbers[sizes < SHORT]
     if short.size:
