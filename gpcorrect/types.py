@@ -15,6 +15,11 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
+POSITIONS = ("setpoint_jp", "measured_jp", "external_jp")
+LONGEST_REACH, LONGEST_STROKE = 1.0, 0.5
+"""m: twice what the insertions of the machines and recordings here reach from their zeros (RAVEN-II 0.48, dVRK 0.24),
+and twice their stroke."""
+REACHED = (5.0, 95.0)  # per cent of a joint's samples: what lies beyond may be faults of a sensor
 QUATERNION_TOLERANCE = 1e-3  # of the log format: a norm further from one is a mistake, not rounding
 
 
@@ -227,6 +232,8 @@ class CalibrationLog:
     def joint_types(self, dof: int) -> str:
         """Return "R" or "P" for each joint: the sidecar's, or a serial surgical arm's, whose third joint inserts.
 
+        A third joint that goes where no insertion does, but no further than a turn in radians, turns.
+
         Parameters
         ----------
         dof : int
@@ -238,7 +245,7 @@ class CalibrationLog:
         """
         types = self.meta.joint_types
         if not types:
-            return ("RRP" + "R" * dof)[:dof] if dof in (3, 6, 7) else "R" * dof
+            return ("RRP" + "R" * dof)[:dof] if dof in (3, 6, 7) and not self._turns(2) else "R" * dof
         if len(types) < dof:
             raise LogError(
                 f"joint_types {types!r} does not name {dof} joints with R and P.",
@@ -246,6 +253,14 @@ class CalibrationLog:
                 path=self.name,
             )
         return types[:dof]
+
+    def _turns(self, joint: int) -> bool:
+        """Whether a joint's positions go further than those of a slide in metres, but no further than a turn."""
+        columns = [getattr(self, name)[:, joint] for name in POSITIONS if getattr(self, name) is not None]
+        known = [column[np.isfinite(column)] for column in columns if np.isfinite(column).any()]
+        ends = np.array([np.percentile(column, REACHED) for column in known]).reshape(-1, 2)
+        reach, stroke = np.abs(ends).max(initial=0.0), np.ptp(ends, axis=1).max(initial=0.0)
+        return bool((reach > LONGEST_REACH or stroke > LONGEST_STROKE) and reach <= 2 * np.pi)
 
     def trajectories(self) -> Iterator[tuple[int, IntArray]]:
         """Yield (trajectory number, row indices) in recorded order."""

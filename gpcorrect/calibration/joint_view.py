@@ -312,7 +312,8 @@ def _joint_signal(log: CalibrationLog, name: str) -> FloatArray:
         raise LogError(
             f"joint calibration needs {name}; the log has {', '.join(log.signals) or 'no signals'}.",
             hint="Map its columns: --columns map.toml"
-            + (", or name the arm that the tracker saw: --machine robot.urdf" if of_tracker else ""),
+            + (", or name the arm that the tracker saw: --machine robot.urdf" if of_tracker else "")
+            + "".join(f". Reading said: {remark.rstrip('.')}" for remark in log.remarks),
             path=log.name,
         )
     for joint, kind in enumerate(log.joint_types(values.shape[1])):

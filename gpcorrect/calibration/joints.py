@@ -69,6 +69,14 @@ class JointCorrector(ViewCorrector):
         """Types of the joints, R or P each."""
         return self.view.types
 
+    def in_joint_order(self, log: CalibrationLog) -> CalibrationLog:
+        """See :class:`Corrector`; joints whose types the log does not name are of the training's types."""
+        log = super().in_joint_order(log)
+        widths = {getattr(log, name).shape[1] for name in log.JOINTS if name in log.signals}
+        if log.meta.joint_types or widths != {len(self.types)}:
+            return log
+        return replace(log, meta=replace(log.meta, joint_types=self.types))
+
     def info(self) -> dict[str, Any]:
         """See :class:`Corrector`; with the types of the joints."""
         return {**super().info(), "types": self.types}
