@@ -15,7 +15,7 @@ from gpcorrect.calibration.joints import JointCorrector
 from gpcorrect.calibration.metrics import spread
 from gpcorrect.calibration.task import Corrector, Measured, Part
 from gpcorrect.errors import DataError, LogError
-from gpcorrect.types import CalibrationLog, IntArray
+from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal
 
 DRAWS = 2000  # of whole trajectories, for the interval of a difference: its ends are known to a hundredth of it or so
 FEWEST = 4  # trajectories from which an interval is drawn; fewer say nothing of others. Chosen by hand
@@ -236,17 +236,28 @@ def commands_apart(one: CommandCorrector, other: CommandCorrector) -> dict[str, 
         `queries`, how many; `mean_mm`, `max_mm` and `max_deg` between the commands (0 deg where one has no rotations).
     """
     queries = np.vstack([one.check_queries, other.check_queries])
-    first, second = ([model.correct(q[:7], q[7:]) for q in queries] for model in (one, other))
-    if one.route is not None or other.route is not None:  # single poses say nothing of what paths are answered by
-        first += [one.correct_path([q[:7]], [0.0])[0] for q in queries]
-        second += [other.correct_path([q[:7]], [0.0])[0] for q in queries]
-    apart = np.linalg.norm(np.array([a.position for a in first]) - np.array([a.position for a in second]), axis=1)
-    turned = np.zeros(1)
-    if one.has_orientation and other.has_orientation:
-        turned = se3.quaternion_angle(*(np.array([a.quaternion for a in answers]) for answers in (first, second)))
+    paths = one.route is not None or other.route is not None  # single poses say nothing of what these are answered by
+    first, second = (_commands(model, queries, paths=paths) for model in (one, other))
+    apart, turned = np.linalg.norm(first.position - second.position, axis=1), np.zeros(1)
+    if first.quaternion is not None and second.quaternion is not None:
+        turned = se3.quaternion_angle(first.quaternion, second.quaternion)
     return {
         "queries": len(queries),
         "mean_mm": 1e3 * float(apart.mean()),
         "max_mm": 1e3 * float(apart.max()),
         "max_deg": float(np.degrees(turned.max())),
     }
+
+
+def _commands(model: CommandCorrector, queries: FloatArray, *, paths: bool) -> PoseSignal:
+    """Return what a model commands for each query, however far from its training; then as the only pose of a path."""
+    desired, each = PoseSignal.of(queries[:, :7]), np.arange(len(queries))
+    answers = [model.correct_observed(desired, queries[:, 7:])]
+    if paths and model.route is not None:
+        in_joints = model.route.correct(model.rigid.apply(desired), each.astype(np.float64), each, model.law.bounds)
+        answers.append(model.joined(in_joints, answers[0]))
+    elif paths:
+        answers *= 2
+    commands = [PoseSignal(a.position, a.quaternion) for a in answers if a.position is not None]
+    quaternions = [c.quaternion for c in commands if c.quaternion is not None and model.has_orientation]
+    return PoseSignal(np.vstack([c.position for c in commands]), np.vstack(quaternions) if quaternions else None)

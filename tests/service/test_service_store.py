@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -107,6 +108,7 @@ def test_a_disk_that_takes_nothing_changes_nothing(
 # One process reads the libraries; each step is another's, a copy of it that is killed there.
 KILLED = """
 import os, sys
+from dataclasses import replace
 from pathlib import Path
 from gpcorrect.calibration import ModelStore
 def die(*_): os._exit(9)
@@ -154,6 +156,10 @@ def test_models_are_compared_by_what_they_command(store: ModelStore) -> None:
     apart = compare(one, other)
     assert "fit.n_train" in apart["differs"]
     assert 0.0 < apart["commands"]["mean_mm"] <= apart["commands"]["max_mm"]
+    away = np.array([5.0, 0.0, 0.0])  # of a tracker that was moved across the room: no query of the one is the other's
+    trained = replace(one.trained, low=one.trained.low + away, high=one.trained.high + away)
+    moved = replace(one, check_queries=one.check_queries + np.r_[away, np.zeros(10)], trained=trained)
+    assert compare(one, moved)["commands"]["queries"] == 2 * len(one.check_queries)
 
 
 def test_an_activation_reads_its_model_once(store: ModelStore, monkeypatch: pytest.MonkeyPatch) -> None:
