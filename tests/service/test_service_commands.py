@@ -97,6 +97,8 @@ def test_running_servers_by_command(store: Path, run: Run) -> None:
         assert "monday" in run("models", "rollback", *place)[1]
         assert "PAUSED" in run("models", "state", "PAUSED", *place)[1]
         assert "gpcorrect_state" in run("query", "metrics", *place, "--timeout", PATIENT)[1]
+        code, text = run("doctor", *place, "--arm", "PSM1")
+        assert (code, "other arms here: --arm arm1" in " ".join(text.split())) == (1, True)
         code, text = run("doctor", *place, "--json")
     assert (code, [step["well"] for step in json.loads(text)]) == (0, [True] * len(json.loads(text)))
 

@@ -163,11 +163,14 @@ def _conversation(config: zenoh.Config, settings: ClientSettings, endpoints: lis
     with session:
         yield Finding("login", where, True)
         seen = _visible_keys(session, settings.arm)
-        # Tokens of the servers; none where the access rules hide them.
-        tokens = session.liveliness().get(f"{settings.arm}/{sessions.LIVE_KEYS}", timeout=PATIENCE)
-        differ = sessions.differing(str(token.ok.key_expr) for token in tokens if token.ok is not None)
+        # Tokens of the servers of all arms; none where the access rules hide them.
+        replies = session.liveliness().get(f"*/{sessions.LIVE_KEYS}", timeout=PATIENCE)
+        tokens = [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+        differ = sessions.differing(token for token in tokens if token.startswith(f"{settings.arm}/"))
     if not any(seen.values()):
         step = "No key of this arm is to be seen: does a server run under these names, and may this user ask it?"
+        if others := {token.split("/")[0] for token in tokens} - {settings.arm}:
+            step += f" There are servers of other arms here: --arm {' or '.join(sorted(others))}"
         yield Finding("server", where, False, "no server, or every key denied", step)
         return
     yield Finding("server", where, True)
