@@ -59,7 +59,11 @@ def reached(corrector: CommandCorrector, commands: ArrayLike, twist: ArrayLike |
         )
     target = PoseSignal.of(rows)
     rigid, poses = corrector.rigid, corrector.rigid.inverse(target)
-    corrector.trained.refuse_far(poses.position)
+    try:
+        corrector.trained.refuse_far(poses.position)
+    except DataError as error:
+        cause = f"as the registration takes this command to the observer's frame, {error.message}"
+        raise DataError(cause, hint="Give commands in metres, in the base frame.") from error
     for _ in range(STEPS):
         answer = corrector.correct_observed(poses, inverse_reference_twists(rigid, poses, moving))
         assert answer.position is not None

@@ -38,6 +38,15 @@ def test_the_pose_that_a_command_reaches_has_that_command(registered: CommandCor
         assert back.in_domain.all()
 
 
+def test_a_command_in_millimetres_is_told_the_frame_of_commands(small_corrector: CommandCorrector) -> None:
+    """The refusal named a coordinate that nobody had given, and asked for the observer's frame."""
+    command = commands(small_corrector, small_corrector.check_queries[:1, :7], np.zeros((1, 6)))
+    command[:, :3] *= 1e3
+    with pytest.raises(DataError, match="takes this command to the observer's frame, coordinate") as refused:
+        reached(small_corrector, command)
+    assert refused.value.hint == "Give commands in metres, in the base frame."
+
+
 def test_other_reaches_end_where_it_says(small_corrector: CommandCorrector) -> None:
     """On other trajectories of the same machine its error is far below the registration's, and intervals hold it."""
     log = small_log(seed=1)
