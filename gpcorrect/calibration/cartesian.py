@@ -27,7 +27,7 @@ from gpcorrect.calibration.poses import (
 )
 from gpcorrect.calibration.queries import POSE, POSITION
 from gpcorrect.calibration.sessions import sessions_apart
-from gpcorrect.calibration.settings import JOINTS, MEMORY, FitSettings
+from gpcorrect.calibration.settings import JOINTS, LIMITS, MEMORY, FitSettings
 from gpcorrect.calibration.task import LearnLaw, Measured, Outcome
 from gpcorrect.calibration.training_motion import MotionLimits, TrainingMotion
 from gpcorrect.calibration.unseen_lever import lever_note
@@ -91,9 +91,11 @@ class CommandCorrector(PoseAnswers):
         remarks += lever_note(log, pairs.rows, reference.position, pairs.command.position - reference.position)
         remarks += sessions_apart(log, samples.rows, left_out.errors, samples.target[samples.rows])
         memory, route, intervals = None, None, law.intervals
-        if MEMORY in kinds:
+        states, explained = None, 0.0
+        if MEMORY in kinds or (not settings.features and held is None and not pairs.new.all()):
             folds, labels = folds_of(log.trajectory[pairs.rows]), np.cumsum(pairs.new, dtype=np.int64)
-            states = choose_memory(pairs.command, reference, labels, left_out.errors, folds)
+            states, explained = choose_memory(pairs.command, reference, labels, left_out.errors, folds)
+        if states is not None and MEMORY in kinds:
             samples = _samples_of_poses(pairs, log, rigid, features, states)
             recalling, recalled = learn_law(samples, _pose_layout(features, states))
             memory = Memory(states, replace(recalling, bounds=law.bounds))
@@ -121,6 +123,7 @@ class CommandCorrector(PoseAnswers):
                     route, samples = found_route, found.samples
                     left_out, intervals = found.left_out, found.intervals
                     used.append(JOINTS)
+        remarks += _memory_advice(used, explained)
         path = pose_pair(log)[0].position
         corrector = cls(
             law=law,
@@ -274,6 +277,16 @@ def _tries_joints(
     """Whether an answer in the arm's joints is asked for, or may be tried; joints would undo asked turns too."""
     own_choice = not settings.features and not log.static and log.setpoint_jp is not None
     return held is None and (JOINTS in kinds or own_choice)
+
+
+def _memory_advice(used: list[str], explained: float) -> tuple[str, ...]:
+    """Return that memory would pay, where none was learned and it explains such a fraction of the squared errors."""
+    if {MEMORY, JOINTS} & set(used) or explained < LIMITS.memory_explains:
+        return ()
+    return (
+        f"where the arm came from explains {explained:.0%} of the squared errors at left-out trajectories, or more, as "
+        "slack and friction make them, and was not learned: --features pose,velocity,memory",
+    )
 
 
 def _not_corrected(features: FeatureMap, held: HeldOrientation | None) -> tuple[str, ...]:

@@ -94,8 +94,10 @@ def advance(state: FloatArray, step: FloatArray, radii: FloatArray) -> FloatArra
 
 def choose_memory(
     command: PoseSignal, reference: PoseSignal, labels: IntArray, errors: FloatArray, folds: IntArray
-) -> MemoryMap:
-    """Choose radii by what they explain, at trajectories left out, of another model's errors.
+) -> tuple[MemoryMap, float]:
+    """Choose radii by what they explain, at trajectories left out, of another model's errors; and return how much.
+
+    That is the fraction of the squared errors, each coordinate in its own spread, that a linear law takes away.
 
     Parameters
     ----------
@@ -114,7 +116,8 @@ def choose_memory(
     if parts.size and (parts == parts[0]).all():  # of one part alone, as of a network, its own parts tell of each other
         parts = folds_of(labels[known])
     squares = [left_out_squares(F, scaled, parts).mean() for F in features]
-    return maps[int(np.argmin(squares))]
+    before = left_out_squares(np.empty((len(scaled), 0)), scaled, parts).mean()
+    return maps[int(np.argmin(squares))], float(1.0 - min(squares) / max(before, 1e-300))
 
 
 def _half_range(moved: FloatArray, labels: IntArray) -> FloatArray:
