@@ -148,6 +148,13 @@ def test_the_step_of_counts_is_found(step: float) -> None:
         assert abs(found.step - step) <= found.error
 
 
+def test_the_step_is_found_where_the_lowest_count_stands_alone() -> None:
+    """Alone it agrees with every step: the first one tried was taken, and the grid was lost from there on."""
+    found = quantisation_of(2e-4 * np.append(np.arange(400.0), -30.0))
+    assert found is not None
+    assert abs(found.step - 2e-4) <= found.error
+
+
 def test_smooth_values_are_on_no_grid() -> None:
     """Paths, rests and random values lie on no grid."""
     rng = np.random.default_rng(0)

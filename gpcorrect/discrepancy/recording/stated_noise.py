@@ -16,7 +16,7 @@ from gpcorrect.sim.effects.noise import EncoderQuantisation, NoiseChange, SpeedN
 from gpcorrect.types import FloatArray
 
 FINEST = 1e-9  # rad or m; a sensor without any white noise is rounding
-TRIES = 25  # step sizes near a first guess
+NEAR = np.array(sorted(np.linspace(-1.0, 1.0, 25), key=abs))  # step sizes tried near a guess, the guess itself first
 NOISY = ("external_jp", "tracker_cp")  # signals that `noise_change` acts on: of a tracker's poses, the positions
 UNIFORM = np.sqrt(12.0)  # step of a rounded value over the standard deviation of its error
 
@@ -171,8 +171,8 @@ def _fitted(distinct: FloatArray, guess: float) -> Quantisation | None:
     while True:
         near = distinct[distinct - base <= reach]
         width = 0.3 * step**2 / max(reach, step)
-        tried = step + width * np.linspace(-1.0, 1.0, TRIES)
-        agreements = [_agreement(near, t) for t in tried]
+        tried = step + width * NEAR
+        agreements = [_agreement(near, t) for t in tried]  # all the same where a value stands alone: the guess holds
         step = float(tried[int(np.argmax(agreements))])
         if max(agreements) < SENSORS.agreement:
             return None
