@@ -40,7 +40,7 @@ def test_every_label_is_a_path_of_its_own() -> None:
 def test_motions_without_a_pause_between_are_one_path() -> None:
     """Paths begin with the session, where time runs back, after a pause, and nowhere else."""
     time = np.concatenate(
-        [np.arange(0, 1, 0.01), np.arange(1.2, 2, 0.01), np.arange(3.5, 4, 0.01), np.arange(0, 1, 0.01)]
+        [np.arange(0, 1, 0.01), np.arange(5.2, 6, 0.01), np.arange(16.5, 17, 0.01), np.arange(0, 1, 0.01)]
     )
     session = np.repeat([0, 1], [len(time) - 50, 50])
     begins = np.flatnonzero(path_starts(time, session, np.ones(len(time), dtype=bool)))

@@ -31,13 +31,16 @@ SETTINGS = FitSettings(
 
 
 def sticky_log(seed: int) -> CalibrationLog:
-    """Return the small recording's positions with a slack of 6 mm a direction that shifts commands by up to 3 mm."""
+    """Return the small recording's positions with a slack of 6 mm a direction that shifts commands by up to 3 mm.
+
+    Motions are half a minute apart, and each begins in the middle of the slack.
+    """
     log = small_log(seed, trajectories=20)
     lag = np.concatenate(
         [log.tracker_cp.position[rows] - play(log.tracker_cp.position[rows], RADIUS) for _, rows in log.trajectories()]
     )
     seen, asked = PoseSignal(log.tracker_cp.position), PoseSignal(log.setpoint_cp.position + 0.5 * lag)
-    return replace(log, tracker_cp=seen, setpoint_cp=asked)
+    return replace(log, tracker_cp=seen, setpoint_cp=asked, time=log.time + 30.0 * log.trajectory)
 
 
 @pytest.fixture(scope="module")
