@@ -94,7 +94,7 @@ class JointCorrector(ViewCorrector):
         sessions: ArrayLike | None = None,
         *,
         from_middle: bool = False,
-        along: FloatArray | None = None,
+        along: ArrayLike | None = None,
     ) -> Correction:
         """Return the true joints of a path of reported ones, or what to command, by the model's direction.
 
@@ -128,7 +128,8 @@ class JointCorrector(ViewCorrector):
         if sessions is not None:
             homed = np.unique(numbers(sessions, "sessions"), return_inverse=True)[1]
         effort = None if efforts is None else numbers(efforts, "efforts")
-        if homed.shape != (n,) or (effort is not None and effort.shape != joints.shape):
+        going = self.view.reached(joints) if along is None else numbers(along, "joints to go along")
+        if homed.shape != (n,) or going.shape != joints.shape or (effort is not None and effort.shape != joints.shape):
             raise DataError(f"a path of {n} samples needs {n} sessions and as many rows of efforts as of joints.")
         seconds = checked_times(times, n, homed)
         self.trained.refuse_far(joints, UNITS)
@@ -137,10 +138,9 @@ class JointCorrector(ViewCorrector):
         if apart is not None:
             joints, seconds, homed = joints[apart.order], seconds[apart.order], apart.session
             effort = None if effort is None else effort[apart.order]
-            along = None if along is None else along[apart.order]
+            going = going[apart.order]
         effort = None if effort is None else effort[:, moving]
-        going = None if along is None else along[:, moving]
-        path = joint_path(seconds, homed, self.view.reached(joints)[:, moving], effort, along=going)
+        path = joint_path(seconds, homed, self.view.reached(joints)[:, moving], effort, along=going[:, moving])
         samples = self.view.samples(path, homed, np.full(path.q.shape, np.nan), np.zeros(n, dtype=bool))
         samples = replace(samples, unsure=None) if from_middle else samples
         answer = self.view.answer(joints, self.predicted(samples, apart))

@@ -88,6 +88,15 @@ def test_a_command_moved_at_once_does_not_look_fast() -> None:
     assert np.quantile(steps / jitter, 0.99, axis=0).max() < 3.0  # the motion itself is one
 
 
+def test_a_path_to_go_along_is_as_long(models: tuple[JointCorrector, Aim]) -> None:
+    """One row too few is refused, and the path itself changes nothing."""
+    q, time = (part[:40] for part in desired())
+    with pytest.raises(DataError, match="a path of 40 samples"):
+        models[0].correct_path(q, time, along=q[1:])
+    same = models[0].correct_path(q, time, along=models[0].view.reached(q)).joints
+    np.testing.assert_array_equal(same, models[0].correct_path(q, time).joints)
+
+
 def test_shares_that_cannot_be_are_refused(models: tuple[JointCorrector, Aim]) -> None:
     """More than all of what is missing, of another arm, or by a model of the other direction."""
     first, aim = models
