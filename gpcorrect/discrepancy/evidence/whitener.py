@@ -78,6 +78,20 @@ class DatasetWhitener:
             begin += len(rows)
         return white
 
+    def whiten_channel(self, values: FloatArray, channel: int) -> FloatArray:
+        """Return columns that are zero in all channels but one, whitened and weighted `(M, k)`.
+
+        Parameters
+        ----------
+        values : (m, k) array, of that channel
+        channel : int, its number
+        """
+        white, begin = np.zeros((len(self.weight), values.shape[1])), sum(len(r) for r, _ in self._filters[:channel])
+        rows, whitener = self._filters[channel]
+        part = slice(begin, begin + len(rows))
+        whitener.write(values, rows, self.weight[part], white[part])
+        return white
+
     def whiten(self, values: FloatArray) -> FloatArray:
         """Return one column of every channel whitened and weighted `(M,)`.
 

@@ -35,7 +35,8 @@ def smooth_columns(view: View, fitted: Sequence[FittedEffect], channels: BoolArr
     channels : (c,) bool array, those that the model speaks of
     """
     residual, rows = view.search.residual(fitted), view.search.dataset.discovery
-    parts = [np.zeros((*residual.shape, 0))]
+    whiteners = (view.search.whitener, view.confirmation)
+    parts = [[np.zeros((len(w.weight), 0))] for w in whiteners]
     for i in np.flatnonzero(channels).tolist():
         inputs = view.prepared.inputs[i]
         pairs = [t for t in view.prepared.tests[i] if len(t.variables) == 2]
@@ -45,11 +46,10 @@ def smooth_columns(view: View, fitted: Sequence[FittedEffect], channels: BoolArr
         if inputs.memory:
             states = np.stack(inputs.memory, axis=1)
             bases.append(states / states.std(axis=0))
-        for basis in bases:
-            columns = np.zeros((*residual.shape, basis.shape[1]))
-            columns[:, i] = basis
-            parts.append(columns)
-    return view.whitened(np.concatenate(parts, axis=2))
+        for part, whitener in zip(parts, whiteners, strict=True):
+            part.append(whitener.whiten_channel(np.concatenate(bases, axis=1), i))
+    discovery, confirmation = (np.concatenate(part, axis=1) for part in parts)
+    return discovery, confirmation
 
 
 def _basis(values: Sequence[FloatArray]) -> FloatArray:
