@@ -91,11 +91,8 @@ class CommandCorrector(PoseAnswers):
         remarks += lever_note(log, pairs.rows, reference.position, pairs.command.position - reference.position)
         remarks += sessions_apart(log, samples.rows, left_out.errors, samples.target[samples.rows])
         memory, route, intervals = None, None, law.intervals
-        states, explained = None, 0.0
-        if MEMORY in kinds or (not settings.features and held is None and not pairs.new.all()):
-            folds, labels = folds_of(log.trajectory[pairs.rows]), np.cumsum(pairs.new, dtype=np.int64)
-            states, explained = choose_memory(pairs.command, reference, labels, left_out.errors, folds)
-        if states is not None and MEMORY in kinds:
+        if MEMORY in kinds:
+            states, _ = _memory_of(pairs, log, reference, left_out.errors)
             samples = _samples_of_poses(pairs, log, rigid, features, states)
             recalling, recalled = learn_law(samples, _pose_layout(features, states))
             memory = Memory(states, replace(recalling, bounds=law.bounds))
@@ -123,7 +120,8 @@ class CommandCorrector(PoseAnswers):
                     route, samples = found_route, found.samples
                     left_out, intervals = found.left_out, found.intervals
                     used.append(JOINTS)
-        remarks += _memory_advice(used, explained)
+        if not settings.features and held is None and JOINTS not in used and not pairs.new.all():
+            remarks += _memory_advice(_memory_of(pairs, log, reference, left_out.errors)[1])
         path = pose_pair(log)[0].position
         corrector = cls(
             law=law,
@@ -279,9 +277,17 @@ def _tries_joints(
     return held is None and (JOINTS in kinds or own_choice)
 
 
-def _memory_advice(used: list[str], explained: float) -> tuple[str, ...]:
-    """Return that memory would pay, where none was learned and it explains such a fraction of the squared errors."""
-    if {MEMORY, JOINTS} & set(used) or explained < LIMITS.memory_explains:
+def _memory_of(
+    pairs: PosePairs, log: CalibrationLog, reference: PoseSignal, errors: FloatArray
+) -> tuple[MemoryMap, float]:
+    """Return the memory that explains most of a law's errors at left-out trajectories, and which fraction of them."""
+    folds, labels = folds_of(log.trajectory[pairs.rows]), np.cumsum(pairs.new, dtype=np.int64)
+    return choose_memory(pairs.command, reference, labels, errors, folds)
+
+
+def _memory_advice(explained: float) -> tuple[str, ...]:
+    """Return that memory would pay, where it explains so much of the squared errors and was not learned."""
+    if explained < LIMITS.memory_explains:
         return ()
     return (
         f"where the arm came from explains {explained:.0%} of the squared errors at left-out trajectories, or more, as "

@@ -103,6 +103,7 @@ def reached_path(corrector: CommandCorrector, commands: ArrayLike, times: ArrayL
     rows = queries.checked_poses(commands, orientation=corrector.has_orientation)
     seconds, one = queries.checked_times(times, len(rows)), np.zeros(len(rows), dtype=np.int64)
     target = PoseSignal.of(rows)
+    corrector.trained.refuse_slow(corrector.rigid.inverse(target).position, seconds)
     alone = reached(corrector, rows, np.nan_to_num(twists(seconds, target.position, rotations_of(target), one)))
     found = None if corrector.route is None else corrector.route.reached(target, seconds, one)
     if found is None:

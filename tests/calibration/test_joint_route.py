@@ -122,6 +122,8 @@ def test_a_path_of_commands_ends_where_it_says(learned: FitResult, tmp_path: Pat
     assert (np.abs(errors[0]) <= path.interval95).mean() > 0.9
     with pytest.raises(DataError, match="increas"):
         reached_path(corrector, sent[:3], [0.0, 0.2, 0.1])
+    with pytest.raises(DataError, match="slower"):
+        reached_path(corrector, sent, 1e3 * log.time[held])
 
 
 def test_a_single_pose_is_answered_without_joints_and_says_so(learned: FitResult) -> None:

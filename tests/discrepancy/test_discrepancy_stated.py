@@ -16,7 +16,7 @@ from gpcorrect.discrepancy.recording.noise import ChannelNoise, NoiseSource
 from gpcorrect.discrepancy.recording.stated_noise import averaged, rounded_to
 from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.sim import Noise
-from gpcorrect.types import CalibrationLog
+from gpcorrect.types import CalibrationLog, FloatArray
 
 
 def noises(noise: Noise | None) -> tuple[ChannelNoise, ...]:
@@ -58,6 +58,18 @@ def test_a_coarse_sensor_is_not_silent_because_it_stands_still() -> None:
     assert rounded_to(coarse, 1e-4, still) is coarse
 
 
+def at_20_hz(q: FloatArray, seen: FloatArray, trajectories: int) -> CalibrationLog:
+    """Return a recording of motors and of what was seen of the joints, ten seconds between its motions."""
+    number = np.repeat(np.arange(trajectories), len(q) // trajectories)
+    return CalibrationLog(
+        time=np.arange(len(q)) / 20.0 + 10.0 * number,
+        trajectory=number,
+        session=np.zeros_like(number),
+        measured_jp=q,
+        external_jp=seen,
+    )
+
+
 def test_a_recording_in_coarse_steps_has_the_noise_of_its_steps() -> None:
     log = joint_log(3)
     step = 8 * NOISE
@@ -77,14 +89,7 @@ def test_steps_hide_in_holds_what_they_do_not_while_joints_move() -> None:
     t, phase = np.arange(samples)[:, None] / 20.0, np.linspace(0.0, 6.0, trajectories)[:, None, None]
     q = np.concatenate(0.5 * np.clip(1.4 * np.sin(t * [0.9, 1.1] + phase), -1.0, 1.0))
     seen = np.round((q + 0.25 * step * rng.standard_normal(q.shape)) / step) * step
-    number = np.repeat(np.arange(trajectories), samples)
-    log = CalibrationLog(
-        time=np.arange(len(q)) / 20.0 + 10.0 * number,
-        trajectory=number,
-        session=np.zeros_like(number),
-        measured_jp=q,
-        external_jp=seen,
-    )
+    log = at_20_hz(q, seen, trajectories)
     dataset = prepare_data(log, nominal().model_copy(update={"noise": None}), rng).dataset
     assert dataset.still.sum() > 1000
     assert dataset.good.all()  # a step more than the neighbours is no fault of the sensor
@@ -108,14 +113,7 @@ def test_what_an_outside_sensor_rounds_adds_to_the_noise_that_is_stated() -> Non
     t, phase = np.arange(samples)[:, None] / 20.0, np.linspace(0.0, 6.0, trajectories)[:, None, None]
     q = np.concatenate(0.5 * np.sin(t * [0.9, 1.1] + phase))
     seen = np.round((q + 0.4 * step * rng.standard_normal(q.shape)) / step) * step
-    number = np.repeat(np.arange(trajectories), samples)
-    log = CalibrationLog(
-        time=np.arange(len(q)) / 20.0 + 10.0 * number,
-        trajectory=number,
-        session=np.zeros_like(number),
-        measured_jp=q,
-        external_jp=seen,
-    )
+    log = at_20_hz(q, seen, trajectories)
     model = nominal().model_copy(update={"noise": Noise(external_jp_white=(0.4 * step, 0.4 * step))})
     dataset = prepare_data(log, model, rng).dataset
     for error, noise in zip((seen - q).T, estimate_noises(dataset, dataset.residual(), dataset.training), strict=True):

@@ -108,7 +108,6 @@ def test_a_disk_that_takes_nothing_changes_nothing(
 # One process reads the libraries; each step is another's, a copy of it that is killed there.
 KILLED = """
 import os, sys
-from dataclasses import replace
 from pathlib import Path
 from gpcorrect.calibration import ModelStore
 def die(*_): os._exit(9)
