@@ -2,8 +2,8 @@
 
 Errors of held-out commands compare what would be told with what was told. Here the told commands move the machine: a
 path of reaches that no training has seen is asked for pose by pose, each answer is sent, and the marker's true path is
-compared with the desired one. Three ways: commanded as desired after registration by the simulator's own frames, the
-law of pose and velocity alone, and the model as `gpcorrect fit` makes it.
+compared with the desired one. Four ways: commanded as desired after registration by the simulator's own frames, the
+law of pose and velocity alone, that with memory of the commands, and the model as `gpcorrect fit` makes it.
 """
 
 from __future__ import annotations
@@ -42,19 +42,19 @@ def main() -> None:
 
 
 def rows_of(name: str, reaches: int, paths: int) -> list[list[Any]]:
-    corrector = fit_model(
-        random_reaches_log(name, reaches, 0, faults=False), FitSettings(search_samples=SEARCH_SAMPLES)
-    ).corrector
+    log, settings = random_reaches_log(name, reaches, 0, faults=False), FitSettings(search_samples=SEARCH_SAMPLES)
+    corrector = fit_model(log, settings).corrector
+    recalling = fit_model(log, replace(settings, features=("pose", "velocity", "memory"))).corrector
     test = random_reaches_log(name, paths, TEST_SEED, faults=False)
     machine = machine_of(rehomed(preset(name), 1, np.random.default_rng([0, 2])))  # the training's homing
-    found: dict[str, list[FloatArray]] = {"as desired": [], "pose and velocity": [], "as fitted": []}
+    models = {"pose and velocity": replace(recalling, memory=None), "memory": recalling, "as fitted": corrector}
+    found: dict[str, list[FloatArray]] = {way: [] for way in ("as desired", *models)}
     for number in test.trajectory_ids:
         path = test.select(test.trajectory == number)
         wanted = seen(machine, matrices(path.setpoint_cp))
         asked = np.hstack([wanted.position, wanted.quaternion])
-        ways = {"pose and velocity": replace(corrector, route=None), "as fitted": corrector}
         told = {"as desired": path.setpoint_cp}
-        for way, model in ways.items():
+        for way, model in models.items():
             answer = model.correct_path(asked, path.time - path.time[0])
             told[way] = PoseSignal(answer.position, answer.quaternion)
         for way, commands in told.items():

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from gpcorrect.calibration.arm_kinematics import ArmKinematics
 from gpcorrect.calibration.dataset import Layout, Samples, folds_of, path_starts
+from gpcorrect.calibration.domain import Bounds
 from gpcorrect.calibration.held_orientation import HeldOrientation, hardly_turns, register_held
 from gpcorrect.calibration.joint_route import JointRoute
 from gpcorrect.calibration.memory import Memory, MemoryMap, choose_memory
@@ -34,7 +36,7 @@ from gpcorrect.calibration.unseen_lever import lever_note
 from gpcorrect.cleaning import POSES, FittedCleaner, Pair
 from gpcorrect.correction import Correction
 from gpcorrect.errors import DataError, GpCorrectError, LogError
-from gpcorrect.gpr import FeatureMap
+from gpcorrect.gpr import FeatureMap, IntervalCalibration, LeftOut
 from gpcorrect.rigid import Registration, RigidModel, pose_residual
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, PoseSignal
 
@@ -85,43 +87,37 @@ class CommandCorrector(PoseAnswers):
         features = features.fit(reference.position, rotations_of(reference), moved)
         samples = _samples_of_poses(pairs, log, rigid, features, None)
         law, left_out = learn_law(samples, _pose_layout(features, None))
-        used = [kind for kind in kinds if kind not in (MEMORY, JOINTS)]
         held = None if turns is None else turns.held(samples)
         remarks = [f"registration: {registration.reason}", *_not_corrected(features, held)]
         remarks += lever_note(log, pairs.rows, reference.position, pairs.command.position - reference.position)
         remarks += sessions_apart(log, samples.rows, left_out.errors, samples.target[samples.rows])
-        memory, route, intervals = None, None, law.intervals
-        if MEMORY in kinds:
-            states, _ = _memory_of(pairs, log, reference, left_out.errors)
-            samples = _samples_of_poses(pairs, log, rigid, features, states)
-            recalling, recalled = learn_law(samples, _pose_layout(features, states))
-            memory = Memory(states, replace(recalling, bounds=law.bounds))
-            change = changes(recalled, left_out)
-            remarks.append(f"memory acts on the pose; {changes_text(change)}")
-            if change.mean() > -WORTH_IT:
-                remarks[-1] += ": not worth its time here, features pose,velocity do as well"
-            left_out, intervals = recalled, recalling.intervals
-            used.append(MEMORY)
-        if _tries_joints(kinds, log, settings, held):
+        used = [kind for kind in kinds if kind not in (MEMORY, JOINTS)]
+        best = alone = _Answers(samples, left_out, law.intervals)
+        in_joints = partial(_in_joints, kinematics, shown, (reference, pairs.command), cleaner, settings, learn_law)
+        recalling = partial(_recalling, pairs, log, rigid, features, law.bounds, learn_law)
+        for kind, says, learned, least in (
+            (JOINTS, "corrected in the arm's joints", in_joints, WORTH_IT),
+            (MEMORY, "memory acts on the pose", recalling, LIMITS.memory_lessens),
+        ):
+            asked = kind in kinds
+            if not asked and (settings.features or held is not None or best is not alone):
+                continue
             try:
-                kinematics = kinematics or ArmKinematics.of(shown)
-                alone = None if JOINTS in kinds else left_out
-                pair = (reference, pairs.command)
-                found_route, found = JointRoute.learn(kinematics, shown, pair, cleaner, settings, learn_law, alone)
+                found = learned(left_out, asked=asked)
             except GpCorrectError as error:
-                if JOINTS in kinds:
+                if asked:
                     raise
-                remarks.append(f"the log's joints are not used: {error}")
-            else:
-                change = changes(found.left_out, left_out)
-                helps = JOINTS in kinds or change.mean() <= -WORTH_IT
-                remarks.append(f"corrected in the arm's joints: {changes_text(change)}{'' if helps else '; not used'}")
-                if helps:
-                    route, samples = found_route, found.samples
-                    left_out, intervals = found.left_out, found.intervals
-                    used.append(JOINTS)
-        if not settings.features and held is None and JOINTS not in used and not pairs.new.all():
-            remarks += _memory_advice(_memory_of(pairs, log, reference, left_out.errors)[1])
+                remarks.append(f"the log's {kind} are not used: {error}")
+                continue
+            if found is None:
+                continue
+            change = changes(found.left_out, left_out)
+            helps = change.mean() <= -least
+            fate = "" if helps else "; used because it was asked for" if asked else "; not used"
+            remarks.append(f"{says}; {changes_text(change)}{fate}")
+            if asked or helps:
+                best = found
+                used.append(kind)
         path = pose_pair(log)[0].position
         corrector = cls(
             law=law,
@@ -132,10 +128,11 @@ class CommandCorrector(PoseAnswers):
             motion=MotionLimits.of(cleaner) if settings.clean else None,
             velocity_step=step,
             check_queries=pairs.check_queries,
-            memory=memory,
-            route=route,
+            memory=best.by if isinstance(best.by, Memory) else None,
+            route=best.by if isinstance(best.by, JointRoute) else None,
             held=held,
         )
+        left_out, intervals = best.left_out, best.intervals
         if turns is not None and held is not None:
             left_out, intervals = held.beside(left_out, intervals, turns.reference, turns.command)
         low, high = pairs.observed.position.min(axis=0), pairs.observed.position.max(axis=0)
@@ -147,7 +144,7 @@ class CommandCorrector(PoseAnswers):
             **({} if held is None else {"held_orientation": held.to_dict()}),
             "training_region": {"position_min": low.tolist(), "position_max": high.tolist()},
         }
-        return Outcome(corrector, samples, left_out, intervals, report, tuple(remarks), registration)
+        return Outcome(corrector, best.samples, left_out, intervals, report, tuple(remarks), registration)
 
     def having_seen(self, log: CalibrationLog, keep: BoolArray) -> Self:
         """See :class:`Corrector`; what rotations miss is no less than it was."""
@@ -269,30 +266,56 @@ def _registered(
     return pairs.positions, registration, turns
 
 
-def _tries_joints(
-    kinds: tuple[str, ...], log: CalibrationLog, settings: FitSettings, held: HeldOrientation | None
-) -> bool:
-    """Whether an answer in the arm's joints is asked for, or may be tried; joints would undo asked turns too."""
-    own_choice = not settings.features and not log.static and log.setpoint_jp is not None
-    return held is None and (JOINTS in kinds or own_choice)
+@dataclass(frozen=True, eq=False)
+class _Answers:
+    """A way to answer a log: what it learns from, what it leaves at left-out trajectories, and its intervals."""
+
+    samples: Samples
+    left_out: LeftOut
+    intervals: IntervalCalibration
+    by: JointRoute | Memory | None = None
 
 
-def _memory_of(
-    pairs: PosePairs, log: CalibrationLog, reference: PoseSignal, errors: FloatArray
-) -> tuple[MemoryMap, float]:
-    """Return the memory that explains most of a law's errors at left-out trajectories, and which fraction of them."""
+def _in_joints(
+    kinematics: ArmKinematics | None,
+    log: CalibrationLog,
+    pair: tuple[PoseSignal, PoseSignal],
+    cleaner: FittedCleaner,
+    settings: FitSettings,
+    learn_law: LearnLaw,
+    left_out: LeftOut,
+    *,
+    asked: bool,
+) -> _Answers | None:
+    """Answer in the arm's joints; not at all where the log has none, nor unasked where they promise nothing."""
+    if not asked and (log.static or log.setpoint_jp is None):
+        return None
+    alone = None if asked else left_out
+    route, found = JointRoute.learn(kinematics or ArmKinematics.of(log), log, pair, cleaner, settings, learn_law, alone)
+    return _Answers(found.samples, found.left_out, found.intervals, route)
+
+
+def _recalling(
+    pairs: PosePairs,
+    log: CalibrationLog,
+    rigid: RigidModel,
+    features: FeatureMap,
+    bounds: Bounds,
+    learn_law: LearnLaw,
+    left_out: LeftOut,
+    *,
+    asked: bool,
+) -> _Answers | None:
+    """Answer with memory of the commands; unasked only where a linear law says that much is a matter of it."""
+    if not asked and pairs.new.all():
+        return None
     folds, labels = folds_of(log.trajectory[pairs.rows]), np.cumsum(pairs.new, dtype=np.int64)
-    return choose_memory(pairs.command, reference, labels, errors, folds)
-
-
-def _memory_advice(explained: float) -> tuple[str, ...]:
-    """Return that memory would pay, where it explains so much of the squared errors and was not learned."""
-    if explained < LIMITS.memory_explains:
-        return ()
-    return (
-        f"where the arm came from explains {explained:.0%} of the squared errors at left-out trajectories, or more, as "
-        "slack and friction make them, and was not learned: --features pose,velocity,memory",
-    )
+    states, explained = choose_memory(pairs.command, rigid.apply(pairs.observed), labels, left_out.errors, folds)
+    if not asked and explained < LIMITS.memory_explains:
+        return None
+    samples = _samples_of_poses(pairs, log, rigid, features, states)
+    law, found = learn_law(samples, _pose_layout(features, states))
+    return _Answers(samples, found, law.intervals, Memory(states, replace(law, bounds=bounds)))
 
 
 def _not_corrected(features: FeatureMap, held: HeldOrientation | None) -> tuple[str, ...]:

@@ -26,7 +26,7 @@ def fit(
         str | None,
         typer.Option(
             help="What the regression sees: pose or euler (the paper's angles), velocity, memory (of the path so far), "
-            "joints (the arm's own, with their memory). Pose and velocity without it, and joints where they help."
+            "joints (the arm's own, and their memory). By default pose and velocity, and joints or memory if they help."
         ),
     ] = None,
     method: Annotated[str, typer.Option(help="How to learn what the registration leaves, as in joint fit.")] = "gp",

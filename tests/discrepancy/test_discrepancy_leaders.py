@@ -54,7 +54,9 @@ def residual(fitted: Sequence[Any]) -> FloatArray:
 def names(laws: Sequence[tuple[Law, float]]) -> list[str]:
     """Rank laws again that have these nats by their lines."""
     whitener = SimpleNamespace(
-        block=np.repeat(np.arange(BLOCKS), ROWS), whiten_columns=lambda columns: columns[:, 0, :]
+        block=np.repeat(np.arange(BLOCKS), ROWS),
+        channel=np.zeros(BLOCKS * ROWS, dtype=int),
+        whiten_columns=lambda columns, shown: columns[:, 0, :],
     )
     state = SimpleNamespace(whitener=whitener, discovered=residual)
     beyond = SimpleNamespace(fitted=(), z=residual(())[:, 0], slopes=np.zeros((BLOCKS * ROWS, 0)))

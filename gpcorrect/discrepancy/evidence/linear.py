@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gpcorrect.types import FloatArray, IntArray
+from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 FOLDS = 5  # of cross-validation over whole trajectories: chosen by hand
 RIDGE = 1e-6  # of a column's energy
@@ -21,7 +21,7 @@ class Grams:
     moment: FloatArray  # (b, p) with the whitened residual, or (b, p, r) with r of them
 
 
-def grams(columns: FloatArray, residual: FloatArray, block: IntArray) -> Grams:
+def grams(columns: FloatArray, residual: FloatArray, block: IntArray, n_blocks: int | None = None) -> Grams:
     """Return sums of products over each block.
 
     Parameters
@@ -29,8 +29,9 @@ def grams(columns: FloatArray, residual: FloatArray, block: IntArray) -> Grams:
     columns : (n, p) array, whitened
     residual : (n,) or (n, r) array, whitened
     block : (n,) int array, label of each row, from 0 without gaps; -1 is left out
+    n_blocks : int, of which these rows may not have the last; by default as many as they have
     """
-    n_blocks, p = int(block.max(initial=-1)) + 1, columns.shape[1]
+    n_blocks, p = int(block.max(initial=-1)) + 1 if n_blocks is None else n_blocks, columns.shape[1]
     gram, moment = np.zeros((n_blocks, p, p)), np.zeros((n_blocks, p, *residual.shape[1:]))
     order, ends = _by_block(block, n_blocks)
     x, y = columns[order], residual[order]
@@ -53,25 +54,24 @@ class Beside:
     """
 
     def __init__(self, columns: FloatArray, residual: FloatArray, block: IntArray) -> None:
-        sums = grams(columns, residual, block)
-        fold = fold_of(len(sums.gram))
-        self._folds = [np.flatnonzero(fold == k) for k in np.unique(fold)]
         self._known, self._residual = columns, residual
-        self._order, self._ends = _by_block(block, len(sums.gram))
-        self._gram, self._moment = (np.stack([a[f].sum(axis=0) for f in self._folds]) for a in (sums.gram, sums.moment))
-        self._nats = float(held_out_nats(sums, fold).sum()) if columns.shape[1] else 0.0
+        self._fold = fold_of(int(block.max()) + 1)[block]  # evidence is summed over whole folds
+        self._sums = grams(columns, residual, self._fold)
+        of_folds = np.arange(len(self._sums.gram))
+        self._nats = float(held_out_nats(self._sums, of_folds).sum()) if columns.shape[1] else 0.0
 
-    def gains(self, new: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def gains(self, new: FloatArray, rows: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Return the factors `(s, k)` of each set's columns on all blocks, and the nats `(s,)` that it gains.
 
         Parameters
         ----------
-        new : (n, s, k) array, s sets of k columns, whitened
+        new : (r, s, k) array, s sets of k columns, whitened, in the r rows where they are anything
+        rows : (n,) bool array, which ones those are
         """
-        parts = self._products(new)
+        parts = self._products(new, rows)
         whole = tuple(a.sum(axis=0) for a in parts)
         factors, nats = self._solved(*whole)[1], np.full(new.shape[1], -self._nats)
-        for i in range(len(self._folds)):
+        for i in range(len(self._sums.gram)):
             known, beta = self._solved(*(a - part[i] for a, part in zip(whole, parts, strict=True)))
             gram, moment, cross, own, right = (part[i] for part in parts)
             nats += moment @ known - 0.5 * np.einsum("ps,ps->s", known, gram @ known)
@@ -79,20 +79,20 @@ class Beside:
             nats += np.einsum("sk,sk->s", beta, left)
         return factors, nats
 
-    def _products(self, new: FloatArray) -> tuple[FloatArray, ...]:
+    def _products(self, new: FloatArray, rows: BoolArray) -> tuple[FloatArray, ...]:
         """Sum over each fold: products of the known columns, of both, of each set's own, and with the residual."""
-        _, s, k = new.shape
-        columns, residual, rows = self._known[self._order], self._residual[self._order], new[self._order]
-        cross, own = np.zeros((len(self._folds), columns.shape[1], s, k)), np.zeros((len(self._folds), s, k, k))
-        right = np.zeros((len(self._folds), s, k))
-        for i, blocks in enumerate(self._folds):
-            for b in blocks:
-                part = slice(self._ends[b], self._ends[b + 1])
-                x = rows[part]
-                cross[i] += (columns[part].T @ x.reshape(-1, s * k)).reshape(-1, s, k)
-                own[i] += np.einsum("nsk,nsl->skl", x, x)
-                right[i] += (residual[part] @ x.reshape(-1, s * k)).reshape(s, k)
-        return self._gram, self._moment, cross, own, right
+        (_, s, k), n_folds = new.shape, len(self._sums.gram)
+        order, ends = _by_block(self._fold[rows], n_folds)
+        columns, residual, new = self._known[rows][order], self._residual[rows][order], new[order]
+        cross, own = np.empty((n_folds, columns.shape[1], s, k)), np.empty((n_folds, s, k, k))
+        right = np.empty((n_folds, s, k))
+        for i in range(n_folds):
+            part = slice(ends[i], ends[i + 1])
+            x = new[part]
+            cross[i] = (columns[part].T @ x.reshape(-1, s * k)).reshape(-1, s, k)
+            own[i] = np.einsum("nsk,nsl->skl", x, x)
+            right[i] = (residual[part] @ x.reshape(-1, s * k)).reshape(s, k)
+        return self._sums.gram, self._sums.moment, cross, own, right
 
     def _solved(
         self, gram: FloatArray, moment: FloatArray, cross: FloatArray, own: FloatArray, right: FloatArray

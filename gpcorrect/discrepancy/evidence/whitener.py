@@ -64,32 +64,22 @@ class DatasetWhitener:
         parts = zip(rows, self.blocks, self.noises, strict=True)
         return [(r, Whitener.of(noise, self.dataset.time[r], block[r])) for r, block, noise in parts]
 
-    def whiten_columns(self, values: FloatArray) -> FloatArray:
-        """Return k columns of every channel whitened and weighted `(M, k)`.
+    def whiten_columns(self, values: FloatArray, channels: BoolArray | None = None) -> FloatArray:
+        """Return k columns of some channels, by default of all, whitened and weighted, on top of each other `(N, k)`.
 
         Parameters
         ----------
-        values : (m, c, k) array
+        values : (m, s, k) array, of the s channels that are asked for
+        channels : (c,) bool array, which ones those are
         """
-        white, begin = np.empty((len(self.weight), values.shape[2])), 0
-        for i, (rows, whitener) in enumerate(self._filters):
-            part = slice(begin, begin + len(rows))
-            whitener.write(values[:, i], rows, self.weight[part], white[part])
+        asked = np.arange(len(self.blocks)) if channels is None else np.flatnonzero(channels)
+        ends = np.cumsum([0, *(len(rows) for rows, _ in self._filters)])
+        white, begin = np.empty((int(np.diff(ends)[asked].sum()), values.shape[2])), 0
+        for i, channel in enumerate(asked):
+            rows, whitener = self._filters[channel]
+            weight = self.weight[ends[channel] : ends[channel + 1]]
+            whitener.write(values[:, i], rows, weight, white[begin : begin + len(rows)])
             begin += len(rows)
-        return white
-
-    def whiten_channel(self, values: FloatArray, channel: int) -> FloatArray:
-        """Return columns that are zero in all channels but one, whitened and weighted `(M, k)`.
-
-        Parameters
-        ----------
-        values : (m, k) array, of that channel
-        channel : int, its number
-        """
-        white, begin = np.zeros((len(self.weight), values.shape[1])), sum(len(r) for r, _ in self._filters[:channel])
-        rows, whitener = self._filters[channel]
-        part = slice(begin, begin + len(rows))
-        whitener.write(values, rows, self.weight[part], white[part])
         return white
 
     def whiten(self, values: FloatArray) -> FloatArray:

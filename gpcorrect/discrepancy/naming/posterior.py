@@ -187,9 +187,9 @@ def overtone_nats(view: View, fit: FittedEffect) -> float:
     view : View
     fit : FittedEffect, one of the set
     """
-    search = view.search
-    columns = view.whitened(search.dataset.changes(fit.effect.overtones()))
-    return smooth_nats(view, search.fitted, search.touched(fit.candidate), columns)
+    search, there = view.search, view.search.touched(fit.candidate)
+    columns = view.whitened(search.dataset.changes(fit.effect.overtones())[:, there], there)
+    return smooth_nats(view, search.fitted, there, columns)
 
 
 def name_effect(view: View, fit: FittedEffect, own: Own) -> tuple[Named, Weighed]:

@@ -298,8 +298,9 @@ def name_rare(
 
 def _only_there(trace: Trace, cut: PreparedData, bursts: Sequence[Burst]) -> bool:
     """Whether a candidate changes a channel with a burst, and hardly anything in other trajectories."""
-    dataset, change = cut.dataset, np.nan_to_num(np.square(trace.change)).sum(axis=2)
+    dataset = cut.dataset
+    there = trace.change.columns[:, trace.touched[trace.change.shown]]
     shown: BoolArray = np.array([c in {b.channel for b in bursts} for c in dataset.scene.channels]) & trace.touched
     rows = np.isin(dataset.trajectory, [t for b in bursts for t in b.trajectories])
-    energy = change[:, trace.touched].sum(axis=1)
+    energy = np.nan_to_num(np.square(there)).sum(axis=(1, 2))
     return bool(shown.any() and energy[rows].sum() > BURSTS.there * energy.sum())

@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from gpcorrect.discrepancy.evidence.linear import Grams, fold_of, grams, held_out_nats, solve
+from gpcorrect.discrepancy.evidence.linear import fold_of, grams, held_out_nats, solve
 from gpcorrect.discrepancy.evidence.variables import Cells
 from gpcorrect.discrepancy.search.candidates import FittedEffect
 from gpcorrect.discrepancy.search.linearisation import linearise
@@ -24,7 +25,7 @@ PRECISIONS = (1.0, 10.0, 100.0)  # of a column's size, in units of the residual'
 
 
 def smooth_columns(view: View, fitted: Sequence[FittedEffect], channels: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Return whitened columns `(M, k)` of the smooth model on discovery and confirmation.
+    """Return whitened columns `(N, k)` of the smooth model, in the rows of its channels, on discovery and confirmation.
 
     Of all single variables, states with a memory, and the pairs that explain most of what a set leaves.
 
@@ -35,8 +36,8 @@ def smooth_columns(view: View, fitted: Sequence[FittedEffect], channels: BoolArr
     channels : (c,) bool array, those that the model speaks of
     """
     residual, rows = view.search.residual(fitted), view.search.dataset.discovery
-    whiteners = (view.search.whitener, view.confirmation)
-    parts = [[np.zeros((len(w.weight), 0))] for w in whiteners]
+    parts: tuple[list[FloatArray], ...] = ([], [])
+    only = np.arange(len(channels))
     for i in np.flatnonzero(channels).tolist():
         inputs = view.prepared.inputs[i]
         pairs = [t for t in view.prepared.tests[i] if len(t.variables) == 2]
@@ -46,9 +47,9 @@ def smooth_columns(view: View, fitted: Sequence[FittedEffect], channels: BoolArr
         if inputs.memory:
             states = np.stack(inputs.memory, axis=1)
             bases.append(states / states.std(axis=0))
-        for part, whitener in zip(parts, whiteners, strict=True):
-            part.append(whitener.whiten_channel(np.concatenate(bases, axis=1), i))
-    discovery, confirmation = (np.concatenate(part, axis=1) for part in parts)
+        for part, white in zip(parts, view.whitened(np.concatenate(bases, axis=1)[:, None], only == i), strict=True):
+            part.append(white)
+    discovery, confirmation = (block_diag(*part) for part in parts)
     return discovery, confirmation
 
 
@@ -88,7 +89,7 @@ def smooth_nats(
     view : View
     fitted : sequence of FittedEffect, the set; the tangents of its effects take up what they can
     channels : (c,) bool array, those that the columns speak of
-    columns : pair of (M, k) arrays, whitened on both parts
+    columns : pair of (N, k) arrays, whitened on both parts, in the rows of these channels
     """
     search, k = view.search, columns[0].shape[1]
     if k == 0:
@@ -98,15 +99,20 @@ def smooth_nats(
     discovery = linearise(search.whitener, touching, others)
     confirmation = linearise(view.confirmation, touching, others)
     size = float(np.sqrt(np.nanmean(search.residual(fitted)[search.dataset.discovery][:, channels] ** 2)))
-    p = discovery.slopes.shape[1]
-    sums = grams(np.concatenate([discovery.slopes, columns[0]], axis=1), discovery.z, search.whitener.block)
-    fold = fold_of(len(sums.gram))
-    own = held_out_nats(Grams(sums.gram[:, :p, :p], sums.moment[:, :p]), fold).sum()
+    p, folds = discovery.slopes.shape[1], fold_of(int(search.whitener.block.max()) + 1)
+    fold, of_folds = folds[search.whitener.block], np.arange(int(folds.max()) + 1)
+    own = grams(discovery.slopes, discovery.z, fold)
+    there, confirmed = (channels[w.channel] for w in (search.whitener, view.confirmation))
+    columns_there = np.concatenate([discovery.slopes[there], columns[0]], axis=1)
+    sums = grams(columns_there, discovery.z[there], fold[there], len(of_folds))
+    sums.gram[:, :p, :p], sums.moment[:, :p] = own.gram, own.moment  # those of the rows of all channels
     priors = [np.r_[np.zeros(p), np.full(k, strength / size**2)] for strength in PRECISIONS]
-    nats = [float(held_out_nats(sums, fold, prior).sum()) for prior in priors]
+    nats = [float(held_out_nats(sums, of_folds, prior).sum()) for prior in priors]
     best = int(np.argmax(nats))
     gram, moment = sums.gram.sum(axis=0), sums.moment.sum(axis=0)
     without = confirmation.z - confirmation.slopes @ solve(gram[:p, :p], moment[:p])
-    both = np.concatenate([confirmation.slopes, columns[1]], axis=1)
-    left = confirmation.z - both @ solve(gram + np.diag(priors[best]), moment)
-    return nats[best] - float(own) + 0.5 * float((without**2).sum() - (left**2).sum())
+    beta = solve(gram + np.diag(priors[best]), moment)
+    left = confirmation.z - confirmation.slopes @ beta[:p]
+    left[confirmed] -= columns[1] @ beta[p:]
+    gain = nats[best] - float(held_out_nats(own, of_folds).sum())
+    return gain + 0.5 * float((without**2).sum() - (left**2).sum())

@@ -266,7 +266,7 @@ def _more_general(search: Search, own: Own, fit: FittedEffect, price: float) -> 
         is_wider = other.extra > fit.candidate.extra and other.name in alike and _is_linear(other)
         if not is_wider or other.key in found or any(other.key == m.candidate.key for m in rest):
             continue
-        columns = search.whitener.whiten_columns(trace.change)
+        columns = search.whitened(trace.change)
         factors = factors_of(columns, change)
         left = change - columns @ factors
         if left @ left > NAMING.general * (change @ change):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import Self
 
 import numpy as np
 
@@ -21,17 +22,26 @@ from gpcorrect.types import BoolArray, FloatArray, Progress
 
 
 @dataclass(frozen=True, eq=False)
+class Change:
+    """Change of the channels in which it is anything at all: most effects show in few."""
+
+    shown: BoolArray  # (c,) which ones those are, s of them
+    columns: FloatArray  # (m, s, a) a column for each amplitude
+
+    @classmethod
+    def of(cls, whole: FloatArray) -> Self:
+        """Return the change of channels that is `(m, c, a)` in all of them."""
+        shown = np.asarray(np.nan_to_num(whole).any(axis=(0, 2)))
+        return cls(shown, whole[:, shown])
+
+
+@dataclass(frozen=True, eq=False)
 class Trace:
     """A candidate's signature at its start."""
 
     candidate: Candidate
-    change: FloatArray  # (m, c, a) a column for each amplitude
+    change: Change
     touched: BoolArray  # (c,) channels in which it is more than a fiftieth of the noise
-
-    @cached_property
-    def shown(self) -> BoolArray:
-        """(c,) channels in which it is anything at all."""
-        return np.asarray(np.nan_to_num(self.change).any(axis=(0, 2)))
 
 
 @dataclass(frozen=True)
@@ -105,7 +115,7 @@ class Search:
         candidates : iterable of Candidate
         """
         keys = {c.key for c in candidates}
-        seen = [t.shown for t in self.traces if t.candidate.key in keys]
+        seen = [t.change.shown for t in self.traces if t.candidate.key in keys]
         known = {t.candidate.key for t in self.traces} >= keys
         return np.any(seen, axis=0) if seen and known else np.ones(len(self.whitener.noises), dtype=np.bool_)
 
@@ -180,6 +190,17 @@ class Search:
             return None
         return None if fitted[-1].at_edge else fitted
 
+    def whitened(self, change: Change) -> FloatArray:
+        """Return a change whitened in the rows of all channels `(M, a)`.
+
+        Parameters
+        ----------
+        change : Change
+        """
+        white = np.zeros((len(self.whitener.weight), change.columns.shape[2]))
+        white[change.shown[self.whitener.channel]] = self.whitener.whiten_columns(change.columns, change.shown)
+        return white
+
     def misfit(self, fitted: Sequence[FittedEffect]) -> float:
         """Return half the sum of squares of what a set leaves, in nats.
 
@@ -239,7 +260,7 @@ def start_search(dataset: Dataset, candidates: Iterable[Candidate], progress: Pr
         if change is not None and np.isfinite(change[dataset.discovery]).all():
             touched = np.sqrt(np.nanmean(change**2, axis=(0, 2))) > SEARCH.trace * whitener.std
         if change is not None and touched.any():
-            traces.append(Trace(candidate, change, touched))
+            traces.append(Trace(candidate, Change.of(change), touched))
         else:
             silent.setdefault(candidate.label, candidate)
     active = {t.candidate.label for t in traces}
@@ -281,14 +302,18 @@ class View:
         found, instants = with_open_instant_placed(self.confirmation, others, fit, self.search.dataset.discovery)
         return found, float(np.log(instants))
 
-    def whitened(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return columns whitened on discovery and confirmation.
+    def whitened(self, columns: FloatArray, channels: BoolArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """Return columns of some channels, by default of all, whitened on discovery and confirmation.
 
         Parameters
         ----------
-        columns : (m, c, k) array, of every channel
+        columns : (m, s, k) array, of the s channels that are asked for
+        channels : (c,) bool array, which ones those are
         """
-        return self.search.whitener.whiten_columns(columns), self.confirmation.whiten_columns(columns)
+        discovery, confirmation = (
+            w.whiten_columns(columns, channels) for w in (self.search.whitener, self.confirmation)
+        )
+        return discovery, confirmation
 
 
 def view_of(search: Search, prepared: PreparedData) -> View:

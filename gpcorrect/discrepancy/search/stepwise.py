@@ -11,7 +11,7 @@ import numpy as np
 from gpcorrect.discrepancy.evidence.linear import Beside
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.linearisation import Linearisation, held_out, linearise
-from gpcorrect.discrepancy.search.state import Search, Step, penalty
+from gpcorrect.discrepancy.search.state import Change, Search, Step, penalty
 from gpcorrect.discrepancy.settings import SEARCH
 from gpcorrect.errors import DataError
 from gpcorrect.parallel import each_here
@@ -65,7 +65,7 @@ def rank(
     for trace, (factors, gain) in zip(wanted, gains, strict=True):
         candidate, nats = trace.candidate, gain
         if candidate.starts_as_it_is:  # no line: a torque cut at 14 N is not three times one cut at 15
-            new = search.whitener.whiten_columns(trace.change)[:, 0]
+            new = search.whitened(trace.change)[:, 0]
             nats = max(nats, float(new @ (linearised.z - 0.5 * new)))
         nats -= SEARCH.complexity * candidate.extra
         slot = candidate.key if beyond is None else (candidate.key, *candidate.places)  # fuller ones: one of each make
@@ -74,18 +74,19 @@ def rank(
     return sorted(best.values(), key=lambda r: -r.nats)
 
 
-def _gains_of(
-    search: Search, linearised: Linearisation, changes: Sequence[FloatArray]
-) -> list[tuple[FloatArray, float]]:
-    """Factors of changes `(m, c, k)` of the channels, and what each gains beyond a set, held out."""
+def _gains_of(search: Search, linearised: Linearisation, changes: Sequence[Change]) -> list[tuple[FloatArray, float]]:
+    """Factors of changes of the channels, and what each gains beyond a set, held out."""
     whitener = search.whitener
     beside = Beside(linearised.slopes, linearised.z, whitener.block)
     found: dict[int, tuple[FloatArray, float]] = {}
-    for size in {c.shape[2] for c in changes}:
-        alike = [i for i, c in enumerate(changes) if c.shape[2] == size]
-        for some in (alike[k : k + TOGETHER] for k in range(0, len(alike), TOGETHER)):
-            new = whitener.whiten_columns(np.concatenate([changes[i] for i in some], axis=2))
-            factors, nats = beside.gains(new.reshape(len(new), len(some), size))
+    alike: dict[tuple[bytes, int], list[int]] = {}
+    for i, change in enumerate(changes):
+        alike.setdefault((change.shown.tobytes(), change.columns.shape[2]), []).append(i)
+    for (_, size), together in alike.items():
+        shown = changes[together[0]].shown
+        for some in (together[k : k + TOGETHER] for k in range(0, len(together), TOGETHER)):
+            new = whitener.whiten_columns(np.concatenate([changes[i].columns for i in some], axis=2), shown)
+            factors, nats = beside.gains(new.reshape(len(new), len(some), size), shown[whitener.channel])
             found.update(zip(some, zip(factors, nats.tolist(), strict=True), strict=True))
     return [found[i] for i in range(len(changes))]
 
@@ -192,7 +193,7 @@ def _ranked_there(state: Search, linearised: Linearisation, leaders: Sequence[Ra
 
     left = each_here(left_by, leaders)
     machines = [leader for leader, there in zip(leaders, left, strict=True) if there is not None]
-    changes = [(residual - there)[:, :, None] for there in left if there is not None]
+    changes = [Change.of((residual - there)[:, :, None]) for there in left if there is not None]
     gains = zip(machines, _gains_of(state, linearised, changes), strict=True)
     found = [replace(r, nats=nats - SEARCH.complexity * r.candidate.extra) for r, (_, nats) in gains]
     return sorted(found, key=lambda r: -r.nats)
