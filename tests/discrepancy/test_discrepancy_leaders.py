@@ -30,6 +30,7 @@ class Law:
     change: FloatArray | None = None  # None is no machine
     extra: int = 0
     joint: int = 1
+    channel: int = 0  # the only one in which it shows
 
     @property
     def label(self) -> str:
@@ -106,7 +107,7 @@ class State:
     whitener: None = None
 
     def alike(self, one: Law, other: Law) -> bool:
-        return True
+        return one.channel == other.channel
 
     def misfit(self, fitted: Sequence[Refined]) -> float:
         return 0.0
@@ -128,7 +129,7 @@ def test_further_numbers_of_a_leader_are_charged_for(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(stepwise, "_ranked_there", lambda state, linearised, leaders: leaders)
     monkeypatch.setattr(stepwise, "rank", lambda *_, beyond=None: [] if beyond else leaders)
     monkeypatch.setattr(stepwise, "_gain_over", lambda state, before, fitted, new: gains[fitted[-1].candidate.name])
-    grown = stepwise._forward(State(), 9.5, set(), [])  # type: ignore[arg-type]
+    grown = stepwise._forward(State(), 9.5, [], [])  # type: ignore[arg-type]
     assert [m.candidate.name for m in grown.fitted] == [chosen]
 
 
@@ -139,5 +140,44 @@ def test_a_fuller_leader_that_is_no_machine_leaves_the_one_that_was_found(monkey
     monkeypatch.setattr(stepwise, "_ranked_there", lambda state, linearised, leaders: leaders)
     monkeypatch.setattr(stepwise, "rank", lambda *_, beyond=None: [fuller] if beyond else [simple])
     monkeypatch.setattr(stepwise, "_gain_over", lambda *_: 100.0)
-    grown = stepwise._forward(State(), 9.5, set(), [])  # type: ignore[arg-type]
+    grown = stepwise._forward(State(), 9.5, [], [])  # type: ignore[arg-type]
     assert [m.candidate.name for m in grown.fitted] == ["dry"]
+
+
+def added_of(monkeypatch: pytest.MonkeyPatch, laws: Sequence[tuple[Law, float, float]]) -> list[str]:
+    """Names that one round adds of laws with the nats that each promises and, if none of its channel came, gains."""
+    gains = {law.name: gain for law, _, gain in laws}
+
+    def ranked(state: State, *_: Any, beyond: Sequence[Law] | None = None) -> list[Ranked]:
+        left = [(law, nats) for law, nats, _ in laws if law.name not in {s.label for s in state.waterfall}]
+        return [] if beyond else [Ranked(law, nats, np.ones(1)) for law, nats in left]  # type: ignore[arg-type]
+
+    def gain(state: State, before: Any, fitted: Sequence[Refined], new: Any) -> float:
+        return gains[fitted[-1].candidate.name]
+
+    monkeypatch.setattr(stepwise, "linearise", lambda *_: None)
+    monkeypatch.setattr(stepwise, "_ranked_there", lambda state, linearised, leaders: leaders)
+    monkeypatch.setattr(stepwise, "rank", ranked)
+    monkeypatch.setattr(stepwise, "_gain_over", gain)
+    state, added = State(), list[Any]()
+    while (grown := stepwise._forward(state, 9.5, added, [])) is not state:  # type: ignore[arg-type, comparison-overlap]
+        state = grown  # type: ignore[assignment]
+    return [law.name for law in added]
+
+
+def test_a_leader_that_comes_to_nothing_ends_no_search_of_other_channels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside an arm that fell for want of torque a payload promised most and paid nothing; a play went unnamed."""
+    payload, link = Law("payload", joint=0, channel=1), Law("link", joint=4, channel=1)
+    play = Law("play", joint=3, channel=2)
+    promises = [(payload, 8300.0, 0.0), (link, 7700.0, 0.0), (play, 7000.0, 7000.0)]
+    assert added_of(monkeypatch, promises) == ["play"]
+
+
+def test_two_of_one_joint_are_added_in_one_round_if_they_show_in_no_common_channel(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """What the motor does and what is lost behind it cannot stand in for each other; two of one channel can."""
+    friction, dry = Law("friction", channel=1), Law("dry", channel=1)
+    play, creep = Law("play", channel=2), Law("creep", channel=2)
+    promises = [(friction, 90.0, 90.0), (play, 80.0, 80.0), (dry, 50.0, 50.0), (creep, 40.0, 40.0)]
+    assert added_of(monkeypatch, promises) == ["friction", "play"]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, islice
+from itertools import combinations
 
 import numpy as np
 
@@ -106,7 +106,9 @@ def search(
     refused: Sequence[Candidate] = (),
     progress: Progress | None = None,
 ) -> Search:
-    """Add effects while they pay, at most one a joint in each round, and take out those that no longer do.
+    """Add effects while they pay, and take out those that no longer do.
+
+    In each round at most one a joint of those that show in a common channel: only they may stand in for each other.
 
     Parameters
     ----------
@@ -118,11 +120,11 @@ def search(
     refused, progress = list(refused), progress or Progress()
     for number in range(rounds):
         threshold = penalty(state.n_kinds, number)
-        joints: set[int | str] = set()
-        while (grown := _forward(state, threshold, joints, refused)) is not state:
+        added: list[Candidate] = []
+        while (grown := _forward(state, threshold, added, refused)) is not state:
             state = grown
         progress.step("search", (number + 1) / rounds)
-        if not joints:
+        if not added:
             break
         state = _physical(_merged(state, threshold), refused)
         state = _backward(state, threshold).refreshed()
@@ -130,39 +132,69 @@ def search(
     return state
 
 
-def _forward(state: Search, threshold: float, joints: set[int | str], refused: Sequence[Candidate]) -> Search:
-    """Add the best of the refined leaders on a joint that is still open in this round; the same state if none pays."""
+@dataclass(frozen=True, eq=False)
+class _Grown:
+    """A set with a new effect, which is its last, and what that gains, less what its numbers cost."""
+
+    fitted: tuple[FittedEffect, ...]
+    gain: float
+
+    @property
+    def new(self) -> Candidate:
+        """The new effect."""
+        return self.fitted[-1].candidate
+
+
+def _forward(state: Search, threshold: float, added: list[Candidate], refused: Sequence[Candidate]) -> Search:
+    """Add the best of the refined leaders where this round has added none; the same state if none pays.
+
+    A linear gain is a promise, and one that is not kept says nothing of what shows in other channels.
+    """
     linearised = linearise(state.whitener, state.fitted)
-    ranked = [r for r in rank(state, linearised, refused) if r.candidate.joint not in joints and r.nats > 0]
-    leaders = [
-        r
-        for r in ranked
-        if r.nats > SEARCH.near_leader * ranked[0].nats and state.alike(r.candidate, ranked[0].candidate)
-    ]
-    best: tuple[float, tuple[FittedEffect, ...]] | None = None
-    worth = state.misfit(state.fitted)
 
-    def refined(leaders: Sequence[Ranked]) -> Iterator[tuple[float, tuple[FittedEffect, ...]]]:
-        for leader in leaders:
-            fitted = state.refit_with(state.fitted, leader.fit, worth)  # worth what the best so far is
-            if fitted is not None:
-                gain = _gain_over(state, linearised, fitted, leader.fit)
-                yield gain - SEARCH.complexity * leader.candidate.extra, fitted
+    def is_open(new: Candidate) -> bool:
+        return not any(new.joint == known.joint and state.alike(new, known) for known in added)
 
-    looked_at = _one_of_each_signature(leaders)[: SEARCH.looked_at]
-    for gain, fitted in islice(refined(_ranked_there(state, linearised, looked_at)), SEARCH.refined):
-        if best is None or gain > best[0]:
-            best, worth = (gain, fitted), state.misfit(fitted)
-    if best is None or best[0] + SEARCH.complexity * best[1][-1].candidate.extra < threshold:
+    ranked = [r for r in rank(state, linearised, refused) if r.nats > 0 and is_open(r.candidate)]
+    best: _Grown | None = None
+    while ranked and best is None:
+        leader = ranked[0].candidate
+        best = _best_of(state, linearised, [r for r in ranked if state.alike(r.candidate, leader)], threshold)
+        ranked = [r for r in ranked if r.nats > threshold and not state.alike(r.candidate, leader)]
+    if best is None:
         return state
-    new = best[1][-1].candidate
-    for gain, fitted in refined(rank(state, linearised, refused, beyond=[new])):  # such as one that has a home
-        if gain > best[0]:
-            best = gain, fitted
-    new = best[1][-1].candidate
-    joints.add(new.joint)
-    steps = (*state.waterfall, Step(new.label, best[0]))
-    return replace(state, fitted=best[1], waterfall=steps).refreshed()
+    worth = state.misfit(best.fitted)
+    for fuller in rank(state, linearised, refused, beyond=[best.new]):  # such as one that has a home
+        grown = _grown(state, linearised, fuller, worth)
+        if grown is not None and grown.gain > best.gain:
+            best = grown
+    added.append(best.new)
+    steps = (*state.waterfall, Step(best.new.label, best.gain))
+    return replace(state, fitted=best.fitted, waterfall=steps).refreshed()
+
+
+def _best_of(state: Search, linearised: Linearisation, ranked: Sequence[Ranked], threshold: float) -> _Grown | None:
+    """Refine a few of those near the first of some candidates, and return the best; None where it does not pay."""
+    near = [r for r in ranked if r.nats > SEARCH.near_leader * ranked[0].nats]
+    best, worth, refined = None, state.misfit(state.fitted), 0
+    for leader in _ranked_there(state, linearised, _one_of_each_signature(near)[: SEARCH.looked_at]):
+        grown = _grown(state, linearised, leader, worth)
+        if grown is not None and (best is None or grown.gain > best.gain):
+            best, worth = grown, state.misfit(grown.fitted)
+        refined += grown is not None
+        if refined == SEARCH.refined:
+            break
+    pays = best is not None and best.gain + SEARCH.complexity * best.new.extra >= threshold
+    return best if pays else None
+
+
+def _grown(state: Search, linearised: Linearisation, leader: Ranked, worth: float) -> _Grown | None:
+    """Add a candidate and fit the numbers anew; None where that is no machine, or will not come to a misfit."""
+    fitted = state.refit_with(state.fitted, leader.fit, worth)
+    if fitted is None:
+        return None
+    gain = _gain_over(state, linearised, fitted, leader.fit)
+    return _Grown(fitted, gain - SEARCH.complexity * leader.candidate.extra)
 
 
 def _one_of_each_signature(ranked: Sequence[Ranked]) -> list[Ranked]:
