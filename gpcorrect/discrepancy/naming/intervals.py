@@ -91,9 +91,10 @@ def interval_ends(search: Search, fit: FittedEffect) -> dict[int, tuple[float, f
     sigma = float(np.sqrt(_covariances(search, place[:0])[1].diagonal()[place[k]]))
     fixed, near = search.parted([m for m in search.fitted if m is not fit], candidate)
     most = search.misfit(search.fitted) + 0.5 * (widths[k] / sigma) ** 2
+    shown = search.shown([candidate, *(m.candidate for m in near)])
 
     def possible(u: float) -> bool:
-        held = refine(search.whitener, fixed, [*near, fit.pinned(k, u)], PROFILED)
+        held = refine(search.whitener, fixed, [*near, fit.pinned(k, u)], PROFILED, channels=shown)
         return search.misfit([*fixed, *held]) <= most
 
     inside, nearest = float(fit.u[k]), nothing + NEAREST * (float(fit.u[k]) - nothing)
@@ -128,6 +129,7 @@ def without_idle_numbers(search: Search) -> tuple[FittedEffect, ...]:
         return fitted[place[0]].candidate.coordinates[place[1]].identity
 
     best, least, idle = list(fitted), search.misfit(fitted), set[tuple[int, int]]()
+    shown = search.shown(f.candidate for f in fitted)
     while left := [p for p in several if p not in idle]:
         slopes = linearise(whitener, best).slopes
         slopes[:, [columns[p] for p in idle]] = 0.0
@@ -136,7 +138,7 @@ def without_idle_numbers(search: Search) -> tuple[FittedEffect, ...]:
         held = list(best)
         for n, m in (*idle, (i, k)):
             held[n] = held[n].pinned(m, nothing((n, m)))
-        found = refine(whitener, (), held, PROFILED)
+        found = refine(whitener, (), held, PROFILED, channels=shown)
         moved = [FittedEffect(f.candidate, m.u) for f, m in zip(fitted, found, strict=True)]
         for n, m in (*idle, (i, k)):
             moved[n] = moved[n].moved(m, nothing((n, m)))

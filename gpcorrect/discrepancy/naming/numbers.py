@@ -53,7 +53,9 @@ def _refit(state: Search, fitted: Sequence[FittedEffect]) -> tuple[FittedEffect,
     state = replace(state, whitener=whitener_on(state.dataset, residual, rows))
     for group in _groups(state, fitted):
         fixed = [f for i, f in enumerate(done) if i not in group]
-        found = [refine(state.whitener, fixed, start, EVALUATIONS) for start in _starts([done[i] for i in group])]
+        shown = state.shown(done[i].candidate for i in group)
+        starts = _starts([done[i] for i in group])
+        found = [refine(state.whitener, fixed, start, EVALUATIONS, channels=shown) for start in starts]
         left = [state.misfit([*fixed, *fits]) for fits in found]
         for i, fit in zip(group, found[int(np.argmin(left))], strict=True):
             done[i] = fit.canonical()
