@@ -127,6 +127,17 @@ def test_a_tracker_held_between_slower_samples_is_recognised():
     assert not findings(log, "frozen")
 
 
+@pytest.mark.parametrize("moves", ["setpoint_jp", "measured_jp"])
+def test_a_tracker_is_held_beside_joints_as_beside_poses(moves):
+    """A robot that reports no pose moves its tracker too: its repeats were taken for samples, and it for late."""
+    poses = dict.fromkeys(("setpoint_cp", "measured_cp", "setpoint_jp", "measured_jp", "external_jp"))
+    rows = 5 * (np.arange(1600) // 5)
+    rows = np.where(clean_log().trajectory[rows] == clean_log().trajectory, rows, np.arange(1600))
+    path = np.random.default_rng(1).standard_normal((1600, 3))
+    log = replace(clean_log(), **(poses | {moves: path, "tracker_cp": clean_log().tracker_cp[rows]}))
+    assert np.array_equal(held_rows(log, "tracker_cp"), rows != np.arange(1600))
+
+
 @pytest.mark.parametrize("times", [2, 5])
 def test_rows_of_a_held_encoder_are_those_that_repeat(times):
     """However smooth its path; the first row of each hold is a sample."""

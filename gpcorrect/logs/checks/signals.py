@@ -23,6 +23,7 @@ HELD_RUNS = 10  # a held signal repeats often,
 HELD_SPREAD = 2.0  # and nine runs in ten are at most so many times the usual one
 HELD_FACTOR = 4.0  # a run this many times longer than the usual one is frozen even so
 FEW_COUNTS = 10.0  # from row to row, of an encoder that repeats counts in a third of the rows
+MOVES = ("setpoint_cp", "setpoint_jp", "measured_cp", "measured_jp")  # what says that a robot moves
 WHOLE = 0.02  # of a count: a step is one of counts by a chance of one in 25
 FASTEST_TIP = 2.0  # m/s; surgical arms stay below one
 FASTEST_JOINT = {"R": (20.0, "rad/s"), "P": (2.0, "m/s")}  # chosen by hand, above any surgical arm
@@ -176,8 +177,12 @@ def _are_counts(steps: FloatArray) -> bool:
 
 
 def _command_first(evidence: Evidence, name: str) -> str | None:
-    """Return the signal by which the robot moves: its command where that is known."""
-    return next((r for r in reversed(REFERENCES[name]) if {name, r} <= evidence.present), None)
+    """Return the signal by which the robot moves: its command where that is known, as the sensor has it or otherwise.
+
+    A robot whose log has joints only moves its tracker as well.
+    """
+    known = (r for r in (*reversed(REFERENCES[name]), *MOVES) if r != name and {name, r} <= evidence.present)
+    return next(known, None)
 
 
 def _holds(evidence: Evidence, name: str, reference: str) -> tuple[BoolArray, BoolArray, float]:
