@@ -67,7 +67,7 @@ FORMATS = (
     Format("Qualisys TSV", (), qualisys.MARKS, qualisys.read, text=True),
     Format("NDI CSV", (), ndi.MARKS, ndi.read, text=True),
     Format("TRC", (".trc",), (b"PathFileType",), trc.read, text=True),
-    Format("C3D", (".c3d",), (), c3d_file.read, libraries=("ezc3d", "scipy.io")),
+    Format("C3D", (".c3d",), (), c3d_file.read),
     Format("CSV", (".csv", ".tsv", ".txt"), (), csv_file.read),
 )
 """A new format is a new file with a `read` function, and one line here."""

@@ -9,9 +9,8 @@ from read_support import write
 from scipy.spatial.transform import Rotation
 from support import ROOT
 
-from gpcorrect.errors import DataError, DegenerateError, LogError, MissingExtraError
-from gpcorrect.logs import c3d_file, read_log
-from gpcorrect.logs.columns import ReadSettings
+from gpcorrect.errors import DataError, DegenerateError, LogError
+from gpcorrect.logs import read_log
 from gpcorrect.logs.contents import contents_of
 from gpcorrect.logs.mocap.take import configuration, tool_poses
 
@@ -202,9 +201,7 @@ def test_a_recording_cut_off_anywhere_is_refused(tmp_path: Path):
 
 @pytest.mark.parametrize("order", ["intel", "dec", "mips"])
 def test_every_order_of_bytes_and_labels_beyond_the_points_are_read(tmp_path: Path, order: str):
-    """Files written byte by byte; ezc3d does not read MIPS order, the library c3d does. Cut off, they are refused."""
-    if order == "mips":
-        pytest.importorskip("c3d", reason="what ezc3d refuses is read by c3d: pip install 'gpcorrect[all]'")
+    """Files written byte by byte. Cut off, they are refused."""
     _, at, points = motion(16)
     points[3] = np.nan
     path = write_c3d_bytes(tmp_path / "a.c3d", 1e3 * points, [*LABELS, "spare", "none"], 125.0, order)
@@ -217,11 +214,30 @@ def test_every_order_of_bytes_and_labels_beyond_the_points_are_read(tmp_path: Pa
         read_log(write(tmp_path / "cut.c3d", whole[: len(whole) - 1024]))
 
 
-def test_a_missing_library_names_the_extra_that_brings_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    path = write_c3d(tmp_path / "a.c3d", motion(13)[2], LABELS)
-    monkeypatch.setitem(sys.modules, "ezc3d", None)
-    with pytest.raises(MissingExtraError, match=r"ezc3d, which is not installed.*gpcorrect\[c3d\]"):
-        c3d_file.read(path, ReadSettings())
+@pytest.mark.parametrize("order", ["intel", "dec", "mips"])
+@pytest.mark.parametrize("scale", [-1.0, 0.02])
+def test_integers_and_real_numbers_hold_the_same_places(tmp_path: Path, order: str, scale: float):
+    """Integers count steps of the scale, here 0.02 mm: they are half of it off at most."""
+    _, at, points = motion(17)
+    points[5] = np.nan
+    log = read_log(write_c3d_bytes(tmp_path / "a.c3d", 1e3 * points, LABELS, 125.0, order, scale))
+    np.testing.assert_allclose(np.delete(log.tracker_cp.position, 5, axis=0), np.delete(at, 5, axis=0), atol=1e-5)
+    assert np.isnan(log.tracker_cp.position[5]).all()
+
+
+@pytest.mark.parametrize("n", [65535, 65536, 140000])
+@pytest.mark.parametrize(("order", "long"), [("intel", ""), ("dec", "trial"), ("mips", "trial"), ("intel", "point")])
+def test_every_frame_of_a_long_recording_is_read(tmp_path: Path, n: int, order: str, long: str):
+    """The header counts to 65535; what is beyond is stated in one of two ways, or in none. ezc3d reads no further."""
+    path = 0.05 * np.random.default_rng(n).uniform(-1, 1, (n, 3)).cumsum(axis=0) / np.sqrt(n)
+    file = write_c3d_bytes(tmp_path / "a.c3d", 1e3 * path[:, None], ["tip"], 100.0, order, long=long)
+    log = read_log(file)
+    np.testing.assert_allclose(log.time, np.arange(n) / 100.0)
+    np.testing.assert_allclose(log.tracker_cp.position, path, atol=1e-6)
+    if long or n < 65536:
+        whole = file.read_bytes()
+        with pytest.raises(LogError, match="cut off"):
+            read_log(write(tmp_path / "cut.c3d", whole[: len(whole) - 1024]))
 
 
 def test_a_marker_at_the_very_origin_is_hidden(tmp_path: Path):
