@@ -17,6 +17,8 @@ from gpcorrect.vision.opencv import Image, cv2
 from gpcorrect.vision.settings import DEFAULT, CalibrationSettings
 from gpcorrect.vision.sources import IMAGES, read_image
 
+# m, sides of squares: no webcam sees finer ones, no sheet holds three of the coarser; beyond, it is another unit.
+FINEST, COARSEST = 1e-3, 0.5
 PLACE = "place"  # name of the picture of the board where all cameras see it at once
 
 
@@ -35,10 +37,11 @@ class Chessboard:
     square: float
 
     def __post_init__(self) -> None:
-        if self.columns < 3 or self.rows < 3 or not self.square > 0:
+        if self.columns < 3 or self.rows < 3 or not FINEST <= self.square <= COARSEST:
             raise DataError(
-                f"a chessboard has at least 3 x 3 inner corners and squares of some size; got {self.columns} x "
-                f"{self.rows}, {self.square} m."
+                "a chessboard has at least 3 x 3 inner corners and squares of"
+                f" {1e3 * FINEST:g} to {1e3 * COARSEST:g} mm; got {self.columns} x {self.rows}, {1e3 * self.square:g} mm.",
+                hint="--square is in millimetres, square in a rig file in metres.",
             )
 
     @property

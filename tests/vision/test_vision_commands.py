@@ -282,6 +282,7 @@ def test_calibrations_that_cannot_be_are_refused(vision: Vision, rig: Path, tmp_
     text, folder = rig.read_text(), rig.parent
     cases = [
         (text.replace("columns = 9", "columns = 12"), ["camera cam0", "no chessboard of 12 x 6 inner corners"]),
+        (text.replace("square = 0.015", "square = 15"), ["1 to 500 mm", "in a rig file in metres"]),
         (text.replace('"boards1/*.png"', '"nowhere/*.png"'), ["no pictures", "nowhere"]),
         (text.replace('"markers0.png"', "{m0 = [nan, 2.0]}"), ["camera.0.markers", "finite"]),
         (text.replace('"markers0.png"', "{m0 = [1.0, 2.0]}"), ["camera cam0", "at least 6 known points; got 1"]),

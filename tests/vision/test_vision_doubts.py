@@ -299,6 +299,8 @@ def test_the_picture_of_the_place_is_the_one_that_counts(gpcorrect: CommandLine,
         for i in range(3):
             cv2.imwrite(str(tmp_path / f"cam{k}" / f"{i}.png"), board_picture(studio, board_before(lens, rng)))
     folders = [tmp_path / "cam0", tmp_path / "cam1"]
+    metres = gpcorrect("vision", "rig", *folders, "--square", 0.015, "--output", tmp_path / "rig.toml")
+    assert_refused(metres, "1 to 500 mm", "--square is in millimetres")
     outcome = gpcorrect("vision", "rig", *folders, "--square", 15, "--output", tmp_path / "rig.toml")
     assert outcome.code == 0
     assert "0 of every folder is taken for one moment" in outcome.said
