@@ -305,8 +305,17 @@ def test_an_expired_site_is_called_expired(tmp_path: Path, days: int) -> None:
         pass
 
 
-def test_the_doctor_knows_a_denied_key(site: Path) -> None:
-    """A role that is let in but may not ask a key is diagnosed at that key, and well at those it may ask."""
+@pytest.mark.parametrize("role", USERS)
+def test_the_doctor_finds_every_role_of_a_healthy_site_well(site: Path, role: str) -> None:
+    """What a role is not for is denied to it, and nothing is wrong with that; of who asks nobody the login is the end."""
+    findings = list(examine(ClientSettings(config_file=site / f"{role}.json5")))
+    assert all(finding.well for finding in findings)
+    assert any(finding.step == "key" for finding in findings) == bool(ROLES.get(role))
+
+
+def test_the_doctor_knows_a_denied_key(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A role that is let in but may not ask what it is for is diagnosed at that key, and well at those it may ask."""
+    monkeypatch.setitem(ROLES, "monitor", ROLES["planner"])  # after the router has its rules
     result = {finding.what: finding for finding in examine(ClientSettings(config_file=site / "monitor.json5"))}
     assert result["gpcorrect/arm1/correct"].cause == "denied key"
     assert not result["gpcorrect/arm1/correct"].well

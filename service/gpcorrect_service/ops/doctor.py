@@ -17,6 +17,7 @@ from typing import Any, Literal
 import zenoh
 
 from gpcorrect.errors import DataError
+from gpcorrect_service.ops.secure import ROLES, USERS
 from gpcorrect_service.protocol import sessions
 from gpcorrect_service.protocol.errors import EndpointError
 from gpcorrect_service.protocol.settings import ENDPOINT, ClientSettings
@@ -28,7 +29,7 @@ KEYS = (
     *("health", "model", "correct", "correct_path", "correct_joints"),
     *("metrics", "model/list", "admin/activate", "admin/state"),
 )
-# Keys that a planner needs; the others may be denied to it on purpose.
+# Keys that who asks for corrections needs; of a secured site's roles those that they are for. Others may be denied.
 NEEDED = ("health", "correct")
 EXPIRED, FOREIGN, MISSING = "expired certificate", "foreign certificate", "missing certificate"
 TLS_TROUBLE = (
@@ -160,8 +161,13 @@ def _conversation(config: zenoh.Config, settings: ClientSettings, endpoints: lis
     except EndpointError:
         yield Finding("login", where, False, *_login_trouble(config, endpoints))
         return
+    user = json.loads(config.get_json("transport/auth/usrpwd/user"))
+    needed = tuple(key for key in NEEDED if key in ROLES.get(user, ())) if user in USERS else NEEDED
     with session:
         yield Finding("login", where, True)
+        if not needed:
+            yield Finding("server", where, True, f"not looked for: {user} asks no server")
+            return
         seen = _visible_keys(session, settings.arm)
         # Tokens of the servers of all arms; none where the access rules hide them.
         replies = session.liveliness().get(f"*/{sessions.LIVE_KEYS}", timeout=PATIENCE)
@@ -185,7 +191,7 @@ def _conversation(config: zenoh.Config, settings: ClientSettings, endpoints: lis
             yield Finding("key", f"{where}/{key}", True)
         else:
             next_step = "Others of this server are seen, this one is not: the access rules of this user leave it out."
-            yield Finding("key", f"{where}/{key}", key not in NEEDED, "denied key", next_step)
+            yield Finding("key", f"{where}/{key}", key not in needed, "denied key", next_step)
 
 
 def _login_trouble(config: zenoh.Config, endpoints: list[str]) -> tuple[str, str]:
