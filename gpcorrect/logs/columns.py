@@ -33,9 +33,12 @@ class _Section(BaseModel):
 
 
 class PoseColumns(_Section):
-    """Where a pose is: three columns of position, and at most one form of orientation."""
+    """Where a pose is: three columns of position, and at most one form of orientation.
 
-    position: Triple
+    A scale alone, of the native columns or of what a recording without columns holds, leaves its orientation as it is.
+    """
+
+    position: Triple | None = None
     position_scale: float = 1.0
     quat_wxyz: Four | None = None
     quat_xyzw: Four | None = None
@@ -46,6 +49,8 @@ class PoseColumns(_Section):
 
     @model_validator(mode="after")
     def _one_orientation(self) -> Self:
+        if self.position is None and self.model_fields_set != {"position_scale"}:
+            raise ValueError("give the columns of its position, or position_scale alone")
         given = [name for name in CONVERTERS if getattr(self, name) is not None]
         if len(given) > 1:
             raise ValueError(f"give one orientation, not {' and '.join(given)}")
@@ -163,6 +168,13 @@ class ColumnMap(_Section):
         return self.time if isinstance(self.time, tuple) else () if self.time is None else (self.time,)
 
     @property
+    def scales(self) -> dict[str, float]:
+        """Scale of each pose of which nothing else is said."""
+        sections = {name: getattr(self, name) for name in type(self).model_fields}
+        poses = {name: section for name, section in sections.items() if isinstance(section, PoseColumns)}
+        return {name: pose.position_scale for name, pose in poses.items() if pose.position is None}
+
+    @property
     def used(self) -> tuple[Column, ...]:
         """All columns that are named."""
         sections = [getattr(self, name) for name in type(self).model_fields]
@@ -171,7 +183,7 @@ class ColumnMap(_Section):
             if isinstance(section, ArrayColumns):
                 named += section.columns
             elif isinstance(section, PoseColumns):
-                named += [*section.position, *(section.orientation or ("", ()))[1]]
+                named += [*(section.position or ()), *(section.orientation or ("", ()))[1]]
         return tuple(named)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -122,7 +122,7 @@ def read_log(
     bag = mapping.bag.model_copy(update={k: v for k, v in given.items() if v is not None})
     settings = ReadSettings(mapping.model_copy(update={"bag": bag}), columns is not None, disorder, max_bytes)
     with naming(source):
-        log = _possible(parsed(CalibrationLog, _log, source, settings))
+        log = _scaled(_possible(parsed(CalibrationLog, _log, source, settings)), mapping.scales)
         meta = LogMeta() if columns and sidecar_path(source) == Path(columns) else read_sidecar(source)
         stated = {name: value for name, value in asdict(meta).items() if value}  # the sidecar comes first
         digest = recording_digest(source)
@@ -160,6 +160,20 @@ def _log(found: Format, path: Path, settings: ReadSettings) -> CalibrationLog:
     time, keep, remarks = check_order(log.time, log.trajectory, settings.disorder, lambda row: f"sample {row + 1}")
     log = replace(log, time=time, remarks=(*log.remarks, *remarks))
     return log if keep.all() else log.select(keep)
+
+
+def _scaled(log: CalibrationLog, scales: Mapping[str, float]) -> CalibrationLog:
+    """Return the log with poses in metres whose recording holds, or states, another unit."""
+    changed: dict[str, Any] = {}
+    for name, scale in scales.items():
+        pose = getattr(log, name)
+        if pose is None:
+            hint = f"Present: {', '.join(log.signals)}."
+            raise LogError(f"the mapping file scales {name}, which the recording does not hold.", hint=hint)
+        changed[name] = PoseSignal(pose.position * scale, pose.quaternion)
+        if name == "tracker_cp" and "marker_rms" in log.extra:
+            changed["extra"] = {**log.extra, "marker_rms": log.extra["marker_rms"] * scale}
+    return replace(log, **changed) if changed else log
 
 
 def _possible(log: CalibrationLog) -> CalibrationLog:

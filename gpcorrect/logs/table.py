@@ -113,7 +113,7 @@ def _signal(table: Table, name: str, columns: PoseColumns | ArrayColumns | None)
     if isinstance(columns, ArrayColumns):
         values = table.stack(columns.columns) * np.asarray(columns.scale) + np.asarray(columns.offset)
         return values[:, 0] if name in CalibrationLog.SCALARS else values, []
-    position = table.stack(columns.position) * columns.position_scale
+    position = table.stack(columns.position or ()) * columns.position_scale
     if columns.orientation is None:
         return PoseSignal(position), []
     form, names = columns.orientation
@@ -208,7 +208,8 @@ def complete(mapping: ColumnMap, names: Collection[str]) -> tuple[ColumnMap, lis
     found: dict[str, Any] = {}
     remarks: list[str] = []
     for name in (*INDEX, *CalibrationLog.POSES, *CalibrationLog.JOINTS, *CalibrationLog.SCALARS):
-        if getattr(mapping, name) is not None or (name == "time" and mapping.rate is not None):
+        given = name == "time" and mapping.rate is not None
+        if given or (getattr(mapping, name) is not None and name not in mapping.scales):
             continue
         if name in CalibrationLog.POSES:
             found[name] = _pose(name, names, remarks)

@@ -43,6 +43,13 @@ def robot(space: str = "/PSM1", make: Callable[..., Post] = pose_stamped) -> lis
     return [*measured, *setpoint, *poses(make, f"{space}/setpoint_cp"), *poses(make, f"{space}/measured_cp")]
 
 
+def test_poses_of_a_bag_are_scaled_by_its_mapping(tmp_path: Path):
+    path = write_bag(tmp_path / "r", robot() + poses(pose_stamped, "/ndi/tool"), "mcap")
+    log = read_log(path, columns=write(tmp_path / "m.toml", "[tracker_cp]\nposition_scale = 1e-3\n"))
+    np.testing.assert_allclose(1e3 * log.tracker_cp.position, POSE.position, rtol=1e-12)
+    np.testing.assert_array_equal(log.setpoint_cp.position, POSE.position)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("make", [pose_stamped, transform_stamped])
 def test_planted_values_are_read_back_bit_for_bit(tmp_path: Path, kind: str, make: Callable[..., Post]):

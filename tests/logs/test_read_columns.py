@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from read_support import write
+from read_support import random_log, write
 from scipy.spatial.transform import Rotation
 
 from gpcorrect.errors import LogError
-from gpcorrect.logs import read_log
+from gpcorrect.logs import read_log, write_log
 from gpcorrect.logs.columns import ColumnMap, load_columns
 
 TURNS = Rotation.random(6, rng=np.random.default_rng(0))
@@ -126,6 +126,18 @@ def test_signals_that_the_mapping_does_not_name_are_read_by_their_native_names(t
     assert "setpoint_jp_1" in log.remarks[0]
 
 
+def test_a_scale_alone_leaves_columns_and_orientation_as_they_are(tmp_path: Path):
+    log = random_log(3)
+    write_log(log, tmp_path / "a.csv")
+    scaled = read_log(tmp_path / "a.csv", columns=write(tmp_path / "m.toml", "[setpoint_cp]\nposition_scale = 1e-3\n"))
+    np.testing.assert_allclose(1e3 * scaled.setpoint_cp.position, log.setpoint_cp.position, rtol=1e-12)
+    np.testing.assert_array_equal(scaled.setpoint_cp.quaternion, read_log(tmp_path / "a.csv").setpoint_cp.quaternion)
+    np.testing.assert_array_equal(scaled.tracker_cp.position, log.tracker_cp.position)
+    bare = table(tmp_path / "bare.csv", {k: np.arange(2.0) for k in ("time", "payload")})
+    with pytest.raises(LogError, match="scales setpoint_cp, which the recording does not hold"):
+        read_log(bare, columns=tmp_path / "m.toml")
+
+
 def test_matrices_that_are_no_rotation_are_missing_and_counted(tmp_path: Path):
     flat = np.stack([np.eye(3), 1.1 * np.eye(3), -np.eye(3), np.diag([1, 1, np.nan])]).reshape(4, 9)
     names = [f"r{k}" for k in range(9)]
@@ -145,7 +157,8 @@ def test_matrices_that_are_no_rotation_are_missing_and_counted(tmp_path: Path):
             r"tracker_cp.positon. Did you mean position\?",
         ),
         ("[csv]\nzzz = 1", "unknown key csv.zzz. Known keys here: delimiter, decimal"),
-        ("[tracker_cp]\nrotvec = ['x','y','z']", "key tracker_cp.position: Field required"),
+        ("[tracker_cp]\nrotvec = ['x','y','z']", "give the columns of its position, or position_scale alone"),
+        ("[tracker_cp]", "give the columns of its position, or position_scale alone"),
         ("[tracker_cp]\nposition = ['x','y']", "key tracker_cp.position"),
         ("[tracker_cp]\nposition = ['x','y',-1]", "key tracker_cp.position.2"),
         (

@@ -60,6 +60,15 @@ def test_every_version_of_motives_header_gives_the_same_recording(tmp_path: Path
     np.testing.assert_allclose(log.extra["marker_rms"][~tool.hidden], 1e-4)
 
 
+def test_a_unit_that_the_header_has_wrong_is_mended_by_a_scale_alone(tmp_path: Path):
+    """As `gpcorrect validate` says: millimetres under the title of metres, and the markers' error with them."""
+    tool = moving_tool(2)
+    path = write_motive(tmp_path / "take.csv", tool, unit="Meters", scale=1e3)
+    log = read_log(path, columns=write(tmp_path / "m.toml", "[tracker_cp]\nposition_scale = 1e-3\n"))
+    assert_sees(log, tool)
+    np.testing.assert_allclose(log.extra["marker_rms"][~tool.hidden], 1e-4)
+
+
 @pytest.mark.parametrize("order", ORDERS)
 def test_motives_euler_angles_are_read_in_the_order_that_the_header_names(tmp_path: Path, order: str):
     """All six orders give the same rotations."""

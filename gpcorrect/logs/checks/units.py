@@ -40,17 +40,13 @@ def _factor(ratio: float, factors: Sequence[tuple[float, float]]) -> float | Non
     return next(exact, None)
 
 
-# A bag's own mapping has no units.
-OF_BAG = " A bag has no columns: gpcorrect convert BAG OUT.csv, and map OUT.csv."
-
-
 @check
 def _position_unit(evidence: Evidence) -> Iterator[Finding]:
     """Ask whether positions are in metres: neither too wide, nor a thousand times wider than another signal."""
     wide = [n for n in evidence.log.POSES if n in evidence.present and extent(evidence.positions[n]) > WIDEST]
     for name in wide:
         what = f"it spans {extent(evidence.positions[name]):.4g} m: it looks like millimetres."
-        hint = "Set position_scale = 1e-3 in the mapping file." + OF_BAG
+        hint = f"Set position_scale = 1e-3 under [{name}] in the mapping file."
         yield Finding("error", "position_unit", name, what, hint, len(evidence.log))
     for name, other in evidence.both(POSITION_PAIRS):
         if name in wide or other in wide:
@@ -65,7 +61,10 @@ def _position_unit(evidence: Evidence) -> Iterator[Finding]:
 @check
 def _joint_unit(evidence: Evidence) -> Iterator[Finding]:
     """Ask whether joint positions are in radians and metres."""
-    hint = "Set scale for its column in the mapping file: 0.0174533 for degrees, 0.001 for mm." + OF_BAG
+    hint = (
+        "Set scale for its column in the mapping file: 0.0174533 for degrees, 0.001 for mm."
+        " A bag has no columns: gpcorrect convert BAG OUT.csv, and map OUT.csv."
+    )
     for (name, joint), what in _misread_joints(evidence).items():
         yield Finding("error", "joint_unit", name, f"joint {joint + 1} {what}", hint, len(evidence.log))
 
