@@ -40,7 +40,8 @@ class Chessboard:
         if self.columns < 3 or self.rows < 3 or not FINEST <= self.square <= COARSEST:
             raise DataError(
                 "a chessboard has at least 3 x 3 inner corners and squares of"
-                f" {1e3 * FINEST:g} to {1e3 * COARSEST:g} mm; got {self.columns} x {self.rows}, {1e3 * self.square:g} mm.",
+                f" {1e3 * FINEST:g} to {1e3 * COARSEST:g} mm;"
+                f" got {self.columns} x {self.rows}, {1e3 * self.square:g} mm.",
                 hint="--square is in millimetres, square in a rig file in metres.",
             )
 

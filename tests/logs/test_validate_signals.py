@@ -250,7 +250,7 @@ def test_millimetres_for_metres_are_recognised(names):
     found = findings(replace(log, **changes), "position_unit")
     assert {f.severity for f in found} == {"error"}
     assert {f.signal for f in found} == set(names)
-    assert any("gpcorrect convert BAG OUT.csv" in f.hint for f in found)  # a bag's own mapping takes no scale
+    assert {f.hint for f in found} == {f"Set position_scale = 1e-3 under [{n}] in the mapping file." for n in names}
 
 
 def test_a_thousandth_is_recognised():

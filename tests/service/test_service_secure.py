@@ -307,7 +307,7 @@ def test_an_expired_site_is_called_expired(tmp_path: Path, days: int) -> None:
 
 @pytest.mark.parametrize("role", USERS)
 def test_the_doctor_finds_every_role_of_a_healthy_site_well(site: Path, role: str) -> None:
-    """What a role is not for is denied to it, and nothing is wrong with that; of who asks nobody the login is the end."""
+    """What a role is not for is denied to it, which is not wrong; of who asks nobody the login is the end."""
     findings = list(examine(ClientSettings(config_file=site / f"{role}.json5")))
     assert all(finding.well for finding in findings)
     assert any(finding.step == "key" for finding in findings) == bool(ROLES.get(role))
