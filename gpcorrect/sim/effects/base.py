@@ -13,7 +13,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields
 from enum import IntEnum
 from functools import partial
-from math import isfinite, isnan
 from typing import Any, ClassVar
 
 import numpy as np
@@ -21,7 +20,7 @@ import numpy as np
 from gpcorrect.arms import Chain
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body, Drive
-from gpcorrect.sim.effects.description import Description, Parameter
+from gpcorrect.sim.effects.description import Description
 from gpcorrect.sim.effects.laws import FrictionLaw, TorqueLaw
 from gpcorrect.sim.effects.operators import Memory
 from gpcorrect.sim.motion import Motion, Readings
@@ -82,7 +81,7 @@ class Effect(ABC):
                     f"effect {self.about.name}: {name} must be {' or '.join(values)}, got {getattr(self, name)!r}."
                 )
         for parameter in self.about.parameters:
-            _check(self.about.name, parameter, getattr(self, parameter.name))
+            parameter.check(self.about.name, getattr(self, parameter.name))
 
     def canonical(self) -> Effect:
         """Return the same effect in the one way to write it, where there are several."""
@@ -148,16 +147,6 @@ def _check_site(about: Description, joint: int | str) -> None:
     if about.sites and not (numbered if isinstance(joint, int) else joint in named):
         places = (["the number of a joint"] if numbered else []) + [f'"{name}"' for name in named]
         raise DataError(f"effect {about.name}: joint must be {' or '.join(places)}, got {joint!r}.")
-
-
-def _check(effect: str, parameter: Parameter, value: Any) -> None:
-    numbers = value if parameter.per_session and isinstance(value, tuple) and value else (value,)
-    real = all(isinstance(v, float | int) and not isinstance(v, bool) and not isnan(v) for v in numbers)
-    bounded = real and (parameter.may_be_infinite or all(isfinite(v) for v in numbers))
-    if not bounded or (parameter.positive and min(numbers) < 0):
-        wanted = f"a {'' if parameter.may_be_infinite else 'finite '}number{' >= 0' if parameter.positive else ''}"
-        wanted += ", or one a session" if parameter.per_session else ""
-        raise DataError(f"effect {effect}: {parameter.name} ({parameter.meaning}) must be {wanted}, got {value!r}.")
 
 
 class LoadEffect(Effect):

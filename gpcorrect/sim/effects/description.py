@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from math import isfinite, isnan
+from typing import Any
 
 import numpy as np
+
+from gpcorrect.errors import DataError
 
 
 class Family(StrEnum):
@@ -108,6 +112,7 @@ class Parameter:
     revolute : Range, unit, range and usual size on a revolute joint
     prismatic : Range, optional, the same on a prismatic joint, where it is another one
     positive : bool, whether negative values have no meaning
+    above, at_most : float, bounds of what has a meaning, where they are others than 0 and infinity
     identity : float, the value at which the effect does nothing
     per_session : bool, whether there may be one value a session
     ladder : Ladder or None
@@ -131,6 +136,8 @@ class Parameter:
     revolute: Range
     prismatic: Range | None = None
     positive: bool = True
+    above: float = -np.inf
+    at_most: float = np.inf
     identity: float = 0.0
     per_session: bool = False
     ladder: Ladder | None = None
@@ -155,6 +162,27 @@ class Parameter:
         joint_type : str, "R" or "P"
         """
         return self.prismatic if joint_type == "P" and self.prismatic is not None else self.revolute
+
+    def check(self, effect: str, value: Any) -> None:
+        """Refuse what has no meaning: DataError.
+
+        Parameters
+        ----------
+        effect : str, name of the effect whose number it is
+        value : float, or a tuple of one a session
+        """
+        numbers = value if self.per_session and isinstance(value, tuple) and value else (value,)
+        real = all(isinstance(v, float | int) and not isinstance(v, bool) and not isnan(v) for v in numbers)
+        bounded = real and (self.may_be_infinite or all(isfinite(v) for v in numbers))
+        if not (bounded and all(self._holds(v) for v in numbers)):
+            lowest = f" above {self.above:g}" if isfinite(self.above) else " >= 0" if self.positive else ""
+            highest = f" and <= {self.at_most:g}" if isfinite(self.at_most) else ""
+            wanted = f"a {'' if self.may_be_infinite else 'finite '}number{lowest}{highest}"
+            wanted += ", or one a session" if self.per_session else ""
+            raise DataError(f"effect {effect}: {self.name} ({self.meaning}) must be {wanted}, got {value!r}.")
+
+    def _holds(self, number: float) -> bool:
+        return self.above < number <= self.at_most and (number >= 0 or not self.positive)
 
 
 def axes(meaning: str, span: Range, only: tuple[str, str] | None = None, shaped_by: str = "") -> tuple[Parameter, ...]:

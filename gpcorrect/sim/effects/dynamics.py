@@ -7,7 +7,6 @@ from math import inf
 
 import numpy as np
 
-from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body, Drive
 from gpcorrect.sim.effects.base import DriveEffect, Effect, JointEffect, LoadEffect
 from gpcorrect.sim.effects.compliance import Payload
@@ -38,6 +37,7 @@ class Resonance(JointEffect):
                 "frequency",
                 "natural frequency",
                 Range("Hz", 3.0, 60.0, 14.0),
+                above=0.0,
                 identity=inf,
                 ladder=Ladder(Per.VALUE, (5.0, 10.0, 20.0, 40.0)),
                 valleys=True,
@@ -52,11 +52,6 @@ class Resonance(JointEffect):
         neighbours=("delay", "cable_stretch"),
         separating_runs=(Run.SPEED_LADDER, Run.ONE_JOINT),
     )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.frequency > 0:
-            raise DataError(f"effect resonance: frequency must be > 0, got {self.frequency!r}.")
 
     def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
         return ring(q[..., j], motion.time, self.frequency, self.damping_ratio, memory)
@@ -280,17 +275,16 @@ class MotorConstantError(DriveEffect):
         family=Family.DYNAMICS,
         equation="tau = (1 + fraction) tau_commanded",
         source="torque constant; Spong, Hutchinson and Vidyasagar 2006, Robot Modeling and Control, Sec. 6.1",
-        parameters=(Parameter("fraction", "relative error of the torque", Range("1", -0.9, 9.0, 0.2), positive=False),),
+        parameters=(
+            Parameter(
+                "fraction", "relative error of the torque", Range("1", -0.9, 9.0, 0.2), positive=False, above=-1.0
+            ),
+        ),
         needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
         neighbours=("feedforward_error", "gain_error"),
         separating_runs=(Run.SPEED_LADDER,),
         sites=(Site.JOINT, Site.ALL),
     )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.fraction > -1.0:
-            raise DataError(f"effect motor_constant_error: fraction must be above -1, got {self.fraction!r}.")
 
     def like(self) -> Effect:
         """Return both gains off by the same fraction."""
@@ -347,17 +341,14 @@ class MissingFriction(DriveEffect):
         family=Family.DYNAMICS,
         equation="F = (1 - part) F_nominal",
         source="Armstrong-Helouvry, Dupont, Canudas de Wit 1994, Automatica 30(7)",
-        parameters=(Parameter("part", "of the model's friction, that is not there", Range("1", 0.0, 1.0, 0.3)),),
+        parameters=(
+            Parameter("part", "of the model's friction, that is not there", Range("1", 0.0, 1.0, 0.3), at_most=1.0),
+        ),
         needs=("setpoint_jp", "measured_jp|external_jp|tracker_cp"),
         neighbours=("gain_error", "feedforward_error"),
         separating_runs=(Run.SPEED_LADDER, Run.GAIN_CHANGE),
         choices=(("term", FRICTIONS),),
     )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.part > 1.0:
-            raise DataError(f"effect missing_friction: part must be from 0 to 1 (all of it), got {self.part!r}.")
 
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
         """Take the part away; soft friction grows as fast as before, up to less."""

@@ -7,7 +7,6 @@ from math import inf
 
 import numpy as np
 
-from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.base import ReadingEffect, with_column
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory
@@ -37,17 +36,12 @@ class EncoderQuantisation(ReadingEffect):
         source="Widrow and Kollar 2008, Quantization Noise, Ch. 1",
         parameters=(
             Parameter("step", "size of one count at the joint", *STEP, ladder=Ladder(Per.PRIOR, (0.3, 1.0, 3.0))),
-            Parameter("lost", "fraction of the counts that are missed", Range("1", 0.0, 0.5, 0.01)),
+            Parameter("lost", "fraction of the counts that are missed", Range("1", 0.0, 0.5, 0.01), at_most=1.0),
         ),
         needs=("measured_jp", "setpoint_jp|external_jp|tracker_cp"),
         neighbours=("cable_slip", "noise_change"),
         separating_runs=(Run.ONE_JOINT, Run.REFERENCE_RETURNS),
     )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.lost > 1:
-            raise DataError(f"effect encoder_quantisation: lost must be a fraction from 0 to 1, got {self.lost!r}.")
 
     def advance(self, readings: Readings, motion: Motion, rng: np.random.Generator, memory: Memory) -> Readings:
         """Return the readings with this joint's reported position in counts."""
@@ -82,6 +76,7 @@ class NoiseChange(ReadingEffect):
                 "tail",
                 "degrees of freedom",
                 Range("1", 2.0, inf, 8.0),
+                above=2.0,
                 ladder=Ladder(Per.VALUE, (inf, 3.0)),
             ),
             Parameter(
@@ -96,11 +91,6 @@ class NoiseChange(ReadingEffect):
         separating_runs=(Run.REFERENCE_RETURNS, Run.ONE_JOINT),
         sites=(Site.JOINT, Site.TOOL),
     )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.tail > 2:
-            raise DataError(f"effect noise_change: tail must be above 2 (infinite is normal), got {self.tail!r}.")
 
     def advance(self, readings: Readings, motion: Motion, rng: np.random.Generator, memory: Memory) -> Readings:
         """Return the readings with the noise."""

@@ -310,12 +310,15 @@ class Hysteresis(JointEffect):
                 "sharpness",
                 "exponent of the curve",
                 Range("1", 0.3, 20.0, 1.5),
+                above=0.0,
                 ladder=Ladder(Per.VALUE, (1.0, 3.0)),
             ),
             Parameter(
                 "depth",
                 "share of a motion that is lost right after a reversal",
                 Range("1", 1e-4, 1.0, 0.25),  # from a tenth of a milliradian of a stroke of one radian on
+                above=0.0,
+                at_most=1.0,
                 ladder=Ladder(Per.VALUE, (0.25,), absent=True),
             ),
         ),
@@ -323,13 +326,6 @@ class Hysteresis(JointEffect):
         separating_runs=(Run.AMPLITUDES, Run.LOAD_SWAP, Run.GAIN_CHANGE),
         choices=(("law", LAWS),),
     )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not self.sharpness > 0:
-            raise DataError(f"effect hysteresis: sharpness must be > 0, got {self.sharpness!r}.")
-        if not 0 < self.depth <= 1:
-            raise DataError(f"effect hysteresis: depth must be above 0 and at most 1, got {self.depth!r}.")
 
     def forgets_after(self) -> dict[int, float]:
         """Return the way over which it turns from one side to the other."""
