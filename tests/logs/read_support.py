@@ -1,4 +1,4 @@
-"""What the tests of the log readers share: small logs and recordings with planted values."""
+"""What the tests of the log readers share: small logs, and recordings of twelve ticks with a planted pose at each."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from gpcorrect.types import CalibrationLog, FloatArray, LogMeta, PoseSignal
 
 NATIVE = "time,trajectory,tracker_cp_x,tracker_cp_y,tracker_cp_z\n"
-START = 1_700_000_000_123_456_789  # ns since 1970: a recording's first message
 
 
 def write(path: Path, text: str | bytes) -> Path:
@@ -70,6 +69,14 @@ def assert_same_log(a: CalibrationLog, b: CalibrationLog) -> None:
     assert a.meta == b.meta
 
 
+START = 1_700_000_000_123_456_789  # ns since 1970: a recording's first message
+STEP = 10_000_000  # ns
+N = 12
+POSE = random_pose(np.random.default_rng(0), N)
+TICKS = [START + k * STEP for k in range(N)]
+Fields = dict[str, Any]
+
+
 @dataclass(frozen=True)
 class Post:
     """A message to put into a recording."""
@@ -80,42 +87,14 @@ class Post:
     make: Callable[[Any], Any]
 
 
-def header(types: Any, stamp: int) -> Any:
+def header(types: Any, stamp: int, frame: str = "base") -> Any:
     """Make a header with a stamp in ns, of ROS 1 or ROS 2."""
     time = types["builtin_interfaces/msg/Time"](stamp // 10**9, stamp % 10**9)
     kind = types["std_msgs/msg/Header"]
-    return kind(seq=0, stamp=time, frame_id="base") if "seq" in kind.__annotations__ else kind(time, "base")
+    return kind(seq=0, stamp=time, frame_id=frame) if "seq" in kind.__annotations__ else kind(time, frame)
 
 
-def pose_stamped(
-    topic: str, position: Sequence[float], wxyz: Sequence[float], stamp: int, receive: int | None = None
-) -> Post:
-    """Make a PoseStamped message."""
-
-    def make(types: Any) -> Any:
-        w, x, y, z = wxyz
-        point = types["geometry_msgs/msg/Point"](*position)
-        pose = types["geometry_msgs/msg/Pose"](point, types["geometry_msgs/msg/Quaternion"](x, y, z, w))
-        return types["geometry_msgs/msg/PoseStamped"](header(types, stamp), pose)
-
-    return Post(topic, "geometry_msgs/msg/PoseStamped", stamp if receive is None else receive, make)
-
-
-def transform_stamped(
-    topic: str, position: Sequence[float], wxyz: Sequence[float], stamp: int, receive: int | None = None
-) -> Post:
-    """Make a TransformStamped message."""
-
-    def make(types: Any) -> Any:
-        w, x, y, z = wxyz
-        moved = types["geometry_msgs/msg/Vector3"](*position)
-        transform = types["geometry_msgs/msg/Transform"](moved, types["geometry_msgs/msg/Quaternion"](x, y, z, w))
-        return types["geometry_msgs/msg/TransformStamped"](header(types, stamp), "marker", transform)
-
-    return Post(topic, "geometry_msgs/msg/TransformStamped", stamp if receive is None else receive, make)
-
-
-def message(topic: str, msgtype: str, stamp: int, receive: int, fill: Callable[[Any], dict[str, Any]]) -> Post:
+def message(topic: str, msgtype: str, stamp: int, receive: int | None, fill: Callable[[Any], Fields]) -> Post:
     """Make a message of any type from its fields; `fill` is given the types, and the header comes first."""
 
     def make(types: Any) -> Any:
@@ -124,7 +103,7 @@ def message(topic: str, msgtype: str, stamp: int, receive: int, fill: Callable[[
         head = {"header": header(types, stamp)} if "header" in names else {}
         return types[msgtype](**head, **given)
 
-    return Post(topic, msgtype, receive, make)
+    return Post(topic, msgtype, stamp if receive is None else receive, make)
 
 
 def plain_pose(types: Any, position: Sequence[float], wxyz: Sequence[float]) -> Any:
@@ -134,60 +113,88 @@ def plain_pose(types: Any, position: Sequence[float], wxyz: Sequence[float]) -> 
     return types["geometry_msgs/msg/Pose"](point, types["geometry_msgs/msg/Quaternion"](x, y, z, w))
 
 
+def plain_transform(types: Any, position: Sequence[float], wxyz: Sequence[float]) -> Any:
+    """Make a Transform, without a header."""
+    w, x, y, z = wxyz
+    moved = types["geometry_msgs/msg/Vector3"](*position)
+    return types["geometry_msgs/msg/Transform"](moved, types["geometry_msgs/msg/Quaternion"](x, y, z, w))
+
+
+def pose_stamped(
+    topic: str, position: Sequence[float], wxyz: Sequence[float], stamp: int, receive: int | None = None
+) -> Post:
+    """Make a PoseStamped message."""
+    kind = "geometry_msgs/msg/PoseStamped"
+    return message(topic, kind, stamp, receive, lambda types: {"pose": plain_pose(types, position, wxyz)})
+
+
+def transform_stamped(
+    topic: str, position: Sequence[float], wxyz: Sequence[float], stamp: int, receive: int | None = None
+) -> Post:
+    """Make a TransformStamped message."""
+
+    def fill(types: Any) -> Fields:
+        return {"child_frame_id": "marker", "transform": plain_transform(types, position, wxyz)}
+
+    return message(topic, "geometry_msgs/msg/TransformStamped", stamp, receive, fill)
+
+
 def transforms(topic: str, pairs: Sequence[tuple[str, str, Sequence[float], Sequence[float]]], stamp: int) -> Post:
     """Make a TFMessage of (parent, child, position, quaternion wxyz)."""
 
-    def make(types: Any) -> Any:
-        made = []
-        for parent, child, position, (w, x, y, z) in pairs:
-            head = header(types, stamp)
-            head.frame_id = parent
-            moved = types["geometry_msgs/msg/Vector3"](*position)
-            turned = types["geometry_msgs/msg/Quaternion"](x, y, z, w)
-            transform = types["geometry_msgs/msg/Transform"](moved, turned)
-            made.append(types["geometry_msgs/msg/TransformStamped"](head, child, transform))
-        return types["tf2_msgs/msg/TFMessage"](made)
+    def fill(types: Any) -> Fields:
+        kind = types["geometry_msgs/msg/TransformStamped"]
+        return {
+            "transforms": [
+                kind(header(types, stamp, parent), child, plain_transform(types, position, wxyz))
+                for parent, child, position, wxyz in pairs
+            ]
+        }
 
-    return Post(topic, "tf2_msgs/msg/TFMessage", stamp, make)
+    return message(topic, "tf2_msgs/msg/TFMessage", stamp, None, fill)
 
 
 def joint_state(
     topic: str, position: FloatArray, stamp: int, *, velocity: FloatArray | None = None, names: str = "abcdef"
 ) -> Post:
     """Make a JointState message; efforts are ten times the velocities."""
+    v = np.zeros(0) if velocity is None else np.asarray(velocity, dtype=np.float64)
+    values = np.asarray(position, dtype=np.float64)
+    fields = {"name": list(names[: len(position)]), "position": values, "velocity": v, "effort": 10 * v}
+    return message(topic, "sensor_msgs/msg/JointState", stamp, None, lambda types: fields)
 
-    def make(types: Any) -> Any:
-        v = np.zeros(0) if velocity is None else np.asarray(velocity, dtype=np.float64)
-        joints = list(names[: len(position)])
-        values = np.asarray(position, dtype=np.float64)
-        return types["sensor_msgs/msg/JointState"](header(types, stamp), joints, values, v, 10 * v)
 
-    return Post(topic, "sensor_msgs/msg/JointState", stamp, make)
+def poses(topic: str, make: Callable[..., Post] = pose_stamped, late: int = 0) -> list[Post]:
+    """Make a message of the planted pose of each tick."""
+    return [make(topic, POSE.position[k], POSE.quaternion[k], t + late) for k, t in enumerate(TICKS)]
+
+
+def moving(parent: str, child: str) -> list[Post]:
+    """Make a transform of the planted pose of each tick."""
+    return [transforms("/tf", [(parent, child, POSE.position[k], POSE.quaternion[k])], t) for k, t in enumerate(TICKS)]
+
+
+def counted(topic: str, stamps: Sequence[int] = TICKS, receives: Sequence[int | None] | None = None) -> list[Post]:
+    """Make a pose of each stamp whose x is its place, received at its stamp unless it is said when."""
+    came = receives if receives is not None else [None] * len(stamps)
+    return [pose_stamped(topic, [k, 0, 0], [1, 0, 0, 0], stamp, came[k]) for k, stamp in enumerate(stamps)]
 
 
 def write_bag(path: Path, posts: Sequence[Post], kind: str, definitions: Sequence[tuple[str, str]] = ()) -> Path:
     """Write a recording and give the path to read: kind "bag", "mcap", "db3", or "folder"."""
-    from rosbags.rosbag1 import Writer as Ros1Writer
-    from rosbags.rosbag2 import StoragePlugin
-    from rosbags.rosbag2 import Writer as Ros2Writer
+    from rosbags import rosbag1, rosbag2
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS1_NOETIC if kind == "bag" else Stores.ROS2_HUMBLE)
     for name, text in definitions:
         store.register(get_types_from_msg(text, name))
     if kind == "bag":
-        target, writer, serialize = (
-            path.with_suffix(".bag"),
-            Ros1Writer(path.with_suffix(".bag")),
-            store.serialize_ros1,
-        )
+        target, serialize = path.with_suffix(".bag"), store.serialize_ros1
+        writer: Any = rosbag1.Writer(target)
     else:
-        plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
-        target, writer, serialize = (
-            path,
-            Ros2Writer(path, version=9, storage_plugin=plugin),
-            store.serialize_cdr,
-        )
+        target, serialize = path, store.serialize_cdr
+        plugin = rosbag2.StoragePlugin.MCAP if kind == "mcap" else rosbag2.StoragePlugin.SQLITE3
+        writer = rosbag2.Writer(path, version=9, storage_plugin=plugin)
     with writer:
         links: dict[str, Any] = {}
         for post in sorted(posts, key=lambda p: p.receive):

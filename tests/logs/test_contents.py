@@ -7,16 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mocap_support import moving_tool, write_motive, write_ndi, write_trc
-from read_support import START, joint_state, pose_stamped, random_pose, transforms, write, write_bag
+from read_support import POSE, TICKS, N, joint_state, moving, poses, write, write_bag
 
 from gpcorrect.errors import LogError
 from gpcorrect.logs import read_log
 from gpcorrect.logs.contents import contents_of
 from gpcorrect.types import CalibrationLog
-
-N = 12
-POSE = random_pose(np.random.default_rng(0), N)
-TICKS = [START + k * 10_000_000 for k in range(N)]
 
 
 def read_as_proposed(path: Path) -> CalibrationLog:
@@ -24,10 +20,10 @@ def read_as_proposed(path: Path) -> CalibrationLog:
 
 
 def test_topics_are_listed_with_type_count_and_rate(tmp_path: Path):
-    told = [pose_stamped("/PSM1/setpoint_cp", POSE.position[k], POSE.quaternion[k], t) for k, t in enumerate(TICKS)]
+    told = poses("/PSM1/setpoint_cp")
     joints = [joint_state("/joint_states", POSE.position[k], t) for k, t in enumerate(TICKS)]
-    moving = [transforms("/tf", [("a", "b", POSE.position[k], POSE.quaternion[k])], t) for k, t in enumerate(TICKS)]
-    bag = write_bag(tmp_path / "r", told + joints + moving, "mcap")
+    moved = moving("a", "b")
+    bag = write_bag(tmp_path / "r", told + joints + moved, "mcap")
     found = contents_of(bag)
     listed = {part.name: (part.kind, part.samples) for part in found.parts}
     assert listed["/PSM1/setpoint_cp"] == ("geometry_msgs/msg/PoseStamped", N)

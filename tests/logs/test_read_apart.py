@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from read_support import START, assert_same_log, random_log, transforms, write
-from test_read_bag import robot, write_bag
+from read_support import START, assert_same_log, random_log, transforms, write, write_bag
+from test_read_bag import robot
 
 from gpcorrect.errors import LogError, MissingExtraError
 from gpcorrect.logs import apart, parquet_file, read_log, reader, write_log

@@ -7,11 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from read_support import (
+    POSE,
     START,
+    STEP,
+    TICKS,
+    N,
     Post,
+    counted,
     joint_state,
     pose_stamped,
-    random_pose,
+    poses,
     transform_stamped,
     write,
     write_bag,
@@ -25,22 +30,14 @@ from gpcorrect.logs.order import Disorder
 from gpcorrect.types import CalibrationLog
 
 KINDS = ("bag", "mcap", "db3", "folder")
-STEP = 10_000_000  # ns
-N = 12
-POSE = random_pose(np.random.default_rng(0), N)
 JOINTS = np.random.default_rng(1).normal(size=(N, 6))
 SPEEDS = np.random.default_rng(2).normal(size=(N, 6))
-TICKS = [START + k * STEP for k in range(N)]
-
-
-def poses(make: Callable[..., Post], topic: str, late: int = 0) -> list[Post]:
-    return [make(topic, POSE.position[k], POSE.quaternion[k], t + late) for k, t in enumerate(TICKS)]
 
 
 def robot(space: str = "/PSM1", make: Callable[..., Post] = pose_stamped) -> list[Post]:
     measured = [joint_state(f"{space}/measured_js", JOINTS[k], t, velocity=SPEEDS[k]) for k, t in enumerate(TICKS)]
     setpoint = [joint_state(f"{space}/setpoint_js", -JOINTS[k], t) for k, t in enumerate(TICKS)]
-    return [*measured, *setpoint, *poses(make, f"{space}/setpoint_cp"), *poses(make, f"{space}/measured_cp")]
+    return [*measured, *setpoint, *poses(f"{space}/setpoint_cp", make), *poses(f"{space}/measured_cp", make)]
 
 
 def test_poses_of_a_bag_are_scaled_by_its_mapping(tmp_path: Path):
@@ -53,7 +50,7 @@ def test_poses_of_a_bag_are_scaled_by_its_mapping(tmp_path: Path):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("make", [pose_stamped, transform_stamped])
 def test_planted_values_are_read_back_bit_for_bit(tmp_path: Path, kind: str, make: Callable[..., Post]):
-    log = read_log(write_bag(tmp_path / "r", robot(make=make) + poses(make, "/ndi/tool"), kind))
+    log = read_log(write_bag(tmp_path / "r", robot(make=make) + poses("/ndi/tool", make), kind))
     assert log.signals == (
         "setpoint_cp",
         "measured_cp",
@@ -88,7 +85,7 @@ def test_a_topic_between_two_others_is_interpolated_and_never_rounded_to_the_nea
 
 def test_header_stamps_are_taken_unless_the_recorders_clock_is_asked_for(tmp_path: Path):
     late = 4_000_000
-    posts = [pose_stamped("/p/setpoint_cp", [k, 0, 0], [1, 0, 0, 0], t, t + late) for k, t in enumerate(TICKS)]
+    posts = counted("/p/setpoint_cp", TICKS, [t + late for t in TICKS])
     bag = write_bag(tmp_path / "r", posts, "mcap")
     np.testing.assert_allclose(read_log(bag).time, (np.arange(N) * STEP - late) / 1e9)
     mapping = write(tmp_path / "m.toml", '[bag]\nclock = "receive"\n')
@@ -96,14 +93,14 @@ def test_header_stamps_are_taken_unless_the_recorders_clock_is_asked_for(tmp_pat
 
 
 def test_times_of_reception_stand_in_for_stamps_of_zero_and_that_is_reported(tmp_path: Path):
-    posts = [pose_stamped("/p/setpoint_cp", [k, 0, 0], [1, 0, 0, 0], 0, t) for k, t in enumerate(TICKS)]
+    posts = counted("/p/setpoint_cp", [0] * N, TICKS)
     log = read_log(write_bag(tmp_path / "r", posts, "bag"))
     np.testing.assert_array_equal(log.time, np.arange(N) * STEP / 1e9)
     assert log.remarks == ("/p/setpoint_cp has no header stamps; the receive times were taken.",)
 
 
 def test_single_messages_without_a_stamp_are_left_out_and_counted(tmp_path: Path):
-    posts = [pose_stamped("/p/setpoint_cp", [k, 0, 0], [1, 0, 0, 0], t * (k != 3), t) for k, t in enumerate(TICKS)]
+    posts = counted("/p/setpoint_cp", [t * (k != 3) for k, t in enumerate(TICKS)], TICKS)
     log = read_log(write_bag(tmp_path / "r", posts, "bag"))
     assert log.setpoint_cp.position[:, 0].tolist() == [k for k in range(N) if k != 3]
     assert log.remarks == ("1 messages of /p/setpoint_cp without a stamp were left out.",)
@@ -124,7 +121,7 @@ def test_clocks_that_share_no_time_are_refused_and_a_shift_in_the_mapping_joins_
 
 
 def test_the_base_and_the_longest_gap_can_be_set_in_the_mapping(tmp_path: Path):
-    slow = [pose_stamped("/tracker", [k, 0, 0], [1, 0, 0, 0], t) for k, t in enumerate(TICKS) if k % 4 == 0]
+    slow = counted("/tracker")[::4]
     bag = write_bag(tmp_path / "r", robot() + slow, "bag")
     assert len(read_log(bag)) == 3
     mapping = write(tmp_path / "m.toml", '[bag]\nbase = "setpoint_jp"\nmax_gap = 0.04\n')
@@ -176,8 +173,8 @@ def test_topics_without_a_namespace_are_a_robot_too(tmp_path: Path):
 
 
 def test_a_tracker_is_found_by_its_name_chosen_or_left_out(tmp_path: Path):
-    other = [pose_stamped("/goal", [k, 0, 0], [1, 0, 0, 0], t) for k, t in enumerate(TICKS)]
-    bag = write_bag(tmp_path / "r", robot() + other + poses(transform_stamped, "/vicon/tool"), "bag")
+    other = counted("/goal")
+    bag = write_bag(tmp_path / "r", robot() + other + poses("/vicon/tool", transform_stamped), "bag")
     np.testing.assert_array_equal(read_log(bag).tracker_cp.position, POSE.position)
     np.testing.assert_array_equal(read_log(bag, tracker_topic="goal").tracker_cp.position[:, 0], np.arange(N))
     assert read_log(bag, tracker_topic="").tracker_cp is None
@@ -186,14 +183,14 @@ def test_a_tracker_is_found_by_its_name_chosen_or_left_out(tmp_path: Path):
 
 
 def test_two_trackers_must_be_chosen_from(tmp_path: Path):
-    both = poses(pose_stamped, "/vicon/a") + poses(pose_stamped, "/vicon/b")
+    both = poses("/vicon/a") + poses("/vicon/b")
     bag = write_bag(tmp_path / "r", robot() + both, "bag")
     with pytest.raises(LogError, match="more than one topic that may be the tracker: /vicon/a, /vicon/b"):
         read_log(bag)
 
 
 def test_a_tracker_that_speaks_crtk_is_no_robot(tmp_path: Path):
-    bag = write_bag(tmp_path / "r", robot() + poses(pose_stamped, "/atracsys/tool/measured_cp"), "bag")
+    bag = write_bag(tmp_path / "r", robot() + poses("/atracsys/tool/measured_cp"), "bag")
     log = read_log(bag)
     np.testing.assert_array_equal(log.tracker_cp.position, POSE.position)
     np.testing.assert_array_equal(log.measured_jp, JOINTS)
@@ -256,7 +253,7 @@ def test_a_recording_of_other_things_is_refused_with_its_topics(tmp_path: Path):
 
 def test_backward_header_stamps_are_refused_or_dropped(tmp_path: Path):
     stamps = [*TICKS[:6], TICKS[2], *TICKS[7:]]
-    posts = [pose_stamped("/p/setpoint_cp", [k, 0, 0], [1, 0, 0, 0], s, TICKS[k]) for k, s in enumerate(stamps)]
+    posts = counted("/p/setpoint_cp", stamps, TICKS)
     bag = write_bag(tmp_path / "r", posts, "bag")
     with pytest.raises(LogError, match="/p/setpoint_cp run backwards, the first at sample 7"):
         read_log(bag)
@@ -286,7 +283,7 @@ def test_a_clock_that_was_set_back_is_refused_or_costs_what_is_said(tmp_path: Pa
     """Sorted, samples of two stretches would alternate."""
     ticks = START + STEP * np.arange(60)
     stamps = ticks - np.where(np.arange(60) < 30, 0, int(back * STEP))
-    posts = [pose_stamped("/p/setpoint_cp", [k, 0, 0], [1, 0, 0, 0], stamps[k], t) for k, t in enumerate(ticks)]
+    posts = counted("/p/setpoint_cp", stamps, ticks)
     bag = write_bag(tmp_path / "r", posts, "bag")
     with pytest.raises(LogError, match="/p/setpoint_cp run backwards, the first at sample 31"):
         read_log(bag)
@@ -324,9 +321,9 @@ def test_a_missing_library_names_the_extra_that_brings_it(tmp_path: Path, monkey
 def test_what_was_seen_of_another_arm_is_not_taken_for_this_one(tmp_path: Path):
     """Each arm's own tracker is chosen with the arm; that of the other arm alone is none."""
     both = robot("/PSM1") + robot("/PSM2")
-    seen = write_bag(tmp_path / "other", both + poses(pose_stamped, "/PSM2/tracker_cp"), "bag")
+    seen = write_bag(tmp_path / "other", both + poses("/PSM2/tracker_cp"), "bag")
     assert read_log(seen, namespace="/PSM2").tracker_cp is not None
     assert read_log(seen, namespace="/PSM1").tracker_cp is None
-    two = both + poses(pose_stamped, "/PSM1/tracker_cp") + poses(pose_stamped, "/PSM2/tracker_cp", 1)
+    two = both + poses("/PSM1/tracker_cp") + poses("/PSM2/tracker_cp", late=1)
     log = read_log(write_bag(tmp_path / "two", two, "bag"), namespace="/PSM1")
     assert log.remarks == ("/PSM1/tracker_cp was taken for the tracker.",)

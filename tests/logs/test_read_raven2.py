@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from read_support import START, Post, header, pose_stamped, write, write_bag
+from read_support import START, Post, counted, header, write, write_bag
 from scipy.spatial.transform import Rotation
 
 from gpcorrect.errors import LogError
@@ -167,9 +167,7 @@ def test_efforts_are_reported_as_desired_torques(tmp_path: Path):
 
 
 def test_a_tracker_beside_the_state_gives_the_rows(tmp_path: Path):
-    seen = [
-        pose_stamped("/optitrack/tool", [k, 0, 0], [1, 0, 0, 0], START + k * STEP + STEP // 2) for k in range(N - 1)
-    ]
+    seen = counted("/optitrack/tool", [START + k * STEP + STEP // 2 for k in range(N - 1)])
     log = read_log(record(tmp_path / "r", [*(state(k) for k in range(N)), *seen]), arm="left")
     np.testing.assert_array_equal(log.tracker_cp.position[:, 0], np.arange(N - 1))
     middle = (POSITIONS[1:, 0] + POSITIONS[:-1, 0]) / 2e6

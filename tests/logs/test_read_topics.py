@@ -8,12 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 from read_support import (
-    START,
+    POSE,
+    TICKS,
+    N,
     Post,
     joint_state,
     message,
+    moving,
     plain_pose,
-    pose_stamped,
+    poses,
     random_pose,
     transform_stamped,
     transforms,
@@ -26,9 +29,6 @@ from gpcorrect.errors import LogError
 from gpcorrect.logs import read_log
 from gpcorrect.types import CalibrationLog
 
-N = 12
-POSE = random_pose(np.random.default_rng(0), N)
-TICKS = [START + k * 10_000_000 for k in range(N)]
 KINDS = pytest.mark.parametrize("kind", ["bag", "mcap"])
 COVARIANCE = np.zeros(36)
 
@@ -99,15 +99,15 @@ def test_a_pose_of_an_array_is_chosen_by_its_place(tmp_path: Path):
 def test_a_stamped_pose_comes_before_other_messages(tmp_path: Path):
     """A recording that was read before other types were known is still read the same."""
     other = posts("/base/odom", "nav_msgs/msg/Odometry", odometry)
-    plain = [pose_stamped("/tool", POSE.position[k], POSE.quaternion[k], t) for k, t in enumerate(TICKS)]
+    plain = poses("/tool")
     log = read_log(write_bag(tmp_path / "r", plain + other, "bag"))
     assert log.remarks == ("/tool was taken for the tracker.",)
 
 
 def test_topics_without_a_leading_slash_are_the_same_topics(tmp_path: Path):
     """Robot, namespace, tracker and choice."""
-    seen = [pose_stamped("ndi/tool", POSE.position[k], POSE.quaternion[k], t) for k, t in enumerate(TICKS)]
-    told = [pose_stamped("PSM1/setpoint_cp", POSE.position[k], POSE.quaternion[k], t) for k, t in enumerate(TICKS)]
+    seen = poses("ndi/tool")
+    told = poses("PSM1/setpoint_cp")
     bag = write_bag(tmp_path / "r", seen + told, "mcap")
     for log in (read_log(bag), read_log(bag, tracker_topic="/ndi/tool"), read_log(bag, namespace="/PSM1")):
         assert log.signals == ("setpoint_cp", "tracker_cp")
@@ -117,9 +117,9 @@ def test_topics_without_a_leading_slash_are_the_same_topics(tmp_path: Path):
 def test_a_mapping_says_which_topic_is_which_signal(tmp_path: Path):
     """Names that follow no convention; a topic that holds something else is refused."""
     q = np.random.default_rng(1).normal(size=(N, 3))
-    told = [pose_stamped("/goal", POSE.position[k], POSE.quaternion[k], t) for k, t in enumerate(TICKS)]
+    told = poses("/goal")
     joints = [joint_state("/joint_states", q[k], t) for k, t in enumerate(TICKS)]
-    seen = [pose_stamped("/eye", POSE.position[k], POSE.quaternion[k], t) for k, t in enumerate(TICKS)]
+    seen = poses("/eye")
     bag = write_bag(tmp_path / "r", told + joints + seen, "bag")
     text = '[bag.topics]\nsetpoint_cp = "goal"\nmeasured_js = "/joint_states"\ntracker_cp = "/eye"\n'
     log = read_log(bag, columns=write(tmp_path / "m.toml", text))
@@ -133,20 +133,16 @@ def test_a_mapping_says_which_topic_is_which_signal(tmp_path: Path):
 @KINDS
 def test_the_only_moving_transform_is_the_tracker(tmp_path: Path, kind: str):
     """Fixed ones beside it do not matter."""
-    moving = [
-        transforms("/tf", [("world", "tool", POSE.position[k], POSE.quaternion[k])], t) for k, t in enumerate(TICKS)
-    ]
+    moved = moving("world", "tool")
     fixed = transforms("/tf_static", [("tool", "tip", [0, 0, 0.1], [1, 0, 0, 0])], TICKS[0])
     unknown = [("tf2_msgs/msg/TFMessage", "geometry_msgs/TransformStamped[] transforms")] if kind == "bag" else []
-    assert_planted(read_log(write_bag(tmp_path / "r", [*moving, fixed], kind, unknown)))
+    assert_planted(read_log(write_bag(tmp_path / "r", [*moved, fixed], kind, unknown)))
 
 
 def test_transforms_beside_a_robot_without_a_tracker_are_named(tmp_path: Path):
     """A tracker on /tf beside CRTK topics was left out without a word."""
-    told = [pose_stamped("/PSM1/setpoint_cp", POSE.position[k], POSE.quaternion[k], t) for k, t in enumerate(TICKS)]
-    seen = [
-        transforms("/tf", [("camera", "tool", POSE.position[k], POSE.quaternion[k])], t) for k, t in enumerate(TICKS)
-    ]
+    told = poses("/PSM1/setpoint_cp")
+    seen = moving("camera", "tool")
     bag = write_bag(tmp_path / "r", told + seen, "mcap")
     log = read_log(bag)
     assert log.tracker_cp is None
@@ -165,15 +161,13 @@ def test_the_pose_between_any_two_frames_is_the_product_of_the_transforms(tmp_pa
         [("world", "base", base.position[0], base.quaternion[0]), ("link", "tip", arm.position[0], arm.quaternion[0])],
         TICKS[0],
     )
-    moving = [
-        transforms("/tf", [("base", "link", POSE.position[k], POSE.quaternion[k])], t) for k, t in enumerate(TICKS)
-    ]
+    moved = moving("base", "link")
     slow = [
         transforms("/tf", [("world", "camera", [k / 10, 0, 0], [1, 0, 0, 0])], t)
         for k, t in enumerate(TICKS)
         if k in (0, 4, 8, 11)
     ]
-    bag = write_bag(tmp_path / "r", [*moving, fixed, *slow], "mcap")
+    bag = write_bag(tmp_path / "r", [*moved, fixed, *slow], "mcap")
     with pytest.raises(LogError, match=r"one moving transform, found /tf:base->link, /tf:world->camera"):
         read_log(bag)
     log = read_log(bag, tracker_topic="/tf:camera->tip")
@@ -191,7 +185,7 @@ def test_the_pose_between_any_two_frames_is_the_product_of_the_transforms(tmp_pa
             matrix(log.tracker_cp.position[k], log.tracker_cp.quaternion[k]), expected, atol=1e-9
         )
     again = [transforms("/tf", [("world", "link", POSE.position[0], POSE.quaternion[0])], TICKS[6])]
-    torn = write_bag(tmp_path / "torn", [*moving, fixed, *again], "mcap")
+    torn = write_bag(tmp_path / "torn", [*moved, fixed, *again], "mcap")
     with pytest.raises(LogError, match="link has two parents, base and world"):  # what came before was dropped
         read_log(torn, tracker_topic="/tf:base->tip")
     with pytest.raises(LogError, match=r"no transforms lead from world to nowhere.*base, camera, link, tip, world"):
@@ -223,7 +217,7 @@ def test_poses_of_two_bodies_under_one_topic_are_not_mixed(tmp_path: Path, name:
 def test_joint_states_that_are_not_read_are_named(tmp_path: Path):
     """A robot that follows no CRTK names was left out without a word."""
     joints = [joint_state("/joint_states", POSE.position[k], t) for k, t in enumerate(TICKS)]
-    tracker = [pose_stamped("/ndi/tool", POSE.position[k], POSE.quaternion[k], t) for k, t in enumerate(TICKS)]
+    tracker = poses("/ndi/tool")
     log = read_log(write_bag(tmp_path / "r", joints + tracker, "mcap"))
     assert log.signals == ("tracker_cp",)
     assert any("/joint_states" in remark and "[bag.topics]" in remark for remark in log.remarks)
