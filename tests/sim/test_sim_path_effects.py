@@ -8,13 +8,6 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import CableCoupling, CableStretch, Drift, GravitySag, HomingOffset, TransmissionRatio
 
 
-def test_homing_offset_is_reported_minus_true():
-    """The reported position is the true one plus the offset."""
-    state = motion()
-    q = HomingOffset(2, 0.05).act(state.position, state)
-    np.testing.assert_allclose(state.position[..., 1] - q[..., 1], 0.05)
-
-
 def test_every_session_has_its_own_offset():
     """With one offset a session, runs of a session share it and others do not."""
     state = motion(runs=4, sessions=2)

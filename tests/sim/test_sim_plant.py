@@ -1,4 +1,3 @@
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -66,14 +65,7 @@ def test_motion_and_load_converge():
 def test_runs_do_not_disturb_each_other():
     """A run comes out the same alone and beside others."""
     plan = moves(runs=3)
-    alone = replace(
-        plan,
-        q=plan.q[:, :1],
-        trajectory=plan.trajectory[:, :1],
-        session=plan.session[:1],
-        start=plan.start[:1],
-        payload=plan.payload[:1],
-    )
+    alone = plan.of_runs(np.array([0]))
     machine = raven(CoulombFriction(1, torque=1.0), Backlash(3, 0.001))
     np.testing.assert_allclose(run(machine, alone).q[:, 0], run(machine, plan).q[:, 0], atol=2e-6)
 

@@ -10,7 +10,6 @@ from gpcorrect.errors import DataError
 from gpcorrect.sim import Segment, plan_of, run
 from gpcorrect.sim.body import Drive
 from gpcorrect.sim.effects import (
-    CableStretch,
     CoulombFriction,
     IntegralAction,
     StribeckFriction,
@@ -88,12 +87,6 @@ def test_a_run_that_begins_where_another_has_been_goes_on_as_that(effects):
     assert off < 1e-3 * ever
 
 
-def test_without_friction_a_constant_speed_is_followed():
-    """With velocity feedforward in the derivative term there is no lag at constant speed."""
-    plan = constant_speed(SPEED)
-    np.testing.assert_allclose(run(weightless(), plan).q[-1], plan.q[-1], atol=1e-9)
-
-
 @pytest.mark.parametrize("joint", ALL)
 def test_coulomb_friction_through_the_gain_is_fc_over_kp(joint):
     """Moving steadily, the joint stays Fc / kp behind, whatever the speed."""
@@ -114,17 +107,6 @@ def test_viscous_friction_through_the_gain_is_a_lag_of_b_over_kp(joint):
         plan = constant_speed(factor * SPEED)
         error = (plan.q - run(weightless(ViscousFriction(joint, damping=damping)), plan).q)[-1, 0]
         np.testing.assert_allclose(error[joint - 1], 0.02 * factor * SPEED[joint - 1], rtol=1e-6)
-
-
-def test_friction_behind_the_cable_stretches_it_too():
-    """On the joint's side the same friction costs Fc / kp at the motor and Fc / k more at the joint."""
-    plan, k, torque = constant_speed(SPEED), 120.0, 0.5
-    outcome = run(weightless(CoulombFriction(1, torque=torque, side="joint"), CableStretch(1, k)), plan)
-    motor_error = plan.q[-1, 0, 0] - outcome.motion.position[-1, 0, 0]
-    np.testing.assert_allclose(motor_error, torque / drive().kp[0], rtol=1e-5)
-    np.testing.assert_allclose(outcome.motion.position[-1, 0, 0] - outcome.q[-1, 0, 0], torque / k, rtol=1e-5)
-    before = run(weightless(CoulombFriction(1, torque=torque), CableStretch(1, k)), plan)
-    np.testing.assert_allclose(before.q[-1, 0, 0], before.motion.position[-1, 0, 0], atol=1e-12)
 
 
 @pytest.mark.parametrize("rest", ["dry", "soft"])

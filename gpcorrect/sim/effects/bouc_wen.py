@@ -8,7 +8,6 @@ from math import isnan
 import numpy as np
 from numba import njit
 
-from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.operators import Memory, as_columns, remembered
 from gpcorrect.types import FloatArray
 
@@ -42,14 +41,7 @@ def bouc_wen(path: FloatArray, width: float, sharpness: float, memory: Memory | 
     -------
     (n, ...) array
         Output, between -w and w.
-
-    Raises
-    ------
-    DataError
-        The width is negative or the sharpness not above 0.
     """
-    if not (width >= 0 and sharpness > 0):
-        raise DataError(f"a Bouc-Wen element needs a width >= 0 and a sharpness > 0, got {width} and {sharpness}.")
     if width == 0:
         return np.zeros(path.shape)
     columns = as_columns(path) / width

@@ -14,7 +14,6 @@ from math import cos, exp, expm1, isfinite, isnan, sin, sqrt
 import numpy as np
 from numba import njit
 
-from gpcorrect.errors import DataError
 from gpcorrect.types import FloatArray, IntArray
 
 Memory = dict[str, FloatArray]
@@ -45,14 +44,7 @@ def play(path: FloatArray, radius: float, memory: Memory | None = None) -> Float
     -------
     (n, ...) array
         Output.
-
-    Raises
-    ------
-    DataError
-        The radius is negative.
     """
-    if not radius >= 0:
-        raise DataError(f"the half width of a play must be >= 0, got {radius}.")
     return plays(path, np.array([radius]), memory)
 
 
@@ -116,14 +108,7 @@ def lag(
     -------
     (n, ...) array
         Output.
-
-    Raises
-    ------
-    DataError
-        The time constant is negative.
     """
-    if not time_constant >= 0:
-        raise DataError(f"a time constant must be >= 0, got {time_constant}.")
     columns, times = as_columns(path), as_columns(time)
     order = np.arange(columns.shape[1])
     before, settled = np.full((2, len(order)), -1)
@@ -163,16 +148,7 @@ def ring(
     -------
     (n, ...) array
         Output.
-
-    Raises
-    ------
-    DataError
-        The frequency is not above 0, or the damping ratio is negative.
     """
-    if not (frequency_hz > 0 and damping_ratio >= 0):
-        raise DataError(
-            f"an oscillator needs a frequency > 0 and a damping ratio >= 0, got {frequency_hz} and {damping_ratio}."
-        )
     if np.isinf(frequency_hz):
         return np.array(path)
     columns = as_columns(path)
