@@ -34,8 +34,6 @@ class Links:
 
     def __post_init__(self) -> None:
         k = len(self.mass)
-        if self.inertia_products is not None and self.inertia_products.shape != (k, 3):
-            raise DataError(f"{k} link masses need ({k}, 3) inertia products, got {self.inertia_products.shape}.")
         if self.com.shape != (k, 3) or self.inertia_diagonal.shape != (k, 3):
             raise DataError(
                 f"{k} link masses need centres and inertias of shape ({k}, 3), got {self.com.shape} and "
@@ -216,10 +214,5 @@ class Drive:
         return (self.kd + brakes, nothing) if self.brakes_late else (self.kd, brakes)
 
     def __post_init__(self) -> None:
-        if not len(self.kp) == len(self.kd) == len(self.motor_inertia):
-            raise DataError(
-                f"kp, kd and motor_inertia must have one number a joint, got {len(self.kp)}, {len(self.kd)} and "
-                f"{len(self.motor_inertia)}."
-            )
         if not ((self.kp > 0).all() and (self.kd >= 0).all() and (self.motor_inertia >= 0).all()):
             raise DataError("kp must be above 0, kd and motor_inertia at least 0.")

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gpcorrect.arms import Arm
-from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body, Drive
 from gpcorrect.sim.effects import ChainEffect, DriveEffect, Effect, LoadEffect, in_order, of_kind
 from gpcorrect.sim.plan import Plan
@@ -49,10 +48,6 @@ class Machine:
         for effect in self.effects:
             for number in effect.joints:
                 effect.column(self.body.joints, number)
-        if len(self.drive.kp) != len(self.body.joints):
-            raise DataError(
-                f"the controller has gains for {len(self.drive.kp)} joints, the model has {len(self.body.joints)}."
-            )
 
     def with_effects(self, *effects: Effect) -> Machine:
         """Return the machine with these effects instead of its own."""

@@ -168,17 +168,7 @@ def trapezoid(distance: float, speed: float, acceleration: float, rate_hz: float
     distance : float, m or rad, >= 0
     speed, acceleration : float, in units of the distance per s and s^2, > 0
     rate_hz : float, samples a second
-
-    Raises
-    ------
-    DataError
-        Speed or acceleration is not above 0, or the distance is negative.
     """
-    if not (speed > 0 and acceleration > 0 and distance >= 0):
-        raise DataError(
-            f"a trapezoid needs distance >= 0, speed > 0 and acceleration > 0, got {distance}, {speed} and "
-            f"{acceleration}."
-        )
     if distance == 0:
         return np.array([0.0, 1.0])
     top = min(speed, np.sqrt(distance * acceleration))
