@@ -131,22 +131,6 @@ def test_joints_of_an_outside_encoder_can_be_aligned():
     np.testing.assert_allclose(moved.external_jp[:-1], joints[:-1], atol=1e-12)
 
 
-def test_drift_is_followed():
-    """A tracker clock that runs fast is followed through the recording."""
-    rng = np.random.default_rng(3)
-    path, time = wandering(rng), np.arange(0, 120, 0.02)
-    tracker = PoseSignal(path((time - 0.1) * (1 - 2e-4)) + 5e-5 * rng.normal(size=(len(time), 3)))
-    log = CalibrationLog(
-        time, np.zeros(len(time)), np.zeros(len(time)), setpoint_cp=PoseSignal(path(time)), tracker_cp=tracker
-    )
-    found = log_offset(log)
-    assert found.drift is not None
-    left = align(log, found).tracker_cp.position - log.setpoint_cp.position
-    constant = align(log, replace(found, drift=None)).tracker_cp.position - log.setpoint_cp.position
-    assert np.sqrt(np.nanmean(left**2)) < 1e-4
-    assert np.sqrt(np.nanmean(constant**2)) > 2e-4
-
-
 def test_an_unobservable_offset_is_not_applied():
     """Alignment refuses an offset that the motion does not determine, and takes the number a person gives."""
     rng = np.random.default_rng(4)

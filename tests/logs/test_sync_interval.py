@@ -7,7 +7,7 @@ import pytest
 from sync_support import Recording, wandering
 
 from gpcorrect.logs.sync import estimate_offset
-from gpcorrect.logs.sync.refine import block_sums, lost_freedom, sandwich
+from gpcorrect.logs.sync.refine import lost_freedom
 
 
 @pytest.mark.parametrize(
@@ -47,26 +47,6 @@ def test_interval_narrows_with_noise_and_length():
         widths[name] = np.median(found)
     assert 6 < widths["noisy"] / widths["base"] < 14
     assert 0.3 < widths["long"] / widths["base"] < 0.8
-
-
-def test_sandwich_of_independent_samples_is_the_textbook_variance():
-    """For a mean of independent samples the block variance is s^2 / n."""
-    rng = np.random.default_rng(0)
-    x = rng.normal(size=(20_000, 1))
-    covariance, dof = sandwich(x - x.mean(), np.array([[float(len(x))]]))
-    assert covariance[0, 0] == pytest.approx(1 / len(x), rel=0.25)
-    assert dof > 100
-
-
-def test_blocks_outlast_the_correlation():
-    """Sums over blocks of an AR(1) series are all but uncorrelated, though neighbours correlate by 0.95."""
-    rng = np.random.default_rng(1)
-    x = np.zeros(40_000)
-    for i in range(1, len(x)):
-        x[i] = 0.95 * x[i - 1] + rng.normal()
-    sums = block_sums(x[:, None])[:, 0]
-    assert abs(np.corrcoef(sums[:-1], sums[1:])[0, 1]) < 3 / np.sqrt(len(sums)) + 0.1
-    assert sums.sum() == pytest.approx(x.sum())
 
 
 def test_fitted_unknowns_cost_slow_noise_more():
