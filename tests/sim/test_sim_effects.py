@@ -8,154 +8,108 @@ from sim_machines import INFINITE, drive, motion, moves, raven
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim import EFFECTS, effect_from_dict, simulate
-from gpcorrect.sim.effects import (
-    Backlash,
-    BelievedPayload,
-    CableCoupling,
-    CableSlip,
-    CableStretch,
-    CapstanFriction,
-    CentreOfMassError,
-    CommandDelay,
-    CoulombFriction,
-    Creep,
-    Delay,
-    DhError,
-    Drift,
-    EncoderQuantisation,
-    FeedforwardError,
-    GainError,
-    GravityError,
-    GravitySag,
-    HomingOffset,
-    Hysteresis,
-    InertiaError,
-    IntegralAction,
-    JointSpring,
-    JointStop,
-    LengthDependentStiffness,
-    LinkMassError,
-    LoadedBacklash,
-    MissingFriction,
-    MotorConstantError,
-    NoiseChange,
-    NonlinearStretch,
-    PathEffect,
-    Payload,
-    PositionDependentFriction,
-    PulleyEccentricity,
-    RcmShift,
-    RegistrationError,
-    Resonance,
-    ShaftBending,
-    SpeedNoise,
-    StribeckFriction,
-    TorqueSaturation,
-    TransmissionRatio,
-    VelocityFilter,
-    ViscousFriction,
-    in_order,
-)
+from gpcorrect.sim import effects as kinds
+from gpcorrect.sim.effects import in_order
 
 NEUTRAL = (
-    HomingOffset(1, 0.0),
-    TransmissionRatio(1, 0.0),
-    CableCoupling(2, 1, 0.0),
-    CableCoupling(2, 1, 0.0, drag=1.0, drag_radius=0.0),
-    PulleyEccentricity(1, 0.0, 10.0, 0.3),
-    RegistrationError("base", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-    DhError(2, 0.0, 0.0, 0.0, 0.0),
-    DhError("tool", 0.0, 0.0, 0.0, 0.0),
-    CableStretch(2, INFINITE),
-    NonlinearStretch(2, INFINITE, 1e6),
-    LengthDependentStiffness(2, 3, INFINITE, 0.3),
-    GravitySag(2, INFINITE),
-    Payload("all", 0.0),
-    Payload("all", 0.0, 0.02, -0.01, 0.03, place="beside"),
-    ShaftBending("tool", INFINITE),
-    RcmShift("base", INFINITE),
-    Backlash(3, 0.0),
-    CoulombFriction(1, torque=0.0),
-    ViscousFriction(1, damping=0.0),
-    StribeckFriction(1, torque=0.0, static_torque=0.0, speed=0.1),
-    CapstanFriction(1, wrap=0.0),
-    PositionDependentFriction(1, torque=0.0, swing=0.0, waves=5.0, phase=0.0),
-    Hysteresis(3, 0.0, 2.0),
-    Hysteresis(3, 0.0, 2.0, law="plays"),
-    Creep(2, 0.0, 5.0),
-    Drift(1, 0.0),
-    Delay("all", 0.0),
-    CableSlip(1, 0.0, 0.5),
-    TorqueSaturation(2, INFINITE),
-    JointStop(1, 0.0, 0.5),
-    Resonance(1, INFINITE, 0.1),
-    EncoderQuantisation(1, 0.0, lost=0.5),
-    NoiseChange(1, 0.0, tail=3.0),
-    FeedforwardError(2, 0.0, "gravity"),
-    GainError(2, 0.0, 0.0),
-    SpeedNoise(1, 0.0),
-    CommandDelay("all", 0.0),
-    InertiaError(2, 0.0),
-    LinkMassError(2, 0.0),
-    CentreOfMassError(2),
-    GravityError("base"),
-    JointSpring(1, 0.0, 0.0),
-    MissingFriction(1, 0.0),
-    MissingFriction(1, 0.0, "viscous"),
-    VelocityFilter("all", 0.0),
-    IntegralAction("all", 0.0),
-    MotorConstantError(2, 0.0),
-    LoadedBacklash(2, 0.0),
-    BelievedPayload("all", 0.0),
+    kinds.HomingOffset(1, 0.0),
+    kinds.TransmissionRatio(1, 0.0),
+    kinds.CableCoupling(2, 1, 0.0),
+    kinds.CableCoupling(2, 1, 0.0, drag=1.0, drag_radius=0.0),
+    kinds.PulleyEccentricity(1, 0.0, 10.0, 0.3),
+    kinds.RegistrationError("base", 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    kinds.DhError(2, 0.0, 0.0, 0.0, 0.0),
+    kinds.DhError("tool", 0.0, 0.0, 0.0, 0.0),
+    kinds.CableStretch(2, INFINITE),
+    kinds.NonlinearStretch(2, INFINITE, 1e6),
+    kinds.LengthDependentStiffness(2, 3, INFINITE, 0.3),
+    kinds.GravitySag(2, INFINITE),
+    kinds.Payload("all", 0.0),
+    kinds.Payload("all", 0.0, 0.02, -0.01, 0.03, place="beside"),
+    kinds.ShaftBending("tool", INFINITE),
+    kinds.RcmShift("base", INFINITE),
+    kinds.Backlash(3, 0.0),
+    kinds.CoulombFriction(1, torque=0.0),
+    kinds.ViscousFriction(1, damping=0.0),
+    kinds.StribeckFriction(1, torque=0.0, static_torque=0.0, speed=0.1),
+    kinds.CapstanFriction(1, wrap=0.0),
+    kinds.PositionDependentFriction(1, torque=0.0, swing=0.0, waves=5.0, phase=0.0),
+    kinds.Hysteresis(3, 0.0, 2.0),
+    kinds.Hysteresis(3, 0.0, 2.0, law="plays"),
+    kinds.Creep(2, 0.0, 5.0),
+    kinds.Drift(1, 0.0),
+    kinds.Delay("all", 0.0),
+    kinds.CableSlip(1, 0.0, 0.5),
+    kinds.TorqueSaturation(2, INFINITE),
+    kinds.JointStop(1, 0.0, 0.5),
+    kinds.Resonance(1, INFINITE, 0.1),
+    kinds.EncoderQuantisation(1, 0.0, lost=0.5),
+    kinds.NoiseChange(1, 0.0, tail=3.0),
+    kinds.FeedforwardError(2, 0.0, "gravity"),
+    kinds.GainError(2, 0.0, 0.0),
+    kinds.SpeedNoise(1, 0.0),
+    kinds.CommandDelay("all", 0.0),
+    kinds.InertiaError(2, 0.0),
+    kinds.LinkMassError(2, 0.0),
+    kinds.CentreOfMassError(2),
+    kinds.GravityError("base"),
+    kinds.JointSpring(1, 0.0, 0.0),
+    kinds.MissingFriction(1, 0.0),
+    kinds.MissingFriction(1, 0.0, "viscous"),
+    kinds.VelocityFilter("all", 0.0),
+    kinds.IntegralAction("all", 0.0),
+    kinds.MotorConstantError(2, 0.0),
+    kinds.LoadedBacklash(2, 0.0),
+    kinds.BelievedPayload("all", 0.0),
 )
 ACTIVE = (
-    HomingOffset(1, 0.02),
-    TransmissionRatio(1, 0.03),
-    CableCoupling(2, 1, 0.1, drag=0.3, drag_radius=0.02),
-    PulleyEccentricity(1, 0.01, 10.0, 0.3),
-    RegistrationError("base", 0.001, -0.002, 0.0005, 0.01, 0.02, -0.01, 0.01),
-    DhError(2, 0.001, 0.01, -0.001, 0.005),
-    CableStretch(2, 120.0),
-    NonlinearStretch(2, 120.0, 1e6),
-    LengthDependentStiffness(2, 3, 50.0, 0.3),
-    GravitySag(2, 200.0),
-    Payload("all", 0.3, 0.02, -0.01, 0.03, place="beside"),
-    ShaftBending("tool", 5.0),
-    RcmShift("base", 1000.0),
-    Backlash(3, 0.001),
-    CoulombFriction(1, torque=0.5),
-    ViscousFriction(1, damping=1.0),
-    StribeckFriction(1, torque=0.5, static_torque=0.8, speed=0.05),
-    CapstanFriction(1, wrap=0.3),
-    PositionDependentFriction(1, torque=0.5, swing=0.3, waves=5.0, phase=0.4),
-    Hysteresis(3, 0.001, 1.5),
-    Creep(2, 0.01, 0.3),
-    Drift(1, 1e-4),
-    Delay("all", 0.03),
-    CableSlip(1, 0.01, 0.5),
-    TorqueSaturation(2, 0.3),
-    JointStop(1, 200.0, 0.5),
-    Resonance(1, 6.0, 0.1),
-    EncoderQuantisation(1, 0.005, lost=0.02),
-    NoiseChange(1, 0.01, tail=3.0),
-    FeedforwardError(2, 0.3, "gravity"),
-    GainError(2, 0.2, -0.1),
-    SpeedNoise(1, 1e-3),
-    CommandDelay("all", 0.02),
-    InertiaError(2, 0.1),
-    CentreOfMassError(2, 0.02, -0.01, 0.03),
-    JointSpring(1, 4.0, 0.3),
-    MissingFriction(1, 0.4),
-    LinkMassError(2, 0.3),
-    GravityError("base", 0.5, -0.3, 0.1),
-    VelocityFilter("all", 0.005),
-    IntegralAction("all", 2.0),
-    MotorConstantError(2, -0.1),
-    LoadedBacklash(2, 0.01),
-    BelievedPayload("all", 0.3),
+    kinds.HomingOffset(1, 0.02),
+    kinds.TransmissionRatio(1, 0.03),
+    kinds.CableCoupling(2, 1, 0.1, drag=0.3, drag_radius=0.02),
+    kinds.PulleyEccentricity(1, 0.01, 10.0, 0.3),
+    kinds.RegistrationError("base", 0.001, -0.002, 0.0005, 0.01, 0.02, -0.01, 0.01),
+    kinds.DhError(2, 0.001, 0.01, -0.001, 0.005),
+    kinds.CableStretch(2, 120.0),
+    kinds.NonlinearStretch(2, 120.0, 1e6),
+    kinds.LengthDependentStiffness(2, 3, 50.0, 0.3),
+    kinds.GravitySag(2, 200.0),
+    kinds.Payload("all", 0.3, 0.02, -0.01, 0.03, place="beside"),
+    kinds.ShaftBending("tool", 5.0),
+    kinds.RcmShift("base", 1000.0),
+    kinds.Backlash(3, 0.001),
+    kinds.CoulombFriction(1, torque=0.5),
+    kinds.ViscousFriction(1, damping=1.0),
+    kinds.StribeckFriction(1, torque=0.5, static_torque=0.8, speed=0.05),
+    kinds.CapstanFriction(1, wrap=0.3),
+    kinds.PositionDependentFriction(1, torque=0.5, swing=0.3, waves=5.0, phase=0.4),
+    kinds.Hysteresis(3, 0.001, 1.5),
+    kinds.Creep(2, 0.01, 0.3),
+    kinds.Drift(1, 1e-4),
+    kinds.Delay("all", 0.03),
+    kinds.CableSlip(1, 0.01, 0.5),
+    kinds.TorqueSaturation(2, 0.3),
+    kinds.JointStop(1, 200.0, 0.5),
+    kinds.Resonance(1, 6.0, 0.1),
+    kinds.EncoderQuantisation(1, 0.005, lost=0.02),
+    kinds.NoiseChange(1, 0.01, tail=3.0),
+    kinds.FeedforwardError(2, 0.3, "gravity"),
+    kinds.GainError(2, 0.2, -0.1),
+    kinds.SpeedNoise(1, 1e-3),
+    kinds.CommandDelay("all", 0.02),
+    kinds.InertiaError(2, 0.1),
+    kinds.CentreOfMassError(2, 0.02, -0.01, 0.03),
+    kinds.JointSpring(1, 4.0, 0.3),
+    kinds.MissingFriction(1, 0.4),
+    kinds.LinkMassError(2, 0.3),
+    kinds.GravityError("base", 0.5, -0.3, 0.1),
+    kinds.VelocityFilter("all", 0.005),
+    kinds.IntegralAction("all", 2.0),
+    kinds.MotorConstantError(2, -0.1),
+    kinds.LoadedBacklash(2, 0.01),
+    kinds.BelievedPayload("all", 0.3),
 )
 ids = [e.about.name for e in ACTIVE]
-PATH_EFFECTS = [e for e in ACTIVE if isinstance(e, PathEffect) and e.joint != "all"]
+PATH_EFFECTS = [e for e in ACTIVE if isinstance(e, kinds.PathEffect) and e.joint != "all"]
 NUMBERS = [(e, p) for e in ACTIVE for p in e.about.parameters]
 neutral_ids = [f"{e.about.name}-{e.joint}" for e in NEUTRAL]
 
@@ -173,8 +127,8 @@ def recorded(*effects):
 def test_an_inertia_of_half_a_step_of_damping_is_a_matter_of_steps(sign):
     """Of a controller that differentiates its encoder, or brakes implicitly; a fit knows it to a tenth or so."""
     steps = drive().kd[1] / (2.0 * drive().rate_hz)
-    assert InertiaError(2, sign * 1.05 * steps).is_a_matter_of_steps(drive(), (1, 2, 3))
-    assert not InertiaError(2, sign * 1.3 * steps).is_a_matter_of_steps(drive(), (1, 2, 3))
+    assert kinds.InertiaError(2, sign * 1.05 * steps).is_a_matter_of_steps(drive(), (1, 2, 3))
+    assert not kinds.InertiaError(2, sign * 1.3 * steps).is_a_matter_of_steps(drive(), (1, 2, 3))
 
 
 def test_every_effect_is_tried():
@@ -208,7 +162,7 @@ def test_a_number_without_end_is_refused_or_leaves_a_recording_of_numbers(effect
 
 @given(st.lists(st.floats(-0.3, 0.3), min_size=1, max_size=4))
 def test_offsets_of_sessions_survive_the_round_trip(offsets):
-    effect = HomingOffset(2, tuple(offsets))
+    effect = kinds.HomingOffset(2, tuple(offsets))
     assert effect_from_dict(effect.to_dict()) == effect
 
 
@@ -237,7 +191,7 @@ def test_active_parameters_do_something(effect, bare):
 @given(st.permutations(ACTIVE))
 def test_order_of_writing_does_not_matter(effects):
     """However effects are listed, they act in the order of stage, catalogue and joint."""
-    assert in_order(effects) == in_order(ACTIVE)
+    assert in_order(effects) == kinds.in_order(ACTIVE)
     assert [e.stage for e in in_order(effects)] == sorted(e.stage for e in ACTIVE)
 
 
@@ -286,10 +240,10 @@ def test_bad_descriptions_are_refused(values, message):
 
 def test_an_effect_on_a_joint_the_machine_lacks_is_refused():
     with pytest.raises(DataError, match="joint 5"):
-        raven(Backlash(5, 0.01))
+        raven(kinds.Backlash(5, 0.01))
 
 
 def test_effects_are_values():
     """Nobody can change an effect that a model holds."""
     with pytest.raises(FrozenInstanceError):
-        Backlash(1, 0.1).radius = 0.2
+        kinds.Backlash(1, 0.1).radius = 0.2

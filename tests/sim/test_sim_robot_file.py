@@ -25,6 +25,12 @@ def small(folder, **keys):
     return model_from_dict({"robot": write_mjcf(folder).name, "tool": "tip", **keys}, folder=folder)
 
 
+def completed(model, folder):
+    """Model as its files say, written beside each other into a folder of their own."""
+    (folder / "study").mkdir()
+    return read_model(write_completed(model, folder / "study" / "model.toml").model)
+
+
 def mujoco_model(path):
     """MuJoCo's own model of a file without shapes, the finger held."""
     spec = mujoco.MjSpec.from_file(str(path))
@@ -207,8 +213,7 @@ def test_friction_behind_a_soft_transmission_stays_beside_the_file(tmp_path):
         {"name": "cable_stretch", "joint": 2, "stiffness": 200.0},
     ]
     model = small(tmp_path).with_effects(*map(effect_from_dict, effects))
-    (tmp_path / "study").mkdir()
-    again = read_model(write_completed(model, tmp_path / "study" / "model.toml").model)
+    again = completed(model, tmp_path)
     assert [(e.about.name, e.joint) for e in again.effects] == [
         ("coulomb_friction", 1),
         ("cable_stretch", 1),
@@ -220,8 +225,7 @@ def test_friction_that_bends_stays_beside_the_file(tmp_path):
     """MuJoCo's friction does not bend before it slips: written as a frictionloss it would be another one."""
     friction = {"name": "coulomb_friction", "joint": 1, "torque": 2.0, "rest": "elastic", "bristle": 100.0}
     model = small(tmp_path).with_effects(effect_from_dict(friction))
-    (tmp_path / "study").mkdir()
-    again = read_model(write_completed(model, tmp_path / "study" / "model.toml").model)
+    again = completed(model, tmp_path)
     assert again.effects == model.effects
 
 
@@ -269,8 +273,7 @@ def test_what_a_controller_would_feed_forward_stays_beside_the_file(tmp_path):
     """A payload in the robot file would be known to a controller that computes torques from it, as it was not."""
     gains = {"kp": [900.0, 800.0, 4000.0, 60.0], "kd": [60.0, 60.0, 320.0, 4.0], "feedforward": "rigid-body"}
     model = small(tmp_path, controller=gains).with_effects(effect_from_dict(FOUND[3]), effect_from_dict(FOUND[4]))
-    (tmp_path / "study").mkdir()
-    again = read_model(write_completed(model, tmp_path / "study" / "model.toml").model)
+    again = completed(model, tmp_path)
     assert again.effects == model.effects
 
 
@@ -280,16 +283,14 @@ def test_a_motor_whose_inertia_the_model_states_stays_beside_the_file(tmp_path):
     stated = {"motor_inertia": [0.3, 0.3, 2.0, 0.01]}
     heavier = effect_from_dict({"name": "inertia_error", "joint": 2, "inertia": 0.3})
     model = small(tmp_path, controller=gains, transmission=stated).with_effects(heavier)
-    (tmp_path / "study").mkdir()
-    assert read_model(write_completed(model, tmp_path / "study" / "model.toml").model).effects == (heavier,)
+    assert completed(model, tmp_path).effects == (heavier,)
 
 
 def test_a_stop_moves_the_range_and_keeps_its_stiffness(tmp_path):
     """The range of the file ends where the stop was found; the stop stays an effect."""
     stop = {"name": "joint_stop", "joint": 1, "stiffness": 300.0, "limit": 0.8, "end": "upper"}
     model = small(tmp_path).with_effects(effect_from_dict(stop))
-    (tmp_path / "study").mkdir()
-    again = read_model(write_completed(model, tmp_path / "study" / "model.toml").model)
+    again = completed(model, tmp_path)
     assert again.effects == model.effects
     np.testing.assert_allclose(machine_of(again).description.limits[0], [-2.5, 0.8])
 
