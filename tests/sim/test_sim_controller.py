@@ -9,8 +9,10 @@ import pytest
 
 from gpcorrect.errors import DataError
 from gpcorrect.sim import Model, Plan, machine_of, model_from_dict, run
+from gpcorrect.sim.effects.compliance import Payload
 from gpcorrect.sim.effects.dynamics import (
     TERMS,
+    BelievedPayload,
     FeedforwardError,
     GainError,
     InertiaError,
@@ -161,3 +163,31 @@ def test_the_depth_of_a_hysteresis_is_what_a_reversal_loses(law: str) -> None:
 def test_what_is_no_member_is_refused(bad) -> None:
     with pytest.raises(DataError, match="must be"):
         bad()
+
+
+def told(feedforward: str, mass: float) -> np.ndarray:
+    """Motors of an arm that is said to carry so much more, which is taken off again: its controller alone knows it."""
+    nominal = machine_of(model(feedforward))
+    links = replace(nominal.body.links, payload=nominal.payload(plan()) + mass)
+    known = replace(nominal, body=replace(nominal.body, links=links))
+    unloaded = replace(plan(), payload=np.full(1, np.nan))
+    return run(known.with_effects(Payload("all", -mass)), unloaded).motion.position
+
+
+@pytest.mark.parametrize("feedforward", ["gravity", "gravity-measured", "rigid-body"])
+def test_a_believed_payload_is_fed_forward_and_not_carried(feedforward: str) -> None:
+    """It is the same as an arm that is said to carry it and does not."""
+    made = motors(feedforward, BelievedPayload("all", 0.3))
+    np.testing.assert_allclose(made, told(feedforward, 0.3), atol=2e-6)
+    assert np.abs(made - motors(feedforward)).max() > 1e-3
+
+
+def test_without_feed_forward_nobody_uses_what_is_believed() -> None:
+    np.testing.assert_array_equal(motors("none", BelievedPayload("all", 0.3)), motors("none"))
+
+
+def test_what_is_believed_and_carried_is_a_payload_that_the_model_knows() -> None:
+    """At rest nothing is left of the two together."""
+    both = motors("gravity", BelievedPayload("all", 0.3), Payload("all", 0.3))
+    alone = motors("gravity", Payload("all", 0.3))
+    assert np.abs(both - motors("gravity")).max() < 0.5 * np.abs(alone - motors("gravity")).max()
