@@ -22,12 +22,6 @@ def failed(faults, seed=1):
     return T, bad, code, shift, turn
 
 
-def test_a_tracker_without_faults_is_left_alone():
-    T, bad, code, _, _ = failed(TrackerFaults())
-    np.testing.assert_array_equal(bad, T)
-    assert not code.any()
-
-
 def test_good_samples_are_untouched_and_bad_ones_are_not():
     """The truth column tells exactly which samples were changed."""
     T, bad, code, _, _ = failed(ALL)
@@ -65,15 +59,3 @@ def test_flips_are_half_turns_in_place():
     _, _, code, shift, turn = failed(TrackerFaults(flip_share=0.01))
     np.testing.assert_allclose(turn[code == Fault.FLIP], np.pi)
     np.testing.assert_allclose(shift[code == Fault.FLIP], 0.0)
-
-
-def test_dropouts_are_missing():
-    _, bad, code, _, _ = failed(TrackerFaults(dropout_share=0.02))
-    np.testing.assert_array_equal(np.isnan(bad).all(axis=(1, 2)), code == Fault.DROPOUT)
-
-
-def test_chance_is_seeded():
-    """The same seed gives the same faults, another seed others."""
-    again, other = failed(ALL)[2], failed(ALL, seed=2)[2]
-    np.testing.assert_array_equal(failed(ALL)[2], again)
-    assert (again != other).any()

@@ -5,7 +5,7 @@ import pytest
 from sim_machines import motion
 
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects import CableCoupling, CableStretch, Drift, GravitySag, HomingOffset, TransmissionRatio
+from gpcorrect.sim.effects import Drift, GravitySag, HomingOffset
 
 
 def test_every_session_has_its_own_offset():
@@ -19,32 +19,6 @@ def test_too_few_offsets_are_refused():
     state = motion(runs=3, sessions=3)
     with pytest.raises(DataError, match=r"2 offsets.*3 sessions"):
         HomingOffset(1, (0.0, 0.0)).act(state.position, state)
-
-
-def test_ratio_is_linear():
-    """The reported position is (1 + s) times the true one, everywhere."""
-    state = motion()
-    q = TransmissionRatio(1, 0.04).act(state.position, state)
-    np.testing.assert_allclose(1.04 * q[..., 0], state.position[..., 0])
-
-
-def test_coupling_follows_its_source_alone():
-    """Joint j is wrong by the coefficient times joint k, and not at all while k rests."""
-    state = motion()
-    q = CableCoupling(3, 1, 0.2).act(state.position, state)
-    np.testing.assert_allclose((state.position - q)[..., 2], 0.2 * state.position[..., 0])
-    still = np.array(state.position)
-    still[..., 0] = 0.0
-    np.testing.assert_array_equal(CableCoupling(3, 1, 0.2).act(still, state), still)
-
-
-def test_stretch_is_torque_over_stiffness():
-    """The joint gives way against the torque that the cable carries; twice the stiffness, half the stretch."""
-    state = motion()
-    stretch = state.position - CableStretch(2, 100.0).act(state.position, state)
-    np.testing.assert_allclose(stretch[..., 1], state.load[..., 1] / 100.0)
-    softer = state.position - CableStretch(2, 50.0).act(state.position, state)
-    np.testing.assert_allclose(softer, 2 * stretch)
 
 
 def test_sag_knows_gravity_only():
