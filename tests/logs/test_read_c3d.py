@@ -37,33 +37,16 @@ def matrices(quaternion: np.ndarray) -> np.ndarray:
     return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
 
 
-def test_a_planted_motion_is_recovered_up_to_the_bodys_own_axes():
-    turns, at, points = motion(0)
-    pose, rms = tool_poses(points)
-    np.testing.assert_allclose(pose.position, at, atol=1e-12)
-    assert angle(matrices(pose.quaternion), turns @ turns[0].T).max() < 1e-7
-    assert rms.max() < 1e-12
-
-
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
-def test_the_size_of_the_body_does_not_matter(size: float):
+def test_a_planted_motion_is_recovered_whatever_the_size_of_the_body(size: float):
     turns, at, points = motion(14)
-    pose, _ = tool_poses(size * points)
+    pose, rms = tool_poses(size * points)
     np.testing.assert_allclose(pose.position, size * at, atol=1e-12 * size)
+    assert rms.max() < 1e-12 * size
     assert angle(matrices(pose.quaternion), turns @ turns[0].T).max() < 1e-7
     flat = size * (points[:, :1] + np.array([[0.0], [1.0], [3.0]]) * (points[:, 1:2] - points[:, :1]))
     with pytest.raises(DegenerateError, match="lie on a line"):
         tool_poses(flat)
-
-
-def test_moving_the_tracker_moves_the_poses_alike():
-    _, _, points = motion(1)
-    R, t = Rotation.from_rotvec([1.0, -2.0, 0.5]).as_matrix(), np.array([3.0, -1.0, 2.0])
-    one, _ = tool_poses(points)
-    two, _ = tool_poses(points @ R.T + t)
-    np.testing.assert_allclose(two.position, one.position @ R.T + t, atol=1e-12)
-    steps = [matrices(p.quaternion)[1:] @ matrices(p.quaternion)[:-1].swapaxes(1, 2) for p in (one, two)]
-    assert angle(steps[1], R @ steps[0] @ R.T).max() < 1e-7
 
 
 def test_hidden_markers_do_not_matter_while_three_are_seen():
@@ -97,18 +80,8 @@ def test_noise_of_the_markers_is_averaged_and_shows_in_the_rms():
     assert np.sqrt((rms**2).mean()) == pytest.approx(expected, rel=0.1)
 
 
-def test_one_marker_gives_positions_only():
-    _, _, points = motion(6)
-    points[3, 0] = np.nan
-    pose, _ = tool_poses(points[:, :1])
-    assert pose.quaternion is None
-    np.testing.assert_array_equal(pose.position, points[:, 0])
-
-
-def test_markers_that_give_no_pose_are_refused():
+def test_a_marker_that_is_never_seen_is_refused():
     _, _, points = motion(7)
-    with pytest.raises(DataError, match="two markers give no orientation"):
-        tool_poses(points[:, :2])
     points[:, 1] = np.nan
     with pytest.raises(DataError, match="seen in 100%, 0%, 100%"):
         tool_poses(points)

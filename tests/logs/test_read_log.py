@@ -12,17 +12,12 @@ from gpcorrect.logs import join_logs, read_log, write_log
 from gpcorrect.logs.table import pose_names
 
 
-def test_the_content_decides_the_format_where_the_name_is_unknown(tmp_path: Path):
+@pytest.mark.parametrize("name", ["a.dat", "a.csv"])
+def test_the_content_decides_the_format_where_the_name_is_unknown_or_says_otherwise(tmp_path: Path, name: str):
     log = random_log(0)
     write_log(log, tmp_path / "a.parquet")
-    (tmp_path / "a.parquet").rename(tmp_path / "a.dat")
-    np.testing.assert_array_equal(read_log(tmp_path / "a.dat").time, log.time)
-
-
-def test_the_content_decides_where_the_name_says_otherwise(tmp_path: Path):
-    write_log(random_log(0), tmp_path / "a.parquet")
-    (tmp_path / "a.parquet").rename(tmp_path / "a.csv")
-    assert len(read_log(tmp_path / "a.csv")) == 20
+    (tmp_path / "a.parquet").rename(tmp_path / name)
+    np.testing.assert_array_equal(read_log(tmp_path / name).time, log.time)
 
 
 @pytest.mark.parametrize(

@@ -31,11 +31,5 @@ def test_groups_are_looked_at_each_for_itself():
     assert mask[group == 2].all()
 
 
-def test_one_stamp_from_the_future_costs_one_sample():
-    time = np.arange(1000.0)
-    time[100] = 1e9
-    np.testing.assert_array_equal(np.flatnonzero(~rising(time)), [100])
-
-
 def test_of_equal_stamps_the_first_is_kept():
     assert rising(np.array([0.0, 1.0, 1.0, 2.0])).tolist() == [True, True, False, True]

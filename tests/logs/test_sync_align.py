@@ -64,22 +64,6 @@ def test_all_that_the_motion_says_is_taken_out_drift_included():
         shifted_by_motion(replace(late, tracker_cp=PoseSignal(np.zeros((len(late), 3)))))
 
 
-def test_alignment_interpolates_rotations_on_the_shortest_arc():
-    """Half a step into a spin of 1 rad a step the rotation is half a radian on, whatever the signs."""
-    time = np.arange(6.0)
-    quaternion = se3.quaternion_from_matrix(se3.matrix_from_rotvec(np.outer(time, [0, 0, 1.0])))
-    quaternion[::2] *= -1
-    log = CalibrationLog(time, np.zeros(6), np.zeros(6), tracker_cp=PoseSignal(np.outer(time, [1.0, 0, 0]), quaternion))
-    moved = align(log, 0.5).tracker_cp
-    turned = se3.matrix_from_quaternion(moved.quaternion[:5])
-    np.testing.assert_allclose(
-        se3.angle(turned @ np.swapaxes(se3.matrix_from_rotvec(np.outer(time[:5] + 0.5, [0, 0, 1.0])), 1, 2)),
-        0,
-        atol=1e-7,
-    )
-    np.testing.assert_allclose(moved.position[:5, 0], time[:5] + 0.5)
-
-
 def test_nothing_is_invented_at_ends_and_in_gaps():
     """Rows whose shifted time is outside the trajectory or in a gap have no value, all others have one."""
     log = moving_log(0.0)

@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 from support import real_data
 from validate_support import clean_log, codes
 
-from gpcorrect.errors import DataError, LogError
+from gpcorrect.errors import LogError
 from gpcorrect.logs.checks import CHECKS, Evidence
 from gpcorrect.logs.reader import read_log
 from gpcorrect.logs.validate import validate_log
@@ -178,9 +178,3 @@ def _holed(log: CalibrationLog) -> CalibrationLog:
     position = log.tracker_cp.position.copy()
     position[:300] = np.nan
     return replace(log, tracker_cp=PoseSignal(position), time=np.where(np.arange(len(log)) == 7, np.nan, log.time))
-
-
-def test_a_log_of_unequal_signals_cannot_exist():
-    """What validation may take for granted, equal lengths, the log itself enforces."""
-    with pytest.raises(DataError):
-        replace(clean_log(), setpoint_jp=np.zeros((3, 6)))
