@@ -240,6 +240,7 @@ class ClaimTable:
 class StudyResult(ABC):
     """A study done again; what it measured are the fields of its own class."""
 
+    STUDY: ClassVar[str]  # its name on the command line
     CLAIMS: ClassVar[ClaimTable]
     NOTES: ClassVar[Mapping[str, Sequence[str]]] = {}
     """Sentences on what is comparable and what is not."""
@@ -264,8 +265,9 @@ class StudyResult(ABC):
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as JSON-able data."""
+        head = {"study": self.STUDY, "short": self.short, "seed": self.seed, "seconds": self.seconds}
         notes = {name: list(sentences) for name, sentences in self.NOTES.items()}
-        return self.figures() | {**self.compared().to_dict(), "printed": self.CLAIMS.printed, **notes}
+        return {**head, **self.figures(), **self.compared().to_dict(), "printed": self.CLAIMS.printed, **notes}
 
 
 def number_at(figures: Any, place: str) -> float | None:

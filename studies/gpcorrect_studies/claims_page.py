@@ -16,7 +16,6 @@ LEGEND = (
 
 
 def write_study_page(
-    study: str,
     result: StudyResult,
     verdict: str,
     facts: Sequence[tuple[str, str]],
@@ -27,7 +26,6 @@ def write_study_page(
 
     Parameters
     ----------
-    study : str, its name on the command line
     result : StudyResult
     verdict : str, its own first sentences; of a run of less than the whole study, the page says so before anything else
     facts, sections : sequences, what else the page shows
@@ -38,7 +36,9 @@ def write_study_page(
     if result.short:
         words = f"A short run, with less of everything than the whole study. {words}"
     facts = [*facts, ("time", f"{result.seconds:.0f} s for everything on this page")]
-    write_page(Page(f"gpcorrect reproduce {study}", words, facts, [_claims_section(comparison), *sections]), path)
+    write_page(
+        Page(f"gpcorrect reproduce {result.STUDY}", words, facts, [_claims_section(comparison), *sections]), path
+    )
 
 
 def _claims_section(comparison: Comparison) -> Section:

@@ -57,7 +57,7 @@ def write_mahler_report(result: Mahler2014, path: Path) -> None:
         Section("What is comparable", COMPARABLE),
         Section("What is not", NOT_COMPARABLE),
     ]
-    write_study_page("mahler2014", result, verdict, facts, sections, path)
+    write_study_page(result, verdict, facts, sections, path)
 
 
 def _targets(result: Mahler2014) -> Section:

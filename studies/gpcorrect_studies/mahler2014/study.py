@@ -102,7 +102,7 @@ class Scope:
 class Mahler2014(StudyResult):
     """All parts of the study, measured."""
 
-    CLAIMS = CLAIMS
+    STUDY, CLAIMS = "mahler2014", CLAIMS
     NOTES: ClassVar = {"comparable": COMPARABLE, "not_comparable": NOT_COMPARABLE}
 
     scope: Scope
@@ -155,9 +155,6 @@ class Mahler2014(StudyResult):
         """Return what was measured, as JSON-able data."""
         table, sets, scope = self.table1, ("clean", "dirty"), self.scope
         return {
-            "study": "mahler2014",
-            "short": self.short,
-            "seed": self.seed,
             "scope": {
                 "reaches": scope.reaches,
                 "places": scope.places,
@@ -165,7 +162,6 @@ class Mahler2014(StudyResult):
                 "shares": scope.fractions,
             },
             "samples": self.samples,
-            "seconds": self.seconds,
             "table1": {which: dict(table.errors[which]) for which in sets},
             "table1_seconds": dict(table.seconds),
             "percent_of_raw": {which: table.percent_of_raw(which) for which in sets},

@@ -46,7 +46,7 @@ def write_peng2020_report(result: Peng2020, path: Path) -> None:
         setup_section(CLAIMS.setup, result.setup()),
         Section("What is not comparable", NOT_COMPARABLE),
     ]
-    write_study_page("peng2020", result, verdict, facts, sections, path)
+    write_study_page(result, verdict, facts, sections, path)
 
 
 def _table1(result: Peng2020) -> Section:

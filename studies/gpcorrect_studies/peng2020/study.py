@@ -68,7 +68,7 @@ class Peng2020Scope:
 class Peng2020(StudyResult):
     """Both halves of the study, measured."""
 
-    CLAIMS = CLAIMS
+    STUDY, CLAIMS = "peng2020", CLAIMS
 
     scope: Peng2020Scope
     samples: int  # of the simulated robot's recording
@@ -95,12 +95,8 @@ class Peng2020(StudyResult):
     def figures(self) -> dict[str, Any]:
         """Return what was measured, as JSON-able data."""
         return {
-            "study": "peng2020",
-            "short": self.short,
-            "seed": self.seed,
             "scope": asdict(self.scope),
             "samples": self.samples,
-            "seconds": self.seconds,
             "table1": self.table1,
             "cameras_mm": self.cameras_mm,
             "estimator": self.estimator,

@@ -66,7 +66,7 @@ def write_peng_report(result: Peng2024, path: Path) -> None:
         Section("What is comparable", PENG_COMPARABLE),
         Section("What is not", PENG_NOT_COMPARABLE),
     ]
-    write_study_page("peng2024", result, verdict, facts, sections, path)
+    write_study_page(result, verdict, facts, sections, path)
 
 
 def _targets(result: Peng2024) -> Section:

@@ -59,7 +59,7 @@ def _percent_of_offset(row: Mapping[str, Any], method: str) -> list[float]:
 class Peng2024(StudyResult):
     """All parts of the study, measured; RMSE in deg, deg and mm."""
 
-    CLAIMS = CLAIMS
+    STUDY, CLAIMS = "peng2024", CLAIMS
     NOTES: ClassVar = {"comparable": PENG_COMPARABLE, "not_comparable": PENG_NOT_COMPARABLE}
 
     scope: PengScope
@@ -125,13 +125,9 @@ class Peng2024(StudyResult):
         seconds = {point["sparsity"]: 60.0 * point["minutes"] for point in self.fig5}
         together = {"2+3+4": sum(seconds[n] for n in (2, 3, 4))} if {2, 3, 4} <= set(seconds) else {}
         return {
-            "study": "peng2024",
-            "short": self.short,
-            "seed": self.seed,
             "scope": asdict(self.scope),
             "as_published": self.as_published,
             "units": ["deg", "deg", "mm"],
-            "seconds": self.seconds,
             **{part: getattr(self, part) for part in parts},
             "zigzag_s": {str(n): s for n, s in seconds.items()} | together,
             "targets": self.targets(),
