@@ -14,6 +14,7 @@ from gpcorrect.types import CalibrationLog
 ARM = Scope((1, 2, 3), "RRP", np.array([[0.3, 1.2], [0.9, 2.0], [0.25, 0.45]]), 300.0)
 BARE = Scope((4, 5, 6), "RRR", np.array([[-1.0, 1.0]] * 3), 300.0, kinematics=False)
 FOUND = tuple(candidates(ARM))
+SIGNALS = {*CalibrationLog.POSES, *CalibrationLog.JOINTS, *CalibrationLog.SCALARS}
 
 
 def model(*effects):
@@ -49,30 +50,27 @@ def test_an_arm_without_kinematics_has_no_tool():
 
 @pytest.mark.parametrize("kind", EFFECTS.values(), ids=EFFECTS)
 def test_descriptions_tell_a_search_what_it_needs(kind):
-    """Sites, needs and look-alikes are there; ladders lie in the physical range; choices name fields of the effect."""
+    """Sites, needs and look-alikes are known; usual sizes and ladders lie in the range; what is named are fields."""
     about = kind.about
     names = {f.name for f in fields(kind)}
     assert about.sites
     assert about.needs
+    assert {word for need in about.needs for word in need.split("|")} <= SIGNALS
     assert about.neighbours
+    assert set(about.neighbours) <= set(EFFECTS) - {about.name}
     assert about.separating_runs
-    assert {field for field, _ in about.choices} <= names
+    assert {field for field, _ in about.choices} | {parameter.name for parameter in about.parameters} <= names
+    assert about.parameters
     for parameter in about.parameters:
         assert parameter.shaped_by in {"", *names}
-        if parameter.ladder is not None and parameter.ladder.per in (Per.VALUE, Per.PRIOR):
-            for joint_type in "RP":
-                scale = parameter.range(joint_type)
+        for joint_type in "RP":
+            scale = parameter.range(joint_type)
+            assert scale.unit
+            assert scale.low <= scale.typical <= scale.high
+            if parameter.ladder is not None and parameter.ladder.per in (Per.VALUE, Per.PRIOR):
                 unit = scale.typical if parameter.ladder.per is Per.PRIOR else 1.0
                 for rung in parameter.ladder.rungs:
                     assert scale.low <= rung * unit <= scale.high or rung * unit == parameter.identity
-
-
-def test_neighbours_and_needs_are_known():
-    """Look-alikes are effects of the catalogue, and what is needed are signals of a log."""
-    for kind in EFFECTS.values():
-        assert set(kind.about.neighbours) <= set(EFFECTS) - {kind.about.name}
-        signals = {*CalibrationLog.POSES, *CalibrationLog.JOINTS, *CalibrationLog.SCALARS}
-        assert {word for need in kind.about.needs for word in need.split("|")} <= signals
 
 
 def test_amplitudes_at_their_identity_leave_a_neutral_effect():
