@@ -76,14 +76,10 @@ class LiveArm:
     Raises
     ------
     DataError
-        There is not one number a joint, a block has no step, the loop is unstable, or an effect asks for the future.
+        The loop is unstable, or an effect asks for the future.
     """
 
     def __init__(self, machine: Machine, q: FloatArray, *, start: float = 0.0, block: int = 5) -> None:
-        if len(q) != len(machine.body.joints):
-            raise DataError(f"the machine has {len(machine.body.joints)} joints, got {len(q)}.")
-        if block < 1:
-            raise DataError(f"a block has at least one servo step, got {block}.")
         self.machine = machine
         self.step = 1.0 / machine.drive.rate_hz  # s
         payload = machine.body.links.payload

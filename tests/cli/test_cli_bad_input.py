@@ -21,15 +21,11 @@ def moved(log: CalibrationLog, positions: np.ndarray) -> CalibrationLog:
     return replace(log, tracker_cp=PoseSignal(positions, log.tracker_cp.quaternion))
 
 
-def test_a_missing_file_is_named(gpcorrect: CommandLine, tmp_path: Path) -> None:
-    """The message names the file."""
-    assert_refused(gpcorrect("fit", tmp_path / "no.csv", "--output", tmp_path / "m.gpc"), "no.csv")
-
-
-def test_an_empty_file_is_refused(gpcorrect: CommandLine, tmp_path: Path) -> None:
-    """Zero bytes are no recording."""
-    (tmp_path / "empty.csv").write_text("")
-    assert_refused(gpcorrect("fit", tmp_path / "empty.csv", "--output", tmp_path / "m.gpc"), "empty")
+@pytest.mark.parametrize(("name", "said"), [("no.csv", "no.csv"), ("none.csv", "empty")])
+def test_a_missing_or_empty_file_is_named(gpcorrect: CommandLine, tmp_path: Path, name: str, said: str) -> None:
+    """The message names the file; zero bytes are no recording."""
+    (tmp_path / "none.csv").write_text("")
+    assert_refused(gpcorrect("fit", tmp_path / name, "--output", tmp_path / "m.gpc"), said)
 
 
 def test_rows_of_nan_are_dropped_and_counted(gpcorrect: CommandLine, tmp_path: Path) -> None:
@@ -192,18 +188,12 @@ def test_a_failed_fit_keeps_the_old_model(gpcorrect: CommandLine, log_file: Path
     assert model.read_bytes() == b"yesterday"
 
 
-def test_an_output_folder_that_is_missing_is_named_before_the_work(
-    gpcorrect: CommandLine, log_file: Path, tmp_path: Path
+@pytest.mark.parametrize(("name", "said"), [("no/m.gpc", "folder"), ("", "no file")])
+def test_an_output_that_cannot_be_written_is_refused_before_the_work(
+    gpcorrect: CommandLine, log_file: Path, tmp_path: Path, name: str, said: str
 ) -> None:
-    """Nobody waits for a fit that cannot be saved."""
-    assert_refused(gpcorrect("fit", log_file, "--output", tmp_path / "no" / "m.gpc"), "folder")
-
-
-def test_an_output_that_is_a_folder_is_refused_before_the_work(
-    gpcorrect: CommandLine, log_file: Path, tmp_path: Path
-) -> None:
-    """A model is a file."""
-    assert_refused(gpcorrect("fit", log_file, "--output", tmp_path), "no file")
+    """In a folder that is missing, or a folder itself: nobody waits for a fit that cannot be saved."""
+    assert_refused(gpcorrect("fit", log_file, "--output", tmp_path / name), said)
 
 
 def test_a_report_folder_that_is_a_file_is_refused_before_the_work(
