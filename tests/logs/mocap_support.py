@@ -69,29 +69,15 @@ def write_motive(
     labelled: bool = True,
 ) -> Path:
     """Write what Motive exports: 1.23 as it is, 1.24 with a time code, 1.25 with parents, up to 1.21 without labels."""
-    code, parents = version == "1.24", version == "1.25"
-    first = ("", "", "") if code else ("", "")
+    code = version == "1.24"
     turn = "XYZW" if rotation == "Quaternion" else "XYZ"
-    kinds, titles, ids, whats, axes = ([] for _ in range(5))
-    for name in names if bodies else ():
-        size = len(turn) + 4
-        kinds += ["Rigid Body"] * size
-        titles += [name] * size
-        ids += [ID] * size
-        whats += ["Rotation"] * len(turn) + ["Position"] * 3 + ["Mean Marker Error"]
-        axes += [*turn, *"XYZ", ""]
+    parts = [*(("Rotation", axis) for axis in turn), *(("Position", axis) for axis in "XYZ"), ("Mean Marker Error", "")]
+    columns = [("Rigid Body", name, *part) for name in (names if bodies else ()) for part in parts]
+    markers = [f"tool:Marker {k + 1:03d}" for k in range(len(BODY))]
     for kind in ("Rigid Body Marker", "Marker") if bodies else ("Marker",):
-        for k in range(len(BODY)):
-            kinds += [kind] * 3
-            titles += [f"tool:Marker {k + 1:03d}"] * 3
-            ids += [ID] * 3
-            whats += ["Position"] * 3
-            axes += [*"XYZ"]
-    kinds += ["Marker"] * 3
-    titles += ["Unlabeled 1189"] * 3
-    ids += [ID] * 3
-    whats += ["Position"] * 3
-    axes += [*"XYZ"]
+        columns += [(kind, name, "Position", axis) for name in markers for axis in "XYZ"]
+    columns += [("Marker", "Unlabeled 1189", "Position", axis) for axis in "XYZ"]
+    kinds, titles, whats, axes = zip(*columns, strict=True)
     label = (lambda text: ["", text]) if labelled else (lambda text: ["", ""])
     pad = [""] if code else []
     header = (
@@ -101,11 +87,10 @@ def write_motive(
         f"Total Exported Frames,{len(tool.time)},Rotation Type,{rotation},Length Units,{unit},Coordinate Space,Global"
     )
     lines = [header, "" if version == "1.25" else "," * (len(kinds) + 1)]
-    lines += [",".join([*label("Type"), *pad, *kinds]), ",".join([*label("Name"), *pad, *(f'"{t}"' for t in titles)])]
-    lines += [",".join([*label("ID"), *pad, *ids])]
-    if parents:
-        lines.append(",".join([*label("Parent"), *["" for _ in kinds]]))
-    lines += [",".join([*first, *whats])]
+    above = {"Type": kinds, "Name": [f'"{title}"' for title in titles], "ID": [ID] * len(kinds)}
+    above |= {"Parent": [""] * len(kinds)} if version == "1.25" else {}
+    lines += [",".join([*label(name), *pad, *words]) for name, words in above.items()]
+    lines += [",".join(["", "", *pad, *whats])]
     clock = "Time" if version == "1.21" else "Time (Seconds)"
     lines += [",".join(["Frame", clock, *(["TimeCode"] if code else []), *axes])]
     quaternion, angles = tool.rotation.as_quat(), None if turn == "XYZW" else tool.angles(rotation)
@@ -234,14 +219,10 @@ def write_ndi(path: Path, tool: Tool, *, form: str = "track", names: Sequence[st
         "toolbox": ["Frame", "Face", "State"],
         "capi": ["Frame#", "PortHandle", "Face#", "TransformStatus"],
     }[form]
-    markers = {
-        "track": ["Markers", "State", "Tx", "Ty", "Tz"],
-        "toolbox": [],
-        "capi": ["Markers", "State", "Tx", "Ty", "Tz"],
-    }
+    markers = [] if form == "toolbox" else ["Markers", "State", "Tx", "Ty", "Tz"]
     first = "#Tools" if form == "capi" else "Tools"
     label = {n: f"Port 0x0{k}: {n}  s/n:3E4C880{k}" for k, n in enumerate(names, start=1)}
-    groups = [["ToolInfo" if form == "capi" else label[n], *before, *pose, *markers[form]] for n in names]
+    groups = [["ToolInfo" if form == "capi" else label[n], *before, *pose, *markers] for n in names]
     lines = [",".join([first, *(cell for group in groups[: 1 if form == "capi" else None] for cell in group)])]
     quaternion = tool.rotation.as_quat(scalar_first=True)
     for k, t in enumerate(tool.time):
@@ -254,7 +235,7 @@ def write_ndi(path: Path, tool: Tool, *, form: str = "track", names: Sequence[st
             row += [label[name], *(cell.get(n, state if "tat" in n else "1") for n in before)]
             nothing = [""] * 8 if form == "capi" else ["-3.697314E28"] * 7 + ["0.0000000"]
             row += nothing if gone else [f"{v:.7f}" for v in (*quaternion[k], *(1e3 * (tool.position[k] + j)), 0.25)]
-            row += ["1", "Missing", "", "", ""] if markers[form] else []
+            row += ["1", "Missing", "", "", ""] if markers else []
         lines.append(",".join(row))
     return write_lines(path, lines)
 

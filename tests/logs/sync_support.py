@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from gpcorrect import se3
 from gpcorrect.logs.sync import Motion, MotionPair
-from gpcorrect.types import FloatArray
+from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
 Path = Callable[[FloatArray], FloatArray]
 
@@ -33,6 +33,11 @@ def sines(amplitude: tuple[float, float, float], rate: tuple[float, float, float
         return np.asarray(amplitude) * np.cos(np.outer(t, rate) - np.array([0.0, turn, 0.0]))
 
     return path
+
+
+def one_run(time: FloatArray, **signals: PoseSignal | FloatArray) -> CalibrationLog:
+    """Return a log of one trajectory."""
+    return CalibrationLog(time, np.zeros(len(time)), np.zeros(len(time)), **signals)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support import real_data
-from sync_support import Recording, sines, wandering
+from sync_support import Recording, one_run, sines, wandering
 
 from gpcorrect import se3
 from gpcorrect.errors import DegenerateError, LogError
@@ -110,7 +110,7 @@ def test_joints_of_an_outside_encoder_can_be_aligned():
     """external_jp moves when it is named, and linear motion is interpolated exactly."""
     time = np.arange(0, 5, 0.1)
     joints = np.outer(time, [1.0, -2.0])
-    log = CalibrationLog(time, np.zeros(50), np.zeros(50), setpoint_jp=joints, external_jp=joints - [0.05, -0.1])
+    log = one_run(time, setpoint_jp=joints, external_jp=joints - [0.05, -0.1])
     moved = align(log, 0.05, signals=["external_jp"])
     np.testing.assert_allclose(moved.external_jp[:-1], joints[:-1], atol=1e-12)
 

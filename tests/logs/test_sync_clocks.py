@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from sync_support import wandering
+from sync_support import one_run, wandering
 
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.logs import align, match_clocks
@@ -20,8 +20,7 @@ N, RATE = 1000, 50.0
 
 
 def joints(external: FloatArray, measured: FloatArray, rate: float) -> CalibrationLog:
-    zeros = np.zeros(len(measured))
-    return CalibrationLog(np.arange(len(measured)) / rate, zeros, zeros, measured_jp=measured, external_jp=external)
+    return one_run(np.arange(len(measured)) / rate, measured_jp=measured, external_jp=external)
 
 
 def poses(lag: float, rng: np.random.Generator) -> CalibrationLog:
@@ -29,7 +28,7 @@ def poses(lag: float, rng: np.random.Generator) -> CalibrationLog:
     t, path = np.arange(N) / RATE, wandering(rng)
     seen = PoseSignal(path(t - lag) + 1e-4 * rng.normal(size=(N, 3)))
     command = PoseSignal(path(t))
-    return CalibrationLog(t, np.zeros(N), np.zeros(N), setpoint_cp=command, measured_cp=command, tracker_cp=seen)
+    return one_run(t, setpoint_cp=command, measured_cp=command, tracker_cp=seen)
 
 
 @pytest.fixture
@@ -112,8 +111,7 @@ def test_a_clock_that_drifts_within_a_plausible_lag_is_said():
     path, time = wandering(rng), np.arange(0, 120, 0.02)
     for ppm, said in ((0.0, False), (200.0, True)):
         seen = path((time - 0.05) * (1 - 1e-6 * ppm)) + 5e-5 * rng.normal(size=(len(time), 3))
-        one = np.zeros(len(time))
-        log = CalibrationLog(time, one, one, setpoint_cp=PoseSignal(path(time)), tracker_cp=PoseSignal(seen))
+        log = one_run(time, setpoint_cp=PoseSignal(path(time)), tracker_cp=PoseSignal(seen))
         same, clocks = match_clocks(log, "tracker_cp", "setpoint_cp", "auto")
         assert same is log
         assert clocks.to_note == said

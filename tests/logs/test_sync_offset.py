@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sync_support import Recording, sines, wandering
+from sync_support import Recording, one_run, sines, wandering
 
 from gpcorrect import se3
 from gpcorrect.errors import DataError, LogError
@@ -201,13 +201,7 @@ def test_joints_are_compared_joint_by_joint():
     unit = np.array([1.0, 1.0, 0.1])
     true = path(time) * unit
     seen = path(time - 0.07) * unit @ np.array([[1, 0.1, 0], [0, 0.98, 0.01], [0, 0, 1]]) + 0.02
-    log = CalibrationLog(
-        time,
-        np.zeros(len(time)),
-        np.zeros(len(time)),
-        setpoint_jp=true,
-        external_jp=seen + 2e-4 * rng.normal(size=seen.shape) * unit,
-    )
+    log = one_run(time, setpoint_jp=true, external_jp=seen + 2e-4 * rng.normal(size=seen.shape) * unit)
     found = log_offset(log)
     assert (found.observed, found.reference) == ("external_jp", "setpoint_jp")
     assert abs(found.offset - 0.07) < TWO_MS
@@ -217,10 +211,8 @@ def test_the_preferred_reference_is_what_the_robot_reports():
     """With a reported pose in the log the servo lag stays out of the tracker's offset."""
     rng = np.random.default_rng(9)
     path, time = wandering(rng), np.arange(0, 30, 0.02)
-    log = CalibrationLog(
+    log = one_run(
         time,
-        np.zeros(len(time)),
-        np.zeros(len(time)),
         setpoint_cp=PoseSignal(path(time)),
         measured_cp=PoseSignal(path(time - 0.05)),
         tracker_cp=PoseSignal(path(time - 0.05 - 0.2) + 1e-4 * rng.normal(size=(len(time), 3))),
@@ -279,13 +271,7 @@ def test_joints_are_weighed_where_the_reference_is_whole():
 
 def test_bad_requests_are_refused():
     """A search width of zero, an absent signal, a pose against joints: each says what is wrong."""
-    log = CalibrationLog(
-        np.arange(5.0),
-        np.zeros(5),
-        np.zeros(5),
-        setpoint_cp=PoseSignal(np.zeros((5, 3))),
-        setpoint_jp=np.zeros((5, 2)),
-    )
+    log = one_run(np.arange(5.0), setpoint_cp=PoseSignal(np.zeros((5, 3))), setpoint_jp=np.zeros((5, 2)))
     with pytest.raises(DataError, match="max_lag must be positive"):
         estimate_offset([], max_lag=0.0)
     with pytest.raises(LogError, match="two signals of one motion"):
