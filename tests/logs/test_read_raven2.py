@@ -42,19 +42,14 @@ def state(k: int, **changes: Any) -> Post:
         "ori": TURNS[k].ravel().astype(np.float32),
         "ori_d": TURNS[k].swapaxes(1, 2).ravel().astype(np.float32),
         "pos_d": (POSITIONS[k].ravel() + OFFSET).astype(np.int32),
-        "encVals": np.zeros(16, np.int32),
-        "dac_val": np.zeros(16, np.int32),
         "tau": TORQUES[k],
-        "mpos": np.zeros(16, np.float32),
         "jpos": degrees,
-        "mvel": np.zeros(16, np.float32),
         "jvel": (2 * degrees).astype(np.float32),
-        "mpos_d": np.zeros(16, np.float32),
         "jpos_d": (3 * degrees).astype(np.float32),
         "grasp_d": np.zeros(2, np.float32),
-        "encoffsets": np.zeros(16, np.float32),
-        "jac_vel": np.zeros(12, np.float32),
-        "jac_f": np.zeros(12, np.float32),
+        **dict.fromkeys(("encVals", "dac_val"), np.zeros(16, np.int32)),
+        **dict.fromkeys(("mpos", "mvel", "mpos_d", "encoffsets"), np.zeros(16, np.float32)),
+        **dict.fromkeys(("jac_vel", "jac_f"), np.zeros(12, np.float32)),
     } | changes
     stamp = START + k * STEP
 

@@ -2,11 +2,9 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from planning_support import Moves, ideal
 
 from gpcorrect import se3
-from gpcorrect.errors import DataError
 from gpcorrect.planning import Margins
 from gpcorrect_studies.debridement.mission import (
     ATTEMPTS,
@@ -120,11 +118,6 @@ def test_a_rehearsal_covers_the_fragments():
     box = scene.along(log.tracker_cp.position[log.extra["fault"] == 0])
     assert (np.abs(np.median(box, axis=0)) < [0.05, 0.05, 0.03]).all()
     assert len(log.trajectory_ids) == 8
-
-
-def test_three_arms_are_refused():
-    with pytest.raises(DataError, match="one or two arms"):
-        stations(3)
 
 
 def test_figures_are_means_over_the_sets_and_counts_are_of_all() -> None:

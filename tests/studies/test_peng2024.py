@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gpcorrect.errors import DataError
 from gpcorrect.types import Progress
 from gpcorrect_studies.claims import Verdict
 from gpcorrect_studies.peng2024 import Peng2024, PengScope, RavenStudy, reproduce_peng2024
@@ -164,9 +163,3 @@ def test_the_whole_state_says_what_the_joints_say() -> None:
     A = np.column_stack([state, np.ones(len(log))])
     fitted = np.linalg.lstsq(A, log.measured_jp, rcond=None)[0]
     np.testing.assert_allclose(A @ fitted, log.measured_jp, atol=1e-6)
-
-
-def test_a_study_needs_two_sparsities() -> None:
-    """Too small a scope is refused before any work."""
-    with pytest.raises(DataError, match="two sparsities"):
-        PengScope(sparsities=(4,))

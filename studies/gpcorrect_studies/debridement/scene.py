@@ -12,7 +12,6 @@ import numpy as np
 
 from gpcorrect import se3
 from gpcorrect.arms import RemoteCentreArm, arm_named
-from gpcorrect.errors import DataError
 from gpcorrect.sim import Machine, machine_of, preset
 from gpcorrect.sim.reaches import DEBRIDEMENT_PRESET
 from gpcorrect.sim.reaching import upright, working_posture
@@ -165,15 +164,8 @@ def stations(arms: int = 2) -> tuple[Scene, tuple[Station, ...]]:
 
     Parameters
     ----------
-    arms : int
-
-    Raises
-    ------
-    DataError
-        There are one or two.
+    arms : int, 1 or 2
     """
-    if arms not in (1, 2):
-        raise DataError(f"the task has one or two arms, got {arms}.")
     T_first = _box(arm_named(SIDES[0]), 0.0)
     scene = Scene(frozen_array(T_first), frozen_array(SIZE))
     return scene, tuple(_station(k, T_first, alone=arms == 1) for k in range(arms))
