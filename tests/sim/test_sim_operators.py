@@ -8,8 +8,8 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
 from scipy.interpolate import PchipInterpolator
 
-from gpcorrect.sim.effects import bouc_wen, lag, play, ring
-from gpcorrect.sim.effects.operators import HELD, PAUSES, shifted
+from gpcorrect.sim.effects.bouc_wen import bouc_wen
+from gpcorrect.sim.effects.operators import HELD, PAUSES, lag, play, ring, shifted
 
 values = st.floats(-10, 10, allow_nan=False)
 paths = arrays(np.float64, st.integers(2, 30), elements=values)

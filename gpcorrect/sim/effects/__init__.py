@@ -15,9 +15,7 @@ from gpcorrect.sim.effects.base import (
     Stage,
     TipEffect,
     TorqueEffect,
-    with_column,
 )
-from gpcorrect.sim.effects.bouc_wen import bouc_wen
 from gpcorrect.sim.effects.catalogue import (
     EFFECTS,
     Candidate,
@@ -29,7 +27,7 @@ from gpcorrect.sim.effects.catalogue import (
 )
 from gpcorrect.sim.effects.description import Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.laws import FrictionLaw, TorqueLaw
-from gpcorrect.sim.effects.operators import lag, play, ring
+from gpcorrect.sim.effects.operators import lag, play
 
 __all__ = [
     "EFFECTS",
@@ -56,15 +54,12 @@ __all__ = [
     "TipEffect",
     "TorqueEffect",
     "TorqueLaw",
-    "bouc_wen",
     "candidates",
     "effect_from_dict",
     "in_order",
     "lag",
     "of_kind",
     "play",
-    "ring",
-    "with_column",
 ]
 
 globals().update({kind.__name__: kind for kind in EFFECTS.values()})
