@@ -13,6 +13,7 @@ from support import Fitted, real_data, small_log
 
 from gpcorrect.calibration import load
 from gpcorrect.cli.console import certainty
+from gpcorrect.logs import write_log
 from gpcorrect.types import CalibrationLog, PoseSignal
 
 # The marker is the tool tip and the clocks agree: looking for them takes longest, and other tests do it.
@@ -141,3 +142,50 @@ def test_an_axis_whose_intervals_hold_too_few_is_named() -> None:
     axes = {"x": 0.97, "y": 0.84, "z": 0.99, "rx": float("nan")}
     assert "cover 96.0 %, but 84 % along y (90.0 %" in certainty({**figures, "coverage95_axes": axes})
     assert "but" not in certainty({**figures, "coverage95_axes": {"x": 0.93}})
+
+
+FEW, NARROW = "samples pass cleaning by the training's thresholds", "95 % intervals cover only"
+
+
+@pytest.mark.parametrize(("moved", "said"), [(0.0, ()), (0.0006, (NARROW,)), (0.001, (FEW, NARROW))])
+def test_figures_that_hold_for_few_samples_are_not_left_alone(
+    gpcorrect: CommandLine, small_model: Path, tmp_path: Path, moved: float, said: tuple[str, ...]
+) -> None:
+    """A zero that moved by 0.6 mm on average breaks the intervals; by 1 mm, most samples do not pass as well."""
+    log = small_log(seed=2, trajectories=8)
+    shift = moved * np.array([1.0, -1.0, 1.0]) * (0.5 + log.trajectory[:, None] / 8)  # some trajectories still pass
+    command = PoseSignal(log.setpoint_cp.position + shift, log.setpoint_cp.quaternion)
+    write_log(replace(log, setpoint_cp=command), tmp_path / "moved.csv")
+    result = gpcorrect("evaluate", small_model, tmp_path / "moved.csv")
+    assert result.code == 0
+    for sentence in (FEW, NARROW):
+        assert (sentence in result.said) == (sentence in said)
+    assert "of all samples)" in result.out
+
+
+def between(log: CalibrationLog, every: int) -> CalibrationLog:
+    """Return a log with as many rows for each sample of its tracker, whose cells are empty in all but the first."""
+    rows = np.repeat(np.arange(len(log)), every)
+    place = np.arange(len(rows)) % every
+    fine = log.select(rows)
+    assert fine.tracker_cp.quaternion is not None
+    position, quaternion = (
+        np.where(place[:, None] > 0, np.nan, part) for part in (fine.tracker_cp.position, fine.tracker_cp.quaternion)
+    )
+    return replace(fine, time=fine.time + 0.02 / every * place, tracker_cp=PoseSignal(position, quaternion))
+
+
+@pytest.mark.parametrize("every", [3, 12])
+def test_empty_cells_between_the_samples_of_a_tracker_cost_nothing(
+    gpcorrect: CommandLine, tmp_path: Path, every: int
+) -> None:
+    """They are learned from and measured on as if they stood alone, where eleven rows of twelve are empty too."""
+    log, errors = small_log(), []
+    for number, recording in enumerate((log, between(log, every))):
+        path, model = written(recording, tmp_path / f"{number}.csv"), tmp_path / f"{number}.gpc"
+        done = gpcorrect("fit", path, "--output", model, "--json", "--time-offset", "none")
+        assert done.code == 0, done.said
+        again = gpcorrect("evaluate", model, path, "--json", "--time-offset", "none").json
+        assert done.json["n_train"] > 700
+        errors.append([found["errors"]["corrected"]["position_mm"]["norm"]["rmse"] for found in (done.json, again)])
+    np.testing.assert_allclose(*errors, rtol=0.05)
