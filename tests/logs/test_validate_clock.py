@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sync_support import wandering
 from validate_support import clean_log, codes, findings
 
 from gpcorrect import se3
 from gpcorrect.logs.validate import validate_log
-from gpcorrect.types import PoseSignal
+from gpcorrect.types import CalibrationLog, PoseSignal
 
 
 def with_time(change):
@@ -158,10 +159,6 @@ def test_an_offset_beyond_the_search_is_not_passed_over():
 
 def test_a_fast_clock_is_warned_about():
     """A tracker clock that is 300 ppm fast over minutes is a drift."""
-    from sync_support import wandering
-
-    from gpcorrect.types import CalibrationLog
-
     rng = np.random.default_rng(2)
     path, time = wandering(rng), np.arange(0, 150, 0.02)
     seen = path((time - 0.05) * (1 - 3e-4)) @ se3.matrix_from_rotvec(np.array([1.0, 0, 0])).T

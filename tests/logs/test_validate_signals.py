@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from support import real_data
+from sync_support import one_run
 from validate_support import clean_log, codes, findings
 
 from gpcorrect import se3
@@ -157,10 +158,7 @@ def test_no_row_of_an_encoder_that_counts_is_held():
 
 def one_joint(path, seen):
     """Return a motion of one joint at 100 Hz, and what an outside encoder says of it."""
-    n = np.zeros(len(path), dtype=np.int64)
-    return CalibrationLog(
-        time=np.arange(len(n)) / 100.0, trajectory=n, session=n, measured_jp=path, setpoint_jp=path, external_jp=seen
-    )
+    return one_run(np.arange(len(path)) / 100.0, measured_jp=path, setpoint_jp=path, external_jp=seen)
 
 
 def test_bad_quaternion_norms_are_counted():
