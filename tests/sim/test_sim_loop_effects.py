@@ -45,19 +45,26 @@ def test_friction_behind_the_cable_is_carried_by_it(effect):
     assert extra.max() > 0.05
 
 
-def steady_error(effect, speed):
-    """How far behind its command the first joint moves steadily, times the gain: the friction."""
-    plan = constant_speed(np.array([speed, 0.0, 0.0]))
-    return ((plan.q - run(weightless(effect), plan).q)[-1, 0, 0]) * KP[0]
+UNIT = 2e-3 * KP  # N m and N
+STEADY = {
+    "coulomb": (lambda j, f: CoulombFriction(j, torque=f), lambda v: 1.0),
+    "viscous": (lambda j, f: ViscousFriction(j, damping=10.0 * f), lambda v: 10.0 * v),
+    "stribeck": (
+        lambda j, f: StribeckFriction(j, torque=f, static_torque=2.5 * f, speed=0.1),
+        lambda v: 1.0 + 1.5 * np.exp(-((v / 0.1) ** 2)),
+    ),
+}
 
 
-def test_stribeck_friction_falls_from_static_to_kinetic():
-    """Steady friction against speed is the law's curve, odd in the direction."""
-    effect = StribeckFriction(1, torque=0.2, static_torque=0.5, speed=0.1)
-    for speed in (0.05, 0.1, 0.2, 0.5):
-        expected = 0.2 + 0.3 * np.exp(-((speed / 0.1) ** 2))
-        assert steady_error(effect, speed) == pytest.approx(expected, rel=0.01)
-        assert steady_error(effect, -speed) == pytest.approx(-expected, rel=0.01)
+@pytest.mark.parametrize("joint", [1, 2, 3])
+@pytest.mark.parametrize(("friction", "law"), STEADY.values(), ids=STEADY)
+def test_a_steady_joint_lags_by_its_friction_through_its_gain(friction, law, joint):
+    """Whatever the speed, odd in the direction; the others are where they should be."""
+    for speed in (0.05, -0.1, 0.2, -0.5):
+        plan = constant_speed(np.full(3, speed))
+        error = (plan.q - run(weightless(friction(joint, UNIT[joint - 1])), plan).q)[-1, 0]
+        expected = np.where(np.arange(1, 4) == joint, np.sign(speed) * law(abs(speed)) * UNIT / KP, 0.0)
+        np.testing.assert_allclose(error, expected, rtol=1e-5, atol=1e-8)
 
 
 def test_stribeck_friction_with_one_limit_is_coulombs():

@@ -87,28 +87,6 @@ def test_a_run_that_begins_where_another_has_been_goes_on_as_that(effects):
     assert off < 1e-3 * ever
 
 
-@pytest.mark.parametrize("joint", ALL)
-def test_coulomb_friction_through_the_gain_is_fc_over_kp(joint):
-    """Moving steadily, the joint stays Fc / kp behind, whatever the speed."""
-    torque = 0.02 * drive().kp[joint - 1] * abs(SPEED[joint - 1])
-    for factor in (1.0, 3.0):
-        plan = constant_speed(factor * SPEED)
-        error = (plan.q - run(weightless(CoulombFriction(joint, torque=torque)), plan).q)[-1, 0]
-        expected = np.zeros(3)
-        expected[joint - 1] = np.sign(SPEED[joint - 1]) * torque / drive().kp[joint - 1]
-        np.testing.assert_allclose(error, expected, atol=1e-8)
-
-
-@pytest.mark.parametrize("joint", ALL)
-def test_viscous_friction_through_the_gain_is_a_lag_of_b_over_kp(joint):
-    """Moving steadily, the joint stays b v / kp behind: proportional to speed."""
-    damping = 0.02 * drive().kp[joint - 1]
-    for factor in (1.0, 3.0):
-        plan = constant_speed(factor * SPEED)
-        error = (plan.q - run(weightless(ViscousFriction(joint, damping=damping)), plan).q)[-1, 0]
-        np.testing.assert_allclose(error[joint - 1], 0.02 * factor * SPEED[joint - 1], rtol=1e-6)
-
-
 @pytest.mark.parametrize("rest", ["dry", "soft"])
 def test_torque_behind_the_cable_is_shared_out(rest):
     """With friction on both sides the cable feels only its own part."""
