@@ -33,9 +33,11 @@ def test_the_table_of_trees_answers_as_scikit_learn(seed: int) -> None:
     X, Y = rng.standard_normal((400, 3)), rng.standard_normal((400, 2))
     table = TreesMap.fit(X, Y, seed)
     asked = np.vstack([X, 3.0 * rng.standard_normal((200, 3)), np.full((1, 3), 1e300), np.full((1, 3), -1e300)])
-    options = {"max_iter": trees.ROUNDS, "learning_rate": trees.RATE, "min_samples_leaf": trees.LEAST_IN_LEAF}
+    options = {"max_iter": trees.ROUNDS, "learning_rate": trees.RATE, "max_bins": trees.BINS}
     for k, y in enumerate(Y.T):
-        peer = HistGradientBoostingRegressor(early_stopping=False, random_state=seed, **options).fit(X, y)
+        peer = HistGradientBoostingRegressor(
+            early_stopping=False, random_state=seed, min_samples_leaf=trees.LEAST_IN_LEAF, **options
+        ).fit(X, y)
         np.testing.assert_allclose(table.mean(asked)[:, k], peer.predict(asked), rtol=0, atol=1e-12)
 
 
