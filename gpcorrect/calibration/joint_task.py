@@ -119,7 +119,7 @@ def input_signal_of(log: CalibrationLog, settings: FitSettings) -> InputSignal:
 
 def _default_features(log: CalibrationLog, settings: FitSettings, dof: int, moving: IntArray) -> tuple[str, ...]:
     """Return the method's own choice: positions and, where logged, efforts; for the Gaussian process the past too."""
-    if settings.method in ("offset", "ukf"):
+    if settings.method == "offset":
         return ("position",)
     logged = effort_kind(log, dof, moving) if settings.direction == "estimate" else ()
     past = ("velocity", "acceleration", "memory", "lags")

@@ -247,7 +247,7 @@ class JointStream(_ViewStream):
             return law.predict_one(x, q if self._corrector.view.end_to_end else np.zeros(len(q)), unsure)
         motor, stretch = law.learned.inputs(q[None], None if effort is None else effort[None])
         mean, std = follow(self._cable, motor[0], stretch[0], new, law.learned.noises)
-        std, known = np.hypot(std, law.learned.motor.std), np.array([np.isfinite(mean).all()])
+        std, known = np.hypot(std, law.learned.shown.std), np.array([np.isfinite(mean).all()])
         return law.guarded(mean[None] - q, std[None], np.zeros(1), x[None], known)
 
 

@@ -209,9 +209,9 @@ def test_parts_of_other_sizes_never_reach_compiled_code(small_corrector: Command
     with pytest.raises(DataError, match="stiffness"):
         CoupledPlay(np.eye(3), np.ones(2))
     motor = PolynomialMap.fit(np.eye(2), np.eye(2), 1)
-    for numbers in ([[0.0, 0.0]] * 4 + [[0.1]], [[-0.1, 0.0]] * 5, [[np.nan, 0.0]] * 5):
+    for numbers in ([[0.0, 0.0]] * 3 + [[0.1]], [[-0.1, 0.0]] * 4, [[np.nan, 0.0]] * 4):
         with pytest.raises(DataError, match="cable"):
-            CableModel(motor, *map(np.array, numbers))
+            CableModel(motor, motor, *map(np.array, numbers))
 
 
 @pytest.mark.parametrize(

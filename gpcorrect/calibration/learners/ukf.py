@@ -1,9 +1,12 @@
 """Unscented Kalman filter on an elastic-cable joint: the motor drags the joint through a spring, friction holds it.
 
 The state of a joint is its true position. Between samples the cable drags it when it is stretched by more than friction
-bears, `q' = clip(q, m - r, m + r)` about the corrected motor position m, and it moves with noise; the effort, where it
-is logged, shows the stretch: `tau = kappa (m - q) + tau_0`, with noise. Gap r, compliance and both noises are tuned on
-training data alone. A sample whose motor position or effort is missing is passed over, so the filter never sees a NaN.
+bears, `q' = clip(q, m - r, m + r)` about the corrected motor position m, and it moves with noise. The effort, where it
+is logged, shows the stretch: `q = p + a(p) - kappa tau`, with noise, of the encoder's p, a line a and the compliance
+kappa, fitted together. Efforts that show friction say where in its play the joint is: the filter measures with them.
+Those that show the load say where the play is: they are part of m. Which of the two, gap r and noises are tuned on
+training data alone. A sample is passed over that lacks its motor position, or an effort that is part of it, so the
+filter never sees a NaN.
 Julier and Uhlmann 1997; cable model after Haghighipanah et al. 2016, IROS, cut down to what encoders can show.
 """
 
@@ -16,18 +19,16 @@ from numba import njit
 
 from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.learners.learner import Fitted
-from gpcorrect.calibration.learners.polynomial import PolynomialMap
+from gpcorrect.calibration.learners.polynomial import RIDGE, PolynomialMap
 from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import LeftOut
 from gpcorrect.types import BoolArray, FloatArray, Progress
 
-GAPS = (0.0, 0.01, 0.02, 0.04, 0.08, 0.15)
+GAPS = (0.0, 0.0025, 0.005, 0.01, 0.02, 0.04, 0.08, 0.15)
 """Half gap over half the range, to choose from: up to the slack of the dVRK wrist recorded in `dvrk_random`."""
-PROCESS = (0.01, 0.1, 1.0)  # standard deviation a step over that of the play's residual, to choose from; chosen by hand
-TUNING_ROWS = 1500  # samples that the process noise is tuned on; chosen by hand
-LEAST_EXPLAINED = 0.05
-"""Part of the stretch's variance that the effort must explain to be a measurement; chosen by hand."""
+PROCESS = (0.01, 0.1, 1.0)  # standard deviation a step over what the play leaves, to choose from; chosen by hand
+OTHERS = 1e12  # penalty, as :data:`RIDGE`, on what another joint's effort does to a cable: nothing
 ALPHA, BETA, KAPPA = 0.5, 2.0, 2.0  # of Merwe's scaled sigma points (van der Merwe 2004, Sec. 3.2.2); chosen by hand
 FACTOR = ALPHA**2 * (1.0 + KAPPA)  # of the variance, in the square of a sigma point's distance
 MIDDLE = 1.0 - 1.0 / FACTOR + 1.0 - ALPHA**2 + BETA  # weight of the middle one in the variance
@@ -38,23 +39,23 @@ TINY = 1e-9  # m or rad: keeps variances positive, far below the resolution of a
 class CableModel:
     """Elastic cable of every joint."""
 
-    # from positions to the error that coupling, gain and offset make; its deviations are what is left beside the play,
-    # which the filter takes for none of its own
+    # from positions, and from positions and efforts (where there are none, the same), to the error that coupling, gain,
+    # offset and stretch make; the deviations of the second are what the filter leaves in training
     motor: PolynomialMap
+    shown: PolynomialMap
+    loaded: BoolArray  # (d,) whether the play is about where the efforts show the joint
     gap: FloatArray  # (d,) half gap, rad or m
-    # (d,) each: stretch m - q for an effort: `compliance tau + rest`
-    stretch_per_effort: FloatArray
-    stretch_at_rest: FloatArray
-    # (d,) each: standard deviations of the joint's step, and of the stretch that the effort shows; infinite where it
-    # shows nothing
+    # (d,) each: standard deviations of the joint's step, and of where the efforts show it; infinite where that is not
+    # measured with
     process: FloatArray
     measurement: FloatArray
 
     def __post_init__(self) -> None:
-        law, noises = (self.gap, self.stretch_per_effort, self.stretch_at_rest), (self.process, self.measurement)
-        if {part.shape for part in (*law, *noises)} != {self.motor.std.shape}:
+        d, laws = self.gap.size, (self.motor.std, self.shown.std)
+        parts = (self.gap, self.process, self.measurement, self.loaded, *laws)
+        if {part.shape for part in parts} != {(d,)} or self.shown.scaler.centre.size not in (d, 2 * d):
             raise DataError("the stored cable model is damaged: its numbers are not one a joint.")
-        if not (np.isfinite(law).all() and (self.gap >= 0).all() and np.greater_equal(noises, 0).all()):
+        if not (np.isfinite(self.gap).all() and np.greater_equal(self.noises, 0).all()):
             raise DataError("the stored cable model is damaged: no cable has its numbers.")
 
     def errors(self, samples: Samples) -> tuple[FloatArray, FloatArray]:
@@ -66,21 +67,24 @@ class CableModel:
         """
         motor, stretch = self.inputs(samples.path, samples.effort)
         mean, std = _filtered(motor, stretch, samples.new, self.noises)
-        return mean - samples.path, np.hypot(std, self.motor.std)
+        return mean - samples.path, np.hypot(std, self.shown.std)
 
     def inputs(self, q: FloatArray, effort: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-        """Return corrected motor positions and the stretch that efforts show `(n, d)`, NaN where they show nothing.
+        """Return positions that plays are about, and the stretch that efforts show besides, `(n, d)`, NaN where unknown.
 
         Parameters
         ----------
         q : (n, d) array, joints, rad or m
         effort : (n, d) array or None, N m or N
         """
-        motor = q + self.motor.mean(q)
-        if effort is None:
-            return motor, np.full(q.shape, np.nan)
-        stretch = self.stretch_per_effort * effort + self.stretch_at_rest
-        return motor, np.where(np.isfinite(self.measurement), stretch, np.nan)
+        motor, shown = q + self.motor.mean(q), q + self.shown.mean(_inputs(q, effort, self.shown.scaler.centre.size))
+        return np.where(self.loaded, shown, motor), motor - shown
+
+    @property
+    def compliance(self) -> FloatArray:
+        """(d,) stretch for an effort of the joint's own, rad/(N m) or m/N; zero where there are no efforts."""
+        slopes = -self.shown.weights[1:] / self.shown.scaler.spread[:, None]
+        return np.diagonal(slopes[len(slopes) - self.gap.size :]) * (len(slopes) > self.gap.size)
 
     @property
     def noises(self) -> FloatArray:
@@ -89,68 +93,53 @@ class CableModel:
 
 
 def learn_cable(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-    """Learn a :class:`CableModel`: so few numbers a joint that errors in training stand for left-out ones."""
+    """Learn a :class:`CableModel`: so few numbers a joint that errors in training stand for left-out ones.
+
+    Positions and the joint's own effort explain the error together: gravity goes by position, and a law of positions
+    that comes first takes most of the stretch.
+    """
     if samples.path.shape[1] != samples.target.shape[1]:
         raise DataError("the cable model (ukf) is of joints.", hint="Use: gpcorrect joint fit --method ukf")
     samples.learnable()
-    rows = samples.rows
+    rows, d = samples.rows, samples.path.shape[1]
+    X = _inputs(samples.path, samples.effort, 2 * d if layout.efforts.size else d)
+    penalties = np.vstack([np.full((d, d), RIDGE), np.where(np.eye(d), RIDGE, OTHERS)])[: X.shape[1]]
     motor = PolynomialMap.fit(samples.path[rows], samples.target[rows], 1)
-    path = samples.path + motor.mean(samples.path)
-    left = samples.path + samples.target - path
-    parts = [_tuned(samples, path[:, j], left[:, j], j) for j in range(path.shape[1])]
-    spread, *cables = (np.array(column) for column in zip(*parts, strict=True))
-    learned = CableModel(replace(motor, std=spread), *cables)
+    shown = PolynomialMap.fit(X[rows], samples.target[rows], 1, penalties)
+    free, carried = samples.path + motor.mean(samples.path), samples.path + shown.mean(X)
+    tuned = [_tuned(samples, free[:, j], carried[:, j], float(shown.std[j]), j) for j in range(d)]
+    left, *cables = (np.array(column) for column in zip(*tuned, strict=True))
+    learned = CableModel(motor, replace(shown, std=np.maximum(left, TINY)), *cables)
     mean, std = learned.errors(samples)
     return Fitted(learned, LeftOut((samples.target - mean)[rows], std[rows], np.zeros(len(rows))))
 
 
-def _tuned(data: Samples, motor: FloatArray, left: FloatArray, joint: int) -> tuple[float, ...]:
-    """Return what the play of one joint leaves, its gap, stretch law and noises."""
-    rows = data.rows
-    half = float(np.ptp(motor[rows])) / 2
-    lags = {fraction: _clipped(motor, fraction * half, data.new) - motor for fraction in GAPS}
-    gap = min(lags, key=lambda fraction: float(np.var(left[rows] - lags[fraction][rows])))
-    spread = max(float(np.std(left[rows] - lags[gap][rows])), TINY)
-    compliance, rest, measurement = _stretch_law(data, left, joint)
-    stretch = np.full(len(motor), np.nan)
-    if data.effort is not None and np.isfinite(measurement):
-        stretch = compliance * data.effort[:, joint] + rest
-    head = rows[:TUNING_ROWS]
-    first, last = int(head[0]), int(head[-1]) + 1
-    inside = head - first
-
-    def _square(fraction: float) -> float:
-        new = data.new[first:last].copy()
-        new[0] = True
-        cable = np.array([[gap * half], [fraction * spread], [measurement]])
-        mean, _ = _filtered(motor[first:last, None], stretch[first:last, None], new, cable)
-        return float(np.mean((mean[inside, 0] - (motor + left)[head]) ** 2))
-
-    process = min(PROCESS, key=_square) if np.isfinite(measurement) else PROCESS[0]
-    return spread, gap * half, compliance, rest, process * spread, measurement
+def _inputs(q: FloatArray, effort: FloatArray | None, size: int) -> FloatArray:
+    """Return what a law of so many inputs sees: positions, or positions and efforts, NaN where these are not known."""
+    if size == q.shape[1]:
+        return q
+    return np.hstack([q, np.full(q.shape, np.nan) if effort is None else effort])
 
 
-def _stretch_law(data: Samples, left: FloatArray, joint: int) -> tuple[float, float, float]:
-    """Compliance, rest and noise of the stretch that the effort shows; infinite noise where it shows too little."""
-    if data.effort is None:
-        return 0.0, 0.0, np.inf
-    rows = data.rows
-    effort, stretch = data.effort[rows, joint], -left[rows]
-    known = np.isfinite(effort) & np.isfinite(stretch)
-    if known.sum() < 3 or np.ptp(effort[known]) == 0:
-        return 0.0, 0.0, np.inf
-    compliance, rest = np.polyfit(effort[known], stretch[known], 1)
-    noise = float(np.std(stretch[known] - compliance * effort[known] - rest))
-    explained = 1.0 - noise**2 / max(float(np.var(stretch[known])), TINY**2)
-    return float(compliance), float(rest), noise if explained > LEAST_EXPLAINED else np.inf
+def _tuned(data: Samples, free: FloatArray, carried: FloatArray, noise: float, joint: int) -> tuple[float, ...]:
+    """Return what the best cable of one joint leaves in training, whether its play is about `carried`, and its noises.
 
+    Efforts may say nothing, or where in its play the joint is (they show friction), or where its play is (a load).
+    """
+    rows, truth = data.rows, (data.path + data.target)[:, joint]
 
-def _clipped(motor: FloatArray, gap: float, new: BoolArray) -> FloatArray:
-    joint = motor.copy()
-    for t in range(1, len(motor)):
-        if not new[t]:
-            joint[t] = min(max(joint[t - 1], motor[t] - gap), motor[t] + gap)
-    return joint
+    def _left(motor: FloatArray, *cable: float) -> float:
+        mean, _ = _filtered(motor[:, None], (free - carried)[:, None], data.new, np.array(cable)[:, None])
+        return float(np.sqrt(np.mean((mean[:, 0] - truth)[rows] ** 2)))
+
+    found = []
+    for loaded, motor in enumerate((free, carried)):
+        half = float(np.ptp(motor[rows])) / 2
+        spread, gap = min((_left(motor, f * half, 0.0, np.inf), f * half) for f in GAPS)
+        steps = [max(fraction * spread, TINY) for fraction in PROCESS]
+        cables = [(gap, steps[0], np.inf), *((gap, step, noise) for step in steps if not loaded)]
+        found += [(_left(motor, *cable), bool(loaded), *cable) for cable in cables]
+    return min(found)
 
 
 @njit(cache=True)
