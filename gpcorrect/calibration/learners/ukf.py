@@ -70,7 +70,7 @@ class CableModel:
         return mean - samples.path, np.hypot(std, self.shown.std)
 
     def inputs(self, q: FloatArray, effort: FloatArray | None) -> tuple[FloatArray, FloatArray]:
-        """Return positions that plays are about, and the stretch that efforts show besides, `(n, d)`, NaN where unknown.
+        """Return positions that plays are about, and the stretch that efforts show beside, `(n, d)`, NaN where unknown.
 
         Parameters
         ----------
