@@ -49,7 +49,9 @@ def library_of(log: CalibrationLog, model: Model, seed: int) -> Library:
     good = np.isfinite(residual)
     columns, places = [], []
     for trace in state.traces:
-        change = trace.change[dataset.training].sum(axis=2) / std
+        change = np.zeros(residual.shape)
+        change[:, trace.change.shown] = trace.change.columns[dataset.training].sum(axis=2)
+        change /= std
         size = float(np.sqrt(np.mean(change[good] ** 2)))
         if size > 0:
             columns.append(change[good] / size)

@@ -41,7 +41,7 @@ def robot(space: str = "/PSM1", make: Callable[..., Post] = pose_stamped) -> lis
 
 
 def test_poses_of_a_bag_are_scaled_by_its_mapping(tmp_path: Path):
-    path = write_bag(tmp_path / "r", robot() + poses(pose_stamped, "/ndi/tool"), "mcap")
+    path = write_bag(tmp_path / "r", robot() + poses("/ndi/tool", pose_stamped), "mcap")
     log = read_log(path, columns=write(tmp_path / "m.toml", "[tracker_cp]\nposition_scale = 1e-3\n"))
     np.testing.assert_allclose(1e3 * log.tracker_cp.position, POSE.position, rtol=1e-12)
     np.testing.assert_array_equal(log.setpoint_cp.position, POSE.position)
