@@ -95,9 +95,9 @@ class CommandCorrector(PoseAnswers):
         best = alone = _Answers(samples, left_out, law.intervals)
         in_joints = partial(_in_joints, kinematics, shown, (reference, pairs.command), cleaner, settings, learn_law)
         recalling = partial(_recalling, pairs, log, rigid, features, law.bounds, learn_law)
-        for kind, says, learned, least in (
-            (JOINTS, "corrected in the arm's joints", in_joints, WORTH_IT),
-            (MEMORY, "memory acts on the pose", recalling, LIMITS.memory_lessens),
+        for kind, says, what, learned, least in (
+            (JOINTS, "corrected in the arm's joints", "the log's joints are", in_joints, WORTH_IT),
+            (MEMORY, "memory acts on the pose", "memory is", recalling, LIMITS.memory_lessens),
         ):
             asked = kind in kinds
             if not asked and (settings.features or held is not None or best is not alone):
@@ -107,7 +107,7 @@ class CommandCorrector(PoseAnswers):
             except GpCorrectError as error:
                 if asked:
                     raise
-                remarks.append(f"the log's {kind} are not used: {error}")
+                remarks.append(f"{what} not used: {error}")
                 continue
             if found is None:
                 continue

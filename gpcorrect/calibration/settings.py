@@ -26,8 +26,8 @@ class FitSettings:
     method : str, A learner of :data:`gpcorrect.calibration.LEARNERS`
     features : tuple of str
         What the learner sees; empty for the task's own choice. Poses: "pose" (or "euler": the angles of Mahler et al.
-        2014), "velocity", "memory" or "joints" (which have a memory of their own; their own choice takes them where
-        that helps). Joints and tool position: "position", "velocity", "acceleration", "effort",
+        2014), "velocity", "memory" or "joints" (which have a memory of their own); their own choice takes joints, or
+        else memory, where that helps. Joints and tool position: "position", "velocity", "acceleration", "effort",
         "memory", "lags", "state".
     clean : bool, reject faulty samples first
     cleaning : CleaningSettings, limits of the cleaning

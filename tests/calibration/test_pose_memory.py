@@ -14,11 +14,13 @@ from gpcorrect.calibration import (
     CommandCorrector,
     FitResult,
     FitSettings,
+    cartesian,
     evaluate_model,
     fit_model,
     load,
     save,
 )
+from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects.operators import play
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
@@ -82,6 +84,14 @@ def test_memory_is_learned_unasked_where_much_sticks(sticky: FitResult) -> None:
     assert len(asked) == 1
     assert bare.corrector.memory is None
     assert not any("memory" in remark for remark in bare.remarks)
+
+
+def test_memory_that_takes_little_away_is_not_used_unasked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is tried where a linear law sees much of it, and the fit says by how little it helped."""
+    monkeypatch.setattr(cartesian, "LIMITS", replace(LIMITS, memory_lessens=0.99))
+    fit = fit_model(sticky_log(0), replace(SETTINGS, features=()))
+    assert fit.corrector.memory is None
+    assert any(r.startswith("memory acts") and r.endswith("; not used") for r in fit.remarks)
 
 
 def test_without_history_the_answer_is_that_of_pose_and_velocity_and_says_so(sticky: FitResult) -> None:

@@ -128,17 +128,17 @@ def _tuned(data: Samples, free: FloatArray, carried: FloatArray, noise: float, j
     """
     rows, truth = data.rows, (data.path + data.target)[:, joint]
 
-    def _left(motor: FloatArray, *cable: float) -> float:
+    def left_by(motor: FloatArray, *cable: float) -> float:
         mean, _ = _filtered(motor[:, None], (free - carried)[:, None], data.new, np.array(cable)[:, None])
         return float(np.sqrt(np.mean((mean[:, 0] - truth)[rows] ** 2)))
 
     found = []
     for loaded, motor in enumerate((free, carried)):
         half = float(np.ptp(motor[rows])) / 2
-        spread, gap = min((_left(motor, f * half, 0.0, np.inf), f * half) for f in GAPS)
+        spread, gap = min((left_by(motor, f * half, 0.0, np.inf), f * half) for f in GAPS)
         steps = [max(fraction * spread, TINY) for fraction in PROCESS]
         cables = [(gap, steps[0], np.inf), *((gap, step, noise) for step in steps if not loaded)]
-        found += [(_left(motor, *cable), bool(loaded), *cable) for cable in cables]
+        found += [(left_by(motor, *cable), bool(loaded), *cable) for cable in cables]
     return min(found)
 
 

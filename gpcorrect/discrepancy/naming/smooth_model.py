@@ -37,7 +37,7 @@ def smooth_columns(view: View, fitted: Sequence[FittedEffect], channels: BoolArr
     """
     residual, rows = view.search.residual(fitted), view.search.dataset.discovery
     parts: tuple[list[FloatArray], ...] = ([], [])
-    only = np.arange(len(channels))
+    numbers = np.arange(len(channels))
     for i in np.flatnonzero(channels).tolist():
         inputs = view.prepared.inputs[i]
         pairs = [t for t in view.prepared.tests[i] if len(t.variables) == 2]
@@ -47,7 +47,7 @@ def smooth_columns(view: View, fitted: Sequence[FittedEffect], channels: BoolArr
         if inputs.memory:
             states = np.stack(inputs.memory, axis=1)
             bases.append(states / states.std(axis=0))
-        for part, white in zip(parts, view.whitened(np.concatenate(bases, axis=1)[:, None], only == i), strict=True):
+        for part, white in zip(parts, view.whitened(np.concatenate(bases, axis=1)[:, None], numbers == i), strict=True):
             part.append(white)
     discovery, confirmation = (block_diag(*part) for part in parts)
     return discovery, confirmation
