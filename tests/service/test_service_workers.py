@@ -157,22 +157,40 @@ def test_an_item_that_finds_nothing_waiting_is_done_by_who_offers_it() -> None:
     assert works.end()
 
 
-def test_while_one_who_offers_is_at_work_the_others_do_not_wait() -> None:
-    """Their items go to the workers, what is beyond the bound is refused, and closing waits for all of them."""
+def test_while_one_is_at_work_those_who_offer_do_not_wait() -> None:
+    """Be it who offered or the worker: one works at a time, and what is offered meanwhile is left to the worker."""
     works = Works(at_once=True, capacity=2)
     first = threading.Thread(target=works.queue.offer, args=(0,))
     first.start()
     assert works.began.acquire(timeout=PATIENT)
     works.queue.offer(1)
-    assert works.began.acquire(timeout=PATIENT)
+    until = time.monotonic() + PATIENT
+    while works.queue.waiting and time.monotonic() < until:
+        time.sleep(0.001)  # the worker has taken it, and waits for the first to end
     for item in (2, 3, 4):
         works.queue.offer(item)
     assert works.refused == [4]
+    assert not works.began.acquire(blocking=False)
     works.queue.close()
     assert not works.queue.join(time.monotonic())
     works.gate.set()
     assert works.queue.join(time.monotonic() + PATIENT)
-    assert sorted(works.done) == [0, 1, 2, 3]
+    assert works.done == [0, 1, 2, 3]
     assert works.threads[0] == first.ident
-    assert works.threads[1] != first.ident
+    assert first.ident not in (works.threads[item] for item in (1, 2, 3))
     first.join()
+
+
+def test_nothing_is_done_at_once_beside_the_worker() -> None:
+    """It would trade the interpreter with the worker, query by query."""
+    at_once = False
+    works = Works()
+    works.queue._at_once = lambda: at_once
+    works.queue.offer(0)
+    assert works.began.acquire(timeout=PATIENT)
+    at_once = True
+    works.queue.offer(1)  # nothing waits, and the worker works
+    assert works.queue.waiting == 1
+    works.gate.set()
+    assert works.end()
+    assert threading.get_ident() not in works.threads.values()

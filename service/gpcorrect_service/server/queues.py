@@ -30,8 +30,9 @@ class WorkerQueue(Generic[T]):
     capacity : int, items that may wait
     logger : Logger
     at_once : callable
-        Whether an item that finds nothing waiting is worked on by the thread that offers it, one at a time: waking the
-        worker takes longer than a short item does, and many times as long where other processes want the core.
+        Whether an item that finds nothing waiting and nothing under way is worked on by the thread that offers it:
+        waking the worker takes longer than a short item does, and many times as long where other processes want the
+        core. Beside the worker it would only trade the interpreter with it.
     """
 
     def __init__(
@@ -52,7 +53,7 @@ class WorkerQueue(Generic[T]):
         # SimpleQueue is C code without a lock in Python; queue.Queue costs 0.03 ms a query more.
         self._queue: SimpleQueue[T | None] = SimpleQueue()
         self._at_once = at_once
-        self._offering = threading.Lock()
+        self._working = threading.Lock()  # held by whichever thread works on an item
         self._entrance = threading.Lock()  # nothing comes in behind the end marker, where nobody would look
         self._closing = threading.Event()
         self._hurry = threading.Event()
@@ -72,7 +73,7 @@ class WorkerQueue(Generic[T]):
         with self._entrance:
             waiting = self._queue.qsize()
             full = self._closing.is_set() or waiting >= self._capacity
-            now = not full and waiting == 0 and self._at_once() and self._offering.acquire(blocking=False)
+            now = not full and waiting == 0 and self._at_once() and self._working.acquire(blocking=False)
             if not (full or now):
                 self._queue.put(item)
         if full:
@@ -81,7 +82,7 @@ class WorkerQueue(Generic[T]):
             try:
                 self._handle(item)
             finally:
-                self._offering.release()
+                self._working.release()
 
     @property
     def waiting(self) -> int:
@@ -113,15 +114,16 @@ class WorkerQueue(Generic[T]):
         until : float, instant on the monotonic clock, s, at which waiting ends
         """
         self._thread.join(max(0.0, until - time.monotonic()))
-        if done := self._offering.acquire(timeout=max(0.0, until - time.monotonic())):
-            self._offering.release()
+        if done := self._working.acquire(timeout=max(0.0, until - time.monotonic())):
+            self._working.release()
         return done and not self.alive
 
     def _run(self) -> None:
         # OpenMP keeps its thread count by thread, so the limit of the process does not reach here.
         with threadpool_limits(limits=1):
             while (item := self._queue.get()) is not None:
-                self._handle(item)
+                with self._working:
+                    self._handle(item)
 
     def _handle(self, item: T) -> None:
         try:
