@@ -90,7 +90,6 @@ class CommandCorrector(PoseAnswers):
         held = None if turns is None else turns.held(samples)
         remarks = [f"registration: {registration.reason}", *_not_corrected(features, held)]
         remarks += lever_note(log, pairs.rows, reference.position, pairs.command.position - reference.position)
-        remarks += sessions_apart(log, samples.rows, left_out.errors, samples.target[samples.rows])
         used = [kind for kind in kinds if kind not in (MEMORY, JOINTS)]
         best = alone = _Answers(samples, left_out, law.intervals)
         in_joints = partial(_in_joints, kinematics, shown, (reference, pairs.command), cleaner, settings, learn_law)
@@ -132,6 +131,8 @@ class CommandCorrector(PoseAnswers):
             route=best.by if isinstance(best.by, JointRoute) else None,
             held=held,
         )
+        parts = corrector.parts(samples.target.shape[1])
+        remarks += sessions_apart(log, samples.rows, alone.left_out.errors, samples.target[samples.rows], parts)
         left_out, intervals = best.left_out, best.intervals
         if turns is not None and held is not None:
             left_out, intervals = held.beside(left_out, intervals, turns.reference, turns.command)

@@ -285,9 +285,10 @@ def evaluate_model(
     place = np.cumsum(held) - 1
     clean, dirty = (corrector.measure(log, keep) for keep in (passed, held))
     clean, dirty = (replace(measured, rows=place[measured.rows]) for measured in (clean, dirty))
-    if held.all() and corrector.TASK == CommandCorrector.TASK:  # of a held-out part the fit's own note says it
-        learned = len(corrector.law.zero)
-        first = (*first, *sessions_apart(log, clean.rows, clean.corrected[:, :learned], clean.registered[:, :learned]))
+    # Of a held-out part the fit's own note says it; of joints, `cautions` do, session by session.
+    if held.all() and corrector.TASK == CommandCorrector.TASK:
+        parts = corrector.parts(len(corrector.law.zero))
+        first = (*first, *sessions_apart(log, clean.rows, clean.corrected, clean.registered, parts))
     return Evaluation(corrector, clean, dirty, cleaning, first)
 
 

@@ -17,6 +17,7 @@ from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.leaps import Apart
 from gpcorrect.calibration.metrics import joint_units, spread
 from gpcorrect.calibration.queries import checked_times, numbers
+from gpcorrect.calibration.sessions import sessions_apart
 from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.calibration.stream import JointStream
 from gpcorrect.calibration.task import LearnLaw, Measured, Outcome, Part
@@ -273,10 +274,13 @@ class JointCorrector(ViewCorrector):
             usual_step=usual,
             shortest_step=shortest,
         )
+        missed, parts = (samples.target - samples.origin)[samples.rows], corrector.parts(len(view.types))
+        moving = [parts[j]._replace(columns=(k,)) for k, j in enumerate(view.moving)]
+        apart = sessions_apart(log, samples.rows, left_out.errors, missed, moving)
         report = {
             "features": list(view.features.kinds),
             "input": view.input_signal,
             "direction": settings.direction,
             "uncorrected_joints": list(task.still),
         }
-        return Outcome(corrector, samples, left_out, law.intervals, report, task.remarks)
+        return Outcome(corrector, samples, left_out, law.intervals, report, (*task.remarks, *apart))

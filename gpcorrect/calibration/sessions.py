@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.special import fdtrc  # scipy.stats has it too, and takes half a second to import
 
 from gpcorrect.calibration.dataset import pieces
 from gpcorrect.calibration.settings import LIMITS
+from gpcorrect.calibration.task import Part
 from gpcorrect.cleaning import CleaningReport, Reason
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
-UNITS = ((1e3, "mm"), (np.degrees(1.0), "deg"))  # of positions and rotations, per m and rad
 
-
-def sessions_apart(log: CalibrationLog, rows: IntArray, errors: FloatArray, left: FloatArray) -> tuple[str, ...]:
+def sessions_apart(
+    log: CalibrationLog, rows: IntArray, errors: FloatArray, left: FloatArray, parts: Sequence[Part]
+) -> tuple[str, ...]:
     """Return a note where what is not predicted differs from session to session by more than motions differ in one.
 
     One-way analysis of variance of the mean errors of motions, component by component. A log whose sessions lie apart
@@ -23,24 +26,26 @@ def sessions_apart(log: CalibrationLog, rows: IntArray, errors: FloatArray, left
     ----------
     log : CalibrationLog, n samples
     rows : (k,) int array, samples that were predicted
-    errors : (k, 3) or (k, 6) array, of predictions at motions that were not learned from, m and rad; NaN where none is
-    left : array of the same shape, what registration leaves: by this the distance between sessions is quoted
+    errors : (k, m) array, of predictions at motions that were not learned from, m and rad; NaN where none is
+    left : (k, m) array, what was to be predicted: by this the distance between sessions is quoted
+    parts : sequence of Part, components that are quoted together: position and rotation, or each joint
     """
-    known = np.isfinite(errors).all(axis=1) & np.isfinite(left).all(axis=1)
+    columns = [column for part in parts for column in part.columns]
+    known = np.isfinite(errors[:, columns]).all(axis=1) & np.isfinite(left[:, columns]).all(axis=1)
     rows, errors, left = rows[known], errors[known], left[known]
     names, means, session = _means(log, rows, np.hstack([errors, left]))
     if len(names) < 2:
         return ()
     width = errors.shape[1]
-    differ = _differ(means[:, :width], session, errors)
-    if not differ.any():
+    differ = [part for part in parts if _differ(means[:, part.columns], session, errors[:, part.columns], width)]
+    if not differ:
         return ()
     centres = np.array([means[session == name, width:].mean(axis=0) for name in names])
-    found = " and ".join(_farthest(names, centres, int(part)) for part in np.flatnonzero(differ))
+    found = " and ".join(_farthest(names, centres, part) for part in differ)
     return (
-        f"after registration {found}, more than motions of one session differ: the tracker's frame or the base was "
-        "moved, or the robot was homed anew, and one model answers for none of them well. Fit them apart, or see what "
-        "a new session costs: gpcorrect fit --hold-out-by session",
+        f"{found}, more than motions of one session differ: the sensor's frame or the base was moved, or the robot was "
+        "homed anew, and one model answers for none of them well; intervals do not hold in a new one. Fit them apart, "
+        "or see what a new session costs: --hold-out-by session",
     )
 
 
@@ -86,8 +91,8 @@ def _means(log: CalibrationLog, rows: IntArray, values: FloatArray) -> tuple[Int
     return names, (means / count[:, None])[told], session[told]
 
 
-def _differ(means: FloatArray, session: IntArray, errors: FloatArray) -> BoolArray:
-    """Whether positions, and rotations, lie apart by session: surely, and by a good part of their errors."""
+def _differ(means: FloatArray, session: IntArray, errors: FloatArray, width: int) -> bool:
+    """Whether a part of m = `width` components lies apart by session: surely, and by a good part of its errors."""
     total, within = ((means - means.mean(axis=0)) ** 2).sum(axis=0), np.zeros(means.shape[1])
     names = np.unique(session)
     for name in names:
@@ -96,14 +101,12 @@ def _differ(means: FloatArray, session: IntArray, errors: FloatArray) -> BoolArr
     freedom = len(names) - 1, len(means) - len(names)
     between = total - within
     ratio = (between / freedom[0]) / np.maximum(within / freedom[1], np.finfo(float).tiny)
-    sure = fdtrc(*freedom, ratio) < LIMITS.apart_chance / means.shape[1]
-    parts = between.reshape(-1, 3).sum(axis=1) / len(means), (errors**2).mean(axis=0).reshape(-1, 3).sum(axis=1)
-    return np.asarray(sure.reshape(-1, 3).any(axis=1) & (parts[0] > LIMITS.apart_fraction * parts[1]))
+    sure = fdtrc(*freedom, ratio) < LIMITS.apart_chance / width
+    return bool(sure.any() and between.sum() / len(means) > LIMITS.apart_fraction * (errors**2).mean(axis=0).sum())
 
 
-def _farthest(names: IntArray, centres: FloatArray, part: int) -> str:
+def _farthest(names: IntArray, centres: FloatArray, part: Part) -> str:
     """Say which two sessions lie farthest from each other, and by how much."""
-    apart = np.linalg.norm((centres[:, None] - centres)[:, :, 3 * part : 3 * part + 3], axis=2)
+    apart = part.scale * np.linalg.norm((centres[:, None] - centres)[:, :, part.columns], axis=2)
     one, other = sorted(np.unravel_index(int(apart.argmax()), apart.shape))
-    factor, unit = UNITS[part]
-    return f"session {names[other]} lies {factor * apart[one, other]:.2g} {unit} from session {names[one]}"
+    return f"{part.name}: session {names[other]} lies {apart[one, other]:.2g} {part.unit} from session {names[one]}"

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from joint_logs import joint_log
 from support import short_search, small_log
 
-from gpcorrect.calibration import FitSettings, evaluate_model, fit_model, run_experiment
+from gpcorrect.calibration import FitSettings, JointCorrector, evaluate_model, fit_model, run_experiment
 from gpcorrect.errors import LogError
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 
@@ -33,6 +34,23 @@ def test_a_frame_that_was_moved_between_sessions_is_said(seed: int) -> None:
     assert [len(sentences) for sentences in said] == [0, 2]
     assert float(said[1][0].split("lies ")[1].split(" mm")[0]) == pytest.approx(1e3 * np.linalg.norm(MOVED), rel=0.15)
     assert "--hold-out-by session" in said[1][0]
+
+
+@pytest.mark.parametrize(("method", "seed"), [("linear", 0), ("linear", 1), ("gp", 2)])
+def test_joints_that_were_homed_anew_between_sessions_are_said(method: str, seed: int) -> None:
+    """Joint 2 is homed anew by 1.7 deg between two sessions: it is named, with its size, and no other is."""
+    log = joint_log(seed, 12, 10.0)
+    session = log.trajectory // 6
+    assert log.external_jp is not None
+    homed = log.external_jp + session[:, None] * np.array([0.0, 0.03, 0.0])
+    logs = (replace(log, session=session), replace(log, session=session, external_jp=homed))
+    with short_search(80):
+        fits = [fit_model(log, FitSettings(method=method), task=JointCorrector) for log in logs]
+    said = [[remark for remark in fit.remarks if "session 1" in remark] for fit in fits]
+    assert [len(sentences) for sentences in said] == [0, 1]
+    joint, sentence = said[1][0].split(":", 1)
+    assert joint == "joint 2"
+    assert float(sentence.split("lies ")[1].split(" deg")[0]) == pytest.approx(np.degrees(0.03), rel=0.15)
 
 
 def test_sessions_of_one_motion_each_are_not_compared() -> None:
