@@ -79,22 +79,6 @@ class Law:
             std[off] = np.hypot(std[off], (ends[1] - ends[0]) / 2)
         return self.guarded(mean - origin, std, novelty, X, rows)
 
-    def predict_one(self, x: FloatArray, origin: FloatArray, unsure: FloatArray | None = None) -> Prediction:
-        """Return the prediction for one input, of a law that needs no path, as one row: the hot path of streams.
-
-        Parameters
-        ----------
-        x : (d,) array, inputs
-        origin, unsure : (m,) and (d,) arrays, see :class:`Samples`
-        """
-        if not (isinstance(self.learned, GPMap) and np.isfinite(x).all()):
-            return self.predict_rows(x[None], origin[None], None if unsure is None else unsure[None])
-        mean, std, novelty = self.learned.predict_one(self.inputs(x))
-        if unsure is not None and unsure.any():
-            ends = [self.learned.predict_one(self.inputs(x + side * unsure))[0] for side in (-1, 1)]
-            std = np.hypot(std, (ends[1] - ends[0]) / 2)
-        return self.guarded(mean[None] - origin, std[None], np.array([novelty]), x[None], np.ones(1, dtype=bool))
-
     def unguarded_one(self, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
         """Return what the learner alone says of one input: mean and deviation `(m,)`, novelty.
 

@@ -92,7 +92,7 @@ class _ViewStream:
         """Return what the law says of the path's next sample."""
         law = self._corrector.law
         x, unsure = self._inputs(sample)
-        return law.predict_one(x, np.zeros(len(law.zero)), unsure)
+        return law.predict_rows(x[None], unsure=None if unsure is None else unsure[None])
 
     def _inputs(self, sample: _Sample) -> tuple[FloatArray, FloatArray | None]:
         """Note where the joints are; return their features `(k,)` and by how much these may be off.
@@ -244,7 +244,8 @@ class JointStream(_ViewStream):
         law, new, q, effort = self._corrector.law, not self._past, sample.q, sample.effort
         x, unsure = self._inputs(sample)
         if not isinstance(law.learned, CableModel):
-            return law.predict_one(x, q if self._corrector.view.end_to_end else np.zeros(len(q)), unsure)
+            origin = q[None] if self._corrector.view.end_to_end else 0.0
+            return law.predict_rows(x[None], origin, None if unsure is None else unsure[None])
         motor, stretch = law.learned.inputs(q[None], None if effort is None else effort[None])
         mean, std = follow(self._cable, motor[0], stretch[0], new, law.learned.noises)
         std, known = np.hypot(std, law.learned.shown.std), np.array([np.isfinite(mean).all()])

@@ -60,19 +60,13 @@ class GPMap:
         return self.linear is not None
 
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """See :class:`TargetMap`; deviations are those of a new observation."""
-        mean, std, novelty = self.predictor.mean_std_batch(X[:, self.columns])
+        """See :class:`TargetMap`; deviations are those of a new observation. One row, as a stream asks, is compiled."""
+        if len(X) == 1:
+            one, deviation, new = self.predictor.mean_std(X[0, self.columns])
+            mean, std, novelty = one[None], deviation[None], np.array([new])
+        else:
+            mean, std, novelty = self.predictor.mean_std_batch(X[:, self.columns])
         return (mean if self.linear is None else self.linear.mean(X) + mean), std, novelty
-
-    def predict_one(self, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-        """Return mean and standard deviation `(m,)` and novelty at one input `(d,)`: the hot path of streams.
-
-        Parameters
-        ----------
-        x : (d,) array, input
-        """
-        mean, std, novelty = self.predictor.mean_std(x[self.columns])
-        return (mean if self.linear is None else self.linear.mean(x[None])[0] + mean), std, novelty
 
 
 def learn_gp(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
