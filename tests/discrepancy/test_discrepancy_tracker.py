@@ -86,6 +86,20 @@ def test_a_tracker_that_saw_nothing_mounts_no_marker() -> None:
     assert blind.with_mount(T) == (blind, "")
 
 
+@pytest.mark.parametrize(("offset", "said"), [(0.0, False), (0.004, False), (0.03, True)])
+def test_a_tracker_that_was_moved_between_sessions_is_said(offset: float, said: bool) -> None:
+    """By more than tables err, and where frames of their own leave far less; a homing is no matter of noise either."""
+    T, session = poses(5, 300), np.arange(300) // 100
+    position = T[:, :3, 3] + 2e-4 * np.random.default_rng(6).normal(size=(300, 3))
+    position[session == 2] += 2 * offset * np.array([0.0, 0.6, 0.8])
+    tracker = Tracker(position, np.ones(len(T), dtype=np.bool_), base_known=False, marker_known=False)
+    words = tracker.moved_between(T, session)
+    assert bool(words) == said
+    assert not said or f"in session 3 by {1e3 * 2 * offset * 2 / 3:.0f} mm" in words
+    assert replace(tracker, base_known=True).moved_between(T, session) == ""
+    assert tracker.moved_between(T, np.zeros(300, dtype=np.int64)) == ""
+
+
 @pytest.mark.parametrize("quaternion", [None, "fixed", "missing"])
 def test_orientations_that_are_none_are_left_out(quaternion: str | None) -> None:
     """Without orientations, with one that never follows the arm, or all missing: positions alone, and it is said."""

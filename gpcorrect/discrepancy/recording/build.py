@@ -134,6 +134,7 @@ def build_scene(
     sound = registered_on & ~np.any(faults, axis=0)
     mounted, where = replace(first, rows=sound).with_mount(simulated)
     tracker, why = mounted.with_orientations(seen.quaternion, simulated)
+    moved_frame = mounted.moved_between(simulated, session)
     kinds = (("tracker_cp", "m"), ("tracker_rotation", "rad"))
     axes = [Channel(f"{signal}_{axis}", signal, i, 0, unit) for signal, unit in kinds for i, axis in enumerate("xyz")]
     scene = replace(
@@ -141,7 +142,7 @@ def build_scene(
         tracker=tracker,
         channels=(*channels, *axes[: tracker.observed.shape[1]]),
         observed=np.concatenate([observed, tracker.observed], axis=1),
-        remarks=(*remarks, *(words for words in (where, why) if words)),
+        remarks=(*remarks, *(words for words in (where, why, moved_frame) if words)),
     )
     return replace(scene, slack=_slack(scene, tracker, noises))
 

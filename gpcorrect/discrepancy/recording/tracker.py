@@ -67,6 +67,36 @@ class Tracker:
         why = "where it fits best, for the model has no T_tip_marker; the length of the tool itself stays open"
         return replace(self, mount=mount), f"{words}: {why}"
 
+    def moved_between(self, T: FloatArray, session: IntArray) -> str:
+        """Say in words where sessions fit far better in frames of their own: one frame is compared for all of them.
+
+        Parameters
+        ----------
+        T : (n, 4, 4) array, marker poses of the nominal model
+        session : (n,) int array, from 0
+        """
+        seen = self.rows & np.isfinite(self.position).all(axis=1)
+        sessions = np.unique(session[seen])
+        if self.base_known or len(sessions) < 2:
+            return ""
+        together = self._position(T)[0]
+        apart = np.copy(together)
+        for name in sessions:
+            mine = session == name
+            apart[mine] = replace(self, rows=self.rows & mine)._position(T)[0][mine]
+        left, before = (float(np.nanmean((self.position - p)[seen] ** 2)) for p in (apart, together))
+        off = [
+            float(np.sqrt(np.nanmean(((apart - together)[seen & (session == k)] ** 2).sum(axis=1)))) for k in sessions
+        ]
+        farthest = int(np.argmax(off))
+        if off[farthest] < NOISE.mounted or left > NOISE.by_mount**2 * before:
+            return ""
+        return (
+            f"the tracker's frame moves from session to session, in session {sessions[farthest] + 1} by "
+            f"{1e3 * off[farthest]:.0f} mm: tracker or base were moved, or joints homed anew; one frame is compared "
+            "for all sessions: run each by itself, unless homing offsets are what is looked for"
+        )
+
     def with_orientations(self, quaternion: FloatArray | None, T: FloatArray) -> tuple[Tracker, str]:
         """Return the tracker with orientations compared about simulated ones, and why not, where they cannot be.
 
