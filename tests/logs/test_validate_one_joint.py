@@ -76,6 +76,19 @@ def test_a_dead_or_frozen_encoder_of_one_joint_is_named() -> None:
     assert not findings(outside(1, coarse), "joint_dead")
 
 
+def test_a_dead_motor_encoder_of_one_joint_is_refused() -> None:
+    """Its joint was "left uncorrected", with errors of nan; a motor that stands for a while may be braked."""
+    table = clean_log().measured_jp.copy()
+    table[:, 1] = table[0, 1]
+    log = replace(clean_log(), measured_jp=table, tracker_cp=None, meta=LogMeta())
+    with pytest.raises(LogError, match="joint 2 never changes while setpoint_jp moves"):
+        refuse_misread(log, ("external_jp", "measured_jp"))
+    table = clean_log().measured_jp.copy()
+    table[800:, 1] = table[800, 1]
+    (braked,) = findings(replace(log, measured_jp=table), "joint_dead")
+    assert braked.severity == "warning"
+
+
 @pytest.mark.parametrize("late", [-0.08, 0.08])
 def test_one_late_encoder_is_named_by_how_much_it_is_late(late: float) -> None:
     """The delay of all joints together hardly changes; whoever fits is told, and a log without one is left in peace."""

@@ -14,6 +14,7 @@ from gpcorrect.logs.sync.refine import Timing
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 
 PAIRS = (("measured_jp", "setpoint_jp"), ("external_jp", "measured_jp"), ("external_jp", "setpoint_jp"))
+DRIVEN = {"external_jp": ("measured_jp", "setpoint_jp"), "measured_jp": ("setpoint_jp",)}  # what moves a reading
 TURN = 2 * np.pi  # rad
 MOST_TURNS = 4  # more are another unit
 NEAR_TURN = 0.5
@@ -100,28 +101,34 @@ def _joint_turn(evidence: Evidence) -> Iterator[Finding]:
 
 @check
 def _joint_dead(evidence: Evidence) -> Iterator[Finding]:
-    """Find joints whose outside reading stays to the last bit while their motors move: for the whole log, or a part."""
-    reference = next((r for r in ("measured_jp", "setpoint_jp") if {"external_jp", r} <= evidence.present), None)
-    if reference is None:
-        return
-    outside, motors = evidence.tables["external_jp"], evidence.tables[reference]
-    same = (outside == outside[evidence.previous]) & (evidence.previous >= 0)[:, None]
-    for j in range(min(outside.shape[1], motors.shape[1])):
-        least = 0.1 * MOVED_JOINT if evidence.joint_types[j : j + 1] == "P" else MOVED_JOINT
-        stuck = [
-            (start, stop)
-            for start, stop in runs(same[:, j]).tolist()
-            if not same[start:stop].all() and _moved_on(motors[start - 1 : stop, j], motors[:, j], least)
-        ]
-        if not stuck:
+    """Find joints whose reading stays to the last bit while what moves them does: for the whole log, or a part."""
+    for name, references in DRIVEN.items():
+        reference = next((r for r in references if {name, r} <= evidence.present), None)
+        if reference is None:
             continue
-        count, known = sum(stop - start for start, stop in stuck), outside[np.isfinite(outside[:, j]), j]
-        dead = bool((known == known[0]).all())
-        where = "never changes" if dead else f"is frozen in {count} samples, from row {stuck[0][0]} on,"
-        hint = "Is its encoder dead? Mend it and record anew" + ("." if dead else ", or leave these rows out.")
-        severity: Severity = "error" if dead or count > MANY_MISSING * len(known) else "warning"
-        what = f"joint {j + 1} {where} while {reference} moves."
-        yield Finding(severity, "joint_dead", "external_jp", what, hint, count, [start for start, _ in stuck])
+        read, motors = evidence.tables[name], evidence.tables[reference]
+        same = (read == read[evidence.previous]) & (evidence.previous >= 0)[:, None]
+        for j in range(min(read.shape[1], motors.shape[1])):
+            least = 0.1 * MOVED_JOINT if evidence.joint_types[j : j + 1] == "P" else MOVED_JOINT
+            stuck = [
+                (start, stop)
+                for start, stop in runs(same[:, j]).tolist()
+                if not same[start:stop].all() and _moved_on(motors[start - 1 : stop, j], motors[:, j], least)
+            ]
+            if stuck:
+                yield _dead(name, reference, j, stuck, read[np.isfinite(read[:, j]), j])
+
+
+def _dead(name: str, reference: str, j: int, stuck: list[tuple[int, int]], known: FloatArray) -> Finding:
+    """Return the finding of joint j, from the stretches in which its reading (known,) stays."""
+    count, dead = sum(stop - start for start, stop in stuck), bool((known == known[0]).all())
+    where = "never changes" if dead else f"is frozen in {count} samples, from row {stuck[0][0]} on,"
+    hint = "Is its encoder dead? Mend it and record anew" + ("." if dead else ", or leave these rows out.")
+    # A motor that stands for a while, although sent elsewhere, may be braked: that is the robot's, not its encoder's.
+    many = name == "external_jp" and count > MANY_MISSING * len(known)
+    severity: Severity = "error" if dead or many else "warning"
+    what = f"joint {j + 1} {where} while {reference} moves."
+    return Finding(severity, "joint_dead", name, what, hint, count, [start for start, _ in stuck])
 
 
 @check
