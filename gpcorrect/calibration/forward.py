@@ -122,6 +122,7 @@ def reached_path(corrector: CommandCorrector, commands: ArrayLike, times: ArrayL
 
 def _followed(rigid: RigidModel, answer: Correction, seconds: FloatArray, moving: FloatArray) -> FloatArray:
     """Velocities `(n, 6)` of the poses that were found, base frame; those of the commands where nothing is known."""
+    assert answer.position is not None
     poses, known = rigid.apply(PoseSignal(answer.position, answer.quaternion)), np.flatnonzero(answer.in_domain)
     runs = segment_labels(seconds, np.zeros(len(seconds), dtype=np.int64), answer.in_domain)[known]
     own = twists(seconds[known], poses.position[known], rotations_of(poses[known]), runs)
