@@ -129,11 +129,20 @@ def path_starts(time: FloatArray, session: IntArray, known: BoolArray) -> BoolAr
     known : (n,) mask, where the input is known
     """
     step = np.diff(time, prepend=time[:1])
-    usual = float(np.median(step[1:])) if len(step) > 1 else 0.0
-    apart = (step > max(LIMITS.pause_steps * usual, LIMITS.pause_seconds)) | (step < 0)
+    apart = (step > pause(step[1:])) | (step < 0)
     homed = np.diff(session, prepend=session[:1]) != 0
     before = np.concatenate([[False], known])[:-1]
     return np.asarray(apart | homed | ~known | ~before)
+
+
+def pause(steps: FloatArray) -> float:
+    """Return the longest wait, s, over which a path goes on.
+
+    Parameters
+    ----------
+    steps : (n,) array, s between samples
+    """
+    return max(LIMITS.pause_steps * float(np.median(steps)) if len(steps) else 0.0, LIMITS.pause_seconds)
 
 
 def clocks(time: FloatArray, session: IntArray) -> IntArray:

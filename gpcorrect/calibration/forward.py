@@ -17,7 +17,7 @@ from gpcorrect.correction import Correction, Reason
 from gpcorrect.errors import DataError
 from gpcorrect.rigid import RigidModel, apply_residual, pose_residual
 from gpcorrect.types import FloatArray, PoseSignal
-from gpcorrect.velocity import twists
+from gpcorrect.velocity import segment_labels, twists
 
 SOLVED = 1e-7  # m and rad between a command and that of the pose found: far below any tracker
 STEPS = 30
@@ -87,7 +87,8 @@ def reached_path(corrector: CommandCorrector, commands: ArrayLike, times: ArrayL
     """Return the poses that a timed path of commands reaches, n rows.
 
     Velocities come from the five-point stencil on it. A model that looks at the arm's joints answers by these, with
-    their memory along the path; others answer each pose for itself, as :func:`reached`.
+    their memory along the path; others answer each pose for itself, as :func:`reached`, at the mean of two velocities:
+    that of the commands, and that of the poses which these alone would reach. An arm that follows late has the second.
 
     Parameters
     ----------
@@ -104,7 +105,10 @@ def reached_path(corrector: CommandCorrector, commands: ArrayLike, times: ArrayL
     seconds, one = queries.checked_times(times, len(rows)), np.zeros(len(rows), dtype=np.int64)
     target = PoseSignal.of(rows)
     corrector.trained.refuse_slow(corrector.rigid.inverse(target).position, seconds)
-    alone = reached(corrector, rows, np.nan_to_num(twists(seconds, target.position, rotations_of(target), one)))
+    moving = np.nan_to_num(twists(seconds, target.position, rotations_of(target), one))
+    alone = reached(corrector, rows, moving)
+    if corrector.features.uses_velocity:
+        alone = reached(corrector, rows, (moving + _followed(corrector.rigid, alone, seconds, moving)) / 2.0)
     found = None if corrector.route is None else corrector.route.reached(target, seconds, one)
     if found is None:
         return alone
@@ -114,6 +118,17 @@ def reached_path(corrector: CommandCorrector, commands: ArrayLike, times: ArrayL
     std, width = (_observed_std(rigid, poses, values) for values in (found.std, found.interval95))
     answer = Correction(poses.position, poses.quaternion, None, std, width, found.reasons)
     return answer if known.all() else answer.at(known, alone.because(Reason.OUTSIDE))
+
+
+def _followed(rigid: RigidModel, answer: Correction, seconds: FloatArray, moving: FloatArray) -> FloatArray:
+    """Velocities `(n, 6)` of the poses that were found, base frame; those of the commands where nothing is known."""
+    assert answer.position is not None
+    poses, known = rigid.apply(PoseSignal(answer.position, answer.quaternion)), np.flatnonzero(answer.in_domain)
+    runs = segment_labels(seconds, np.zeros(len(seconds), dtype=np.int64), answer.in_domain)[known]
+    own = twists(seconds[known], poses.position[known], rotations_of(poses[known]), runs)
+    found = moving.copy()
+    found[known] = np.where(np.isfinite(own), own, moving[known])
+    return found
 
 
 def _observed_std(rigid: RigidModel, poses: PoseSignal, std: FloatArray) -> FloatArray:

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.calibration.dataset import path_starts
+from gpcorrect.calibration.dataset import clocks, path_starts, pause
+from gpcorrect.cleaning import CleaningSettings
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
 
@@ -79,6 +80,46 @@ def logged_path(
     if not log.static:
         return path
     return replace(path, new=np.ones(len(log), dtype=bool), velocity=np.zeros(path.q.shape))
+
+
+def without_faults(log: CalibrationLog, seen: FloatArray, sent: FloatArray, keep: BoolArray) -> FloatArray:
+    """Return the path `(n, d)` of an arm that an outside sensor saw, rad or m, without what only the sensor did.
+
+    Where it saw nothing (it is slower than the log, or lost the arm) the arm is taken to be where it was sent, and off
+    by what it missed around; over longer than a pause that is unknown. A rejected sample may show where the arm was, as
+    at a stop. It is the sensor's where the error left what it is around by more than an arm that stands still, or
+    springs back, makes of the commanded travel. Trajectories without any kept sample are left out for another reason,
+    and stay as they are.
+
+    Parameters
+    ----------
+    log : CalibrationLog, n samples
+    seen, sent : (n, d) arrays, joints as the sensor saw them, and as they were sent or reported
+    keep : (n,) mask, samples that are not rejected
+    """
+    told = np.isfinite(sent).all(axis=1) & np.isin(log.trajectory, np.unique(log.trajectory[keep]))
+    known = np.asarray(np.isfinite(seen).all(axis=1) & np.isfinite(sent).all(axis=1))
+    lost = told & ~(known & keep)
+    if not lost.any():
+        return seen
+    clock, path, missed = clocks(log.time, log.session), seen.copy(), seen - sent
+    size = np.maximum(np.ptp(sent[known], axis=0), np.finfo(float).tiny)
+    longest, follow = pause(np.diff(log.time)), CleaningSettings().follow_factor
+    for number in np.unique(clock[lost]):
+        rows, good = (np.flatnonzero(mask & (clock == number)) for mask in (lost, known & ~lost))
+        if not good.size:
+            continue
+        place = np.searchsorted(good, rows)
+        before, after = good[np.maximum(place - 1, 0)], good[np.minimum(place, len(good) - 1)]
+        usual = np.stack([np.interp(log.time[rows], log.time[good], column) for column in missed[good].T], axis=1)
+        left, came, went = (
+            np.linalg.norm(change / size, axis=1)
+            for change in (missed[rows] - usual, sent[rows] - sent[before], sent[after] - sent[rows])
+        )
+        brief = (log.time[after] - log.time[before] <= longest)[:, None]
+        fault = ~(left <= follow * np.maximum(came, went))[:, None]  # also where nothing was seen
+        path[rows] = np.where(fault, np.where(brief, sent[rows] + usual, np.nan), seen[rows])
+    return path
 
 
 def usual_steps(path: JointPath) -> tuple[float, float]:

@@ -68,7 +68,7 @@ class JointTask:
         kinds = settings.features or _default_features(log, settings, len(types), moving)
         sent, ended = (source, truth) if settings.direction == "estimate" else (truth, source)
         stops = Stops.of(sent, ended)
-        path, error = path_and_error(log, source, truth, stops, moving, settings.direction, kinds)
+        path, error = path_and_error(log, source, truth, keep, stops, moving, settings.direction, kinds)
         if stops is not None:
             remarks += stops.remarks(sent, types, signal)
             source = stops.reached(source)

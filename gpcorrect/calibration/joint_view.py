@@ -11,7 +11,14 @@ import numpy as np
 
 from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.joint_features import JointFeatures, law_penalties
-from gpcorrect.calibration.joint_path import JointPath, joint_path, logged_path, refuse_other_columns, state_columns
+from gpcorrect.calibration.joint_path import (
+    JointPath,
+    joint_path,
+    logged_path,
+    refuse_other_columns,
+    state_columns,
+    without_faults,
+)
 from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.leaps import Apart, Pace
 from gpcorrect.calibration.memory import spans
@@ -124,7 +131,8 @@ class JointView(PathView):
             raise DataError(f"the model knows {len(self.types)} joints, the log has {source.shape[1]}.")
         if self.state_names:
             refuse_other_columns(state_columns(log)[0], self.state_names)
-        path, error = path_and_error(log, source, truth, self.stops, self.moving, self.direction, self.features.kinds)
+        kinds = self.features.kinds
+        path, error = path_and_error(log, source, truth, keep, self.stops, self.moving, self.direction, kinds)
         return source, self.samples(path, log.trajectory, error, keep)
 
     def samples(self, path: JointPath, trajectory: IntArray, error: FloatArray, keep: BoolArray) -> Samples:
@@ -333,6 +341,7 @@ def path_and_error(
     log: CalibrationLog,
     source: FloatArray,
     truth: FloatArray | None,
+    keep: BoolArray,
     stops: Stops | None,
     moving: IntArray,
     direction: str,
@@ -344,6 +353,7 @@ def path_and_error(
     ----------
     log : CalibrationLog, n samples
     source, truth : (n, d) arrays, joints that go in, and what is to come out, rad or m; None where it is not known
+    keep : (n,) mask, samples that are not rejected: faults of an outside sensor do not belong to the path it saw
     stops : Stops or None, where joints end
     moving : (k,) int array, joints that moved in training
     direction : str, "estimate" or "command"; commands are taken back to their stops too
@@ -353,5 +363,6 @@ def path_and_error(
     if stops is not None:
         source = stops.reached(source)
         truth = truth if direction == "estimate" else stops.reached(truth)
-    path = logged_path(log, source, kinds, moving, efforts=direction == "estimate")
+    seen = source if direction == "estimate" else without_faults(log, source, truth, keep)
+    path = logged_path(log, seen, kinds, moving, efforts=direction == "estimate")
     return path, (truth - source)[:, moving]

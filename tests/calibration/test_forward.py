@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from support import small_log
 
-from gpcorrect.calibration import CommandCorrector, FitSettings, fit_corrector, reached
+from gpcorrect.calibration import CommandCorrector, FitSettings, fit_corrector, reached, reached_path
 from gpcorrect.errors import DataError
 from gpcorrect.rigid import RigidModel, pose_residual
 from gpcorrect.sim import debridement_log
-from gpcorrect.types import FloatArray, PoseSignal
+from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
+from gpcorrect.velocity import twists
 
 
 def commands(corrector: CommandCorrector, desired: FloatArray, twist: FloatArray) -> FloatArray:
@@ -57,6 +58,46 @@ def test_other_reaches_end_where_it_says(small_corrector: CommandCorrector) -> N
     before = pose_residual(small_corrector.rigid.inverse(log.setpoint_cp), log.tracker_cp)
     assert np.linalg.norm(own[:, :3]) < 0.2 * np.linalg.norm(before[:, :3])
     assert (np.abs(own) <= answer.interval95).mean() > 0.9
+
+
+def late_log(seed: int) -> CalibrationLog:
+    """Return a recording of an arm that follows its commands as a servo of 60 ms does, seen to 0.1 mm."""
+    rng, step, lag = np.random.default_rng(seed), 0.02, 0.06
+    time, number, sent, seen = [], [], [], []
+    for k in range(12):
+        t = np.arange(60) * step
+        swing = 0.08 * np.sin(rng.uniform(2.5, 5.0, 3) * t[:, None] + rng.uniform(0, 2 * np.pi, 3))
+        place = swing[0]
+        for row in swing:
+            place = place + (1 - np.exp(-step / lag)) * (row - place)
+            seen.append(place + 1e-4 * rng.standard_normal(3))
+        sent.append(swing)
+        time.append(t + 10.0 * k)
+        number.append(np.full(len(t), k))
+    return CalibrationLog(
+        time=np.concatenate(time),
+        trajectory=np.concatenate(number),
+        session=np.zeros(720),
+        setpoint_cp=PoseSignal(np.concatenate(sent)),
+        tracker_cp=PoseSignal(np.array(seen)),
+    )
+
+
+def test_a_path_is_answered_at_the_velocity_of_what_follows() -> None:
+    """Behind a servo's lag poses have other velocities than their commands, by lag times acceleration."""
+    settings = FitSettings(
+        features=("pose", "velocity"), clean=False, inducing=60, marker="none", time_offset="none", search_samples=200
+    )
+    model, log, missed = fit_corrector(late_log(0), settings), late_log(1), []
+    for _, rows in log.trajectories():
+        sent, time = log.setpoint_cp.position[rows], log.time[rows]
+        alone = reached(model, sent, np.nan_to_num(twists(time, sent, None, np.zeros(len(rows), dtype=int))))
+        path = reached_path(model, sent, time)
+        assert path.in_domain.mean() > 0.8
+        late = slice(15, None)  # a motion begins at rest here, which no sine does
+        missed.append([(a.position - log.tracker_cp.position[rows])[late] for a in (alone, path)])
+    alone_error, path_error = (np.sqrt(np.mean(np.square(part))) for part in zip(*missed, strict=True))
+    assert path_error < 0.75 * alone_error
 
 
 def test_a_command_that_two_poses_share_is_no_known_one() -> None:
