@@ -67,6 +67,9 @@ class NoiseSettings:
     mounted: float = 0.01
     by_mount: float = 0.5
     mount_seen: float = 0.02
+    # m RMS between poses registered in each session and in all at once: from there on the tracker was moved, if that
+    # leaves less than the same fraction. Homings that miss by half a degree move a metre's arm by a third of it.
+    moved: float = 0.03
     # m between a marker's fiducials at most: an orientation is no better than the position's noise over it.
     marker_size: float = 0.1
 

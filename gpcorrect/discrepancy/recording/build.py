@@ -127,7 +127,8 @@ def build_scene(
     seen = log.tracker_cp
     known = model.T_tracker_base is not None, model.T_tip_marker is not None
     simulated, motions = scene.marker_poses(), np.unique(log.trajectory, return_inverse=True)[1]
-    first = Tracker(seen.position, registered_on, *known)  # with faults of the tracker, which move it
+    # With faults of the tracker, which move it.
+    first, places = Tracker(seen.position, registered_on, *known).with_places(session, simulated)
     misfit = tracker_misfit(first, _up_to_marker(machine), scene.motor_path(), machine.T_tracker_base)
     refuse_mixed_joints(machine.body, source, misfit, misfit, "the tracker's residual")
     faults = [outliers(error, motions) for error in (seen.position - first.predicted(simulated)).T]
@@ -141,7 +142,7 @@ def build_scene(
         tracker=tracker,
         channels=(*channels, *axes[: tracker.observed.shape[1]]),
         observed=np.concatenate([observed, tracker.observed], axis=1),
-        remarks=(*remarks, *(words for words in (where, why) if words)),
+        remarks=(*remarks, *(words for words in (places, where, why) if words)),
     )
     return replace(scene, slack=_slack(scene, tracker, noises))
 
