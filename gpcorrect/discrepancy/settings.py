@@ -124,6 +124,9 @@ class SearchSettings:
     # Nats that each parameter beyond an effect's first must bring: limits of one effect are not another.
     complexity: float = 4.0
     free_together: int = 8  # effects that are refitted with a new one; for time
+    # Of a signature's energy, in other folds, from which its number can be foretold. Of a homing of a session with one
+    # motion 0.0008 to 0.012 was there, through the tracker's registration and tolerances.
+    foretold: float = 0.05
     watched: int = 2  # motions that must follow an instant: one alone may be odd for a reason of its own
     before: float = 1.0  # s of a session before an instant: what comes sooner is as good as an offset from homing
     edge: float = 0.01  # of a bound: a number this near to it is at the edge of its physical range

@@ -56,3 +56,16 @@ def test_slopes_are_taken_anew_only_where_a_step_was_not_foretold():
     near(np.array([8.0, 3.0]))
     assert len(taken) == 2
     assert near(np.array([2.0, 0.5])) == pytest.approx(slopes(np.array([2.0, 0.5])))
+
+
+def test_a_number_that_one_block_alone_shows_is_not_foretold_from_traces() -> None:
+    """Of a homing in a session's only motion a trace in others said -144,000 nats: two slips were EXACT in its place."""
+    rng = np.random.default_rng(2)
+    block = np.repeat(np.arange(6), 200)
+    columns = np.where(block == 5, 1.0, 0.02 * rng.normal(size=1200))[:, None]
+    target = 3.0 * columns[:, 0] + rng.normal(size=1200) + np.where(block < 5, 5.0 * columns[:, 0] / 0.02, 0.0)
+    sums, folds = grams(columns, target, block), fold_of(6)
+    assert held_out_nats(sums, folds)[5] < -1e5
+    assert held_out_nats(sums, folds, least=0.05)[5] == 0.0
+    shared = grams(np.ones((1200, 1)), target, block)
+    np.testing.assert_array_equal(held_out_nats(shared, folds, least=0.05), held_out_nats(shared, folds))

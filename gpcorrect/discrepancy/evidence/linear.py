@@ -155,7 +155,11 @@ def solve(gram: FloatArray, moment: FloatArray, ridge: float = RIDGE) -> FloatAr
 
 
 def held_out_nats(
-    data: Grams, fold: IntArray, prior_precision: float | FloatArray = 0.0, ridge: float = RIDGE
+    data: Grams,
+    fold: IntArray,
+    prior_precision: float | FloatArray = 0.0,
+    ridge: float = RIDGE,
+    least: float = 0.0,
 ) -> FloatArray:
     """Gain in nats of each block `(b,)` (or `(b, r)`), its coefficients fitted to the other folds' blocks.
 
@@ -166,10 +170,16 @@ def held_out_nats(
     prior_precision : float or (p,) array
         Added to the normal equations' diagonal: shrinks coefficients that few samples speak of.
     ridge : float, see :func:`solve`
+    least : float
+        Part of a column's energy that must be in other folds. With less they cannot foretell its coefficient, which
+        counts as known then: zero.
     """
     numbers, place = np.unique(fold, return_inverse=True)
     gram = data.gram.sum(axis=0) - np.stack([data.gram[fold == k].sum(axis=0) for k in numbers])
     moment = data.moment.sum(axis=0) - np.stack([data.moment[fold == k].sum(axis=0) for k in numbers])
+    alone = np.diagonal(gram, axis1=1, axis2=2) < least * np.diagonal(data.gram.sum(axis=0))
+    gram = np.where(alone[:, :, None] | alone[:, None, :], 0.0, gram)
+    moment = np.where(alone if moment.ndim == 2 else alone[:, :, None], 0.0, moment)
     gram[:, np.arange(gram.shape[1]), np.arange(gram.shape[1])] += prior_precision
     beta = solve(gram, moment, ridge)[place]
     half = data.gram @ beta if beta.ndim == 3 else (data.gram @ beta[..., None])[..., 0]
