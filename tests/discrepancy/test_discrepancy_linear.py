@@ -59,7 +59,7 @@ def test_slopes_are_taken_anew_only_where_a_step_was_not_foretold():
 
 
 def test_a_number_that_one_block_alone_shows_is_not_foretold_from_traces() -> None:
-    """Of a homing in a session's only motion a trace in others said -144,000 nats: two slips were EXACT in its place."""
+    """A homing of a lone motion left a trace in others, which said -144,000 nats; two slips were EXACT in its place."""
     rng = np.random.default_rng(2)
     block = np.repeat(np.arange(6), 200)
     columns = np.where(block == 5, 1.0, 0.02 * rng.normal(size=1200))[:, None]
