@@ -14,16 +14,17 @@ import argparse
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.signal import lfilter
 from sklearn.ensemble import HistGradientBoostingRegressor
 from support import print_table, real_data, save_results
 
-from gpcorrect.calibration import FitSettings, fit_corrector, reached, reached_path
+from gpcorrect.calibration import FitSettings, fit_corrector, forward, reached, reached_path
 from gpcorrect.calibration.dataset import held_out
 from gpcorrect.calibration.poses import rotations_of
 from gpcorrect.logs import read_log
 from gpcorrect.play import play_states
 from gpcorrect.rigid import apply_residual, pose_residual
-from gpcorrect.sim import random_reaches_log
+from gpcorrect.sim import debridement_log, random_reaches_log
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal
 from gpcorrect.velocity import twists
 
@@ -36,11 +37,54 @@ def main() -> None:
     rows = [row for name, log in recordings(parser.parse_args().trajectories) for row in rows_of(name, log)]
     print_table(["held-out errors", "mm RMS", "deg RMS", "95 % intervals hold [%]"], rows)
     save_results("reached", rows)
+    late = [row for name, log in late_recordings() for row in late_rows_of(name, log)]
+    print_table(["without joints", "mm RMS", "95 % intervals hold [%]", "in the domain [%]"], late)
+    save_results("reached_late", late)
 
 
 def recordings(trajectories: int) -> Iterator[tuple[str, CalibrationLog]]:
     yield "simulated dVRK", random_reaches_log("dvrk_psm", trajectories, 0)
     yield "real dVRK", read_log(real_data("dvrk_random.csv"))
+
+
+def late_recordings() -> Iterator[tuple[str, CalibrationLog]]:
+    yield "servo of 60 ms", behind_a_servo(0.06)
+    yield "servo of 120 ms", behind_a_servo(0.12)
+    yield "simulated debridement", debridement_log()
+    yield "real dVRK", read_log(real_data("dvrk_random.csv"))
+
+
+def behind_a_servo(lag: float, step: float = 0.02) -> CalibrationLog:
+    """Return 24 motions of a point that follows fast sines late, s, seen to 0.1 mm."""
+    rng, time = np.random.default_rng(0), np.arange(60) * step
+    swings = 0.08 * np.sin(rng.uniform(2.5, 5.0, (24, 1, 3)) * time[:, None] + rng.uniform(0, 2 * np.pi, (24, 1, 3)))
+    share, start = 1 - np.exp(-step / lag), swings[:, :1]
+    seen = lfilter([share], [1, share - 1], swings - start, axis=1) + start
+    return CalibrationLog(
+        time=np.add.outer(10.0 * np.arange(24), time).ravel(),
+        trajectory=np.repeat(np.arange(24), 60),
+        session=np.zeros(24 * 60),
+        setpoint_cp=PoseSignal(swings.reshape(-1, 3)),
+        tracker_cp=PoseSignal(seen.reshape(-1, 3) + 1e-4 * rng.standard_normal((24 * 60, 3))),
+    )
+
+
+def late_rows_of(name: str, log: CalibrationLog) -> list[list[object]]:
+    """Ask for the paths of the last trajectories with 0, 1 and all half steps of the velocities."""
+    held, every, found = held_out(log, SHARE), forward.FOLLOW_STEPS, []
+    model = fit_corrector(log.select(~held), FitSettings(features=("pose", "velocity")))
+    rows = np.flatnonzero(held & model.clean(log).keep & np.isfinite(log.tracker_cp.position).all(axis=1))
+    for steps in (0, 1, every):
+        forward.FOLLOW_STEPS = steps
+        path = reached_path(model, log.setpoint_cp.table[held], log.time[held])
+        answer = path[np.searchsorted(np.flatnonzero(held), rows)]
+        left = pose_residual(PoseSignal(answer.position, answer.quaternion), log.tracker_cp[rows])[:, :3]
+        known = answer.in_domain
+        cover = 100 * (np.abs(left) <= answer.interval95[:, :3])[known].mean(axis=0)
+        size = 1e3 * np.sqrt(np.mean(np.sum(left[known] ** 2, axis=1)))
+        held_by = f"{cover.mean():.1f} ({cover.min():.0f} to {cover.max():.0f})"
+        found.append([f"{name}: {steps} half steps", f"{size:.3f}", held_by, f"{100 * known.mean():.1f}"])
+    return found
 
 
 def rows_of(name: str, log: CalibrationLog) -> list[list[object]]:

@@ -67,6 +67,9 @@ class NoiseSettings:
     mounted: float = 0.01
     by_mount: float = 0.5
     mount_seen: float = 0.02
+    # m RMS between poses registered in each session and in all at once: from there on the tracker was moved, if that
+    # leaves less than the same fraction. Homings that miss by half a degree move a metre's arm by a third of it.
+    moved: float = 0.03
     # m between a marker's fiducials at most: an orientation is no better than the position's noise over it.
     marker_size: float = 0.1
 
@@ -121,6 +124,9 @@ class SearchSettings:
     # Nats that each parameter beyond an effect's first must bring: limits of one effect are not another.
     complexity: float = 4.0
     free_together: int = 8  # effects that are refitted with a new one; for time
+    # Of a signature's energy, in other folds, from which its number can be foretold. Of a homing of a session with one
+    # motion 0.0008 to 0.012 was there, through the tracker's registration and tolerances.
+    foretold: float = 0.05
     watched: int = 2  # motions that must follow an instant: one alone may be odd for a reason of its own
     before: float = 1.0  # s of a session before an instant: what comes sooner is as good as an offset from homing
     edge: float = 0.01  # of a bound: a number this near to it is at the edge of its physical range

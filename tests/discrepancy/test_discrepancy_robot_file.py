@@ -232,6 +232,15 @@ def test_joints_that_are_mixed_up_in_all_signals_are_known_by_what_their_servo_c
         build_scene(mixed, nominal, np.ones(len(log), dtype=np.bool_))
 
 
+@pytest.mark.parametrize("signal", ["measured_jp", "setpoint_jp"])
+def test_a_joint_without_any_value_is_refused_by_its_number(nominal, signal):
+    """What was said of it was that the nearest rotation of a matrix with NaN does not exist."""
+    log = recorded(nominal)
+    holed = replace(log, **{signal: getattr(log, signal) * [1.0, np.nan]})
+    with pytest.raises(DataError, match=f"{signal}: joint 2 has no value"):
+        build_scene(holed, nominal, np.ones(len(log), dtype=np.bool_))
+
+
 def test_an_arm_that_never_moves_is_refused(nominal):
     """One pose fits any number of effects; one joint that moves is enough."""
     log = recorded(nominal)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 FOLDS = 5  # of cross-validation over whole trajectories: chosen by hand
 RIDGE = 1e-6  # of a column's energy
+ALIKE = 1e-6  # singular values below: columns that say the same
 DEAD = 1e-12  # of the largest energy: columns with less have none
 
 
@@ -41,6 +43,45 @@ def grams(columns: FloatArray, residual: FloatArray, block: IntArray, n_blocks: 
     return Grams(gram, moment)
 
 
+@dataclass(frozen=True, eq=False)
+class Apart:
+    """Columns and a residual, in each fold apart from what shows in hardly any other.
+
+    The number of such a column, a homing of a session with one motion, cannot be foretold, whatever is right: where a
+    fold is held out it is fitted there (Frisch and Waugh 1933), beside a set and without it.
+    """
+
+    columns: FloatArray  # (n, p); nothing of those that are left out
+    residual: FloatArray  # (n,)
+    taken: Mapping[int, FloatArray]  # (rows of the fold, r) orthonormal, what is taken off in it
+
+    @classmethod
+    def of(cls, columns: FloatArray, residual: FloatArray, fold: IntArray, least: float) -> Apart:
+        """Take off what the folds have for themselves.
+
+        Parameters
+        ----------
+        columns : (n, p) array, whitened
+        residual : (n,) array, whitened
+        fold : (n,) int array
+        least : float, part of a column's energy in other folds, from which its number can be foretold
+        """
+        energy = np.stack([(columns[fold == k] ** 2).sum(axis=0) for k in range(int(fold.max()) + 1)])
+        alone = (energy.sum(axis=0) - energy < least * energy.sum(axis=0)) & (energy > 0.0)
+        if not alone.any():
+            return cls(columns, residual, {})
+        columns, residual, taken = columns.copy(), residual.copy(), {}
+        for k in np.flatnonzero(alone.any(axis=1)):
+            rows = fold == k
+            own = columns[np.ix_(rows, alone[k])]
+            basis, sizes, _ = np.linalg.svd(own / np.linalg.norm(own, axis=0), full_matrices=False)
+            taken[int(k)] = basis = basis[:, sizes > ALIKE * sizes[0]]
+            columns[rows] -= basis @ (basis.T @ columns[rows])
+            residual[rows] -= basis @ (basis.T @ residual[rows])
+        columns[:, alone.any(axis=0)] = 0.0
+        return cls(columns, residual, taken)
+
+
 class Beside:
     """Least squares on known columns, and what further ones gain beside them, held out: many sets of them at once.
 
@@ -51,12 +92,14 @@ class Beside:
     columns : (n, p) array, whitened
     residual : (n,) array, whitened
     block : (n,) int array, label of each row, from 0 without gaps
+    least : float, see :meth:`Apart.of`
     """
 
-    def __init__(self, columns: FloatArray, residual: FloatArray, block: IntArray) -> None:
-        self._known, self._residual = columns, residual
+    def __init__(self, columns: FloatArray, residual: FloatArray, block: IntArray, least: float = 0.0) -> None:
         self._fold = fold_of(int(block.max()) + 1)[block]  # evidence is summed over whole folds
-        self._sums = grams(columns, residual, self._fold)
+        apart = Apart.of(columns, residual, self._fold, least)
+        self._known, self._residual, self._taken = apart.columns, apart.residual, apart.taken
+        self._sums = grams(self._known, self._residual, self._fold)
         of_folds = np.arange(len(self._sums.gram))
         self._nats = float(held_out_nats(self._sums, of_folds).sum()) if columns.shape[1] else 0.0
 
@@ -83,6 +126,7 @@ class Beside:
         """Sum over each fold: products of the known columns, of both, of each set's own, and with the residual."""
         (_, s, k), n_folds = new.shape, len(self._sums.gram)
         order, ends = _by_block(self._fold[rows], n_folds)
+        taken = {i: basis[rows[self._fold == i]] for i, basis in self._taken.items()}
         columns, residual, new = self._known[rows][order], self._residual[rows][order], new[order]
         cross, own = np.empty((n_folds, columns.shape[1], s, k)), np.empty((n_folds, s, k, k))
         right = np.empty((n_folds, s, k))
@@ -91,6 +135,9 @@ class Beside:
             x = new[part]
             cross[i] = (columns[part].T @ x.reshape(-1, s * k)).reshape(-1, s, k)
             own[i] = np.einsum("nsk,nsl->skl", x, x)
+            if i in taken:  # from the others' products it is gone already
+                off = np.einsum("nr,nsk->rsk", taken[i], x)
+                own[i] -= np.einsum("rsk,rsl->skl", off, off)
             right[i] = (residual[part] @ x.reshape(-1, s * k)).reshape(s, k)
         return self._sums.gram, self._sums.moment, cross, own, right
 

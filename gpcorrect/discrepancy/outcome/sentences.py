@@ -69,7 +69,8 @@ def _next_of_unknown(result: DiscrepancyResult) -> str:
     if found and [s.variable.quantity for s in found[0].region] == [Quantity.FREQUENCY]:
         return "find what shakes at that frequency, whatever the arm does: a pump, a fan, the floor"
     if found and any(span.variable.quantity == Quantity.SESSION for span in found[0].region):
-        return "run each session by itself: between them the tracker or the base was moved, or the robot homed anew"
+        moved = "" if found[0].channel.signal == "measured_jp" else "tracker or base moved, "
+        return f"run each session by itself, and look at what changed between them: {moved}homing, tool, load"
     if result.provenance.bursts and not found:
         return "look at the machine in motions like those in which it happens, and record more of them"
     if any(not e.is_constant for e in result.verdict.alike):

@@ -62,13 +62,13 @@ def build_scene(
     """
     machine = machine_of(model).with_effects()
     joints, source = machine.body.joints, _motor_side(log)
-    motor = _joint_columns(log, source, joints)
+    motor = _whole_columns(log, source, joints)
     _refuse_other_units(motor, source, machine)
     _refuse_still_arm(motor, source, machine.body)
     label = _continuous_runs(log, motor)
     layout = layout_of(label, piece=PIECE, warm_up=WARM_UP, run_out=RUN_OUT)
     driven = has_controller(model) and log.setpoint_jp is not None
-    command = _joint_columns(log, "setpoint_jp", joints) if driven else None
+    command = _whole_columns(log, "setpoint_jp", joints) if driven else None
     time = None if command is None else settled_stamps(log.time, label, command)
     first_rows = np.flatnonzero(np.diff(label, prepend=-1))
     # Where a servo may not have forgotten how the motion began.
@@ -127,14 +127,14 @@ def build_scene(
     seen = log.tracker_cp
     known = model.T_tracker_base is not None, model.T_tip_marker is not None
     simulated, motions = scene.marker_poses(), np.unique(log.trajectory, return_inverse=True)[1]
-    first = Tracker(seen.position, registered_on, *known)  # with faults of the tracker, which move it
+    # With faults of the tracker, which move it.
+    first, places = Tracker(seen.position, registered_on, *known).with_places(session, simulated)
     misfit = tracker_misfit(first, _up_to_marker(machine), scene.motor_path(), machine.T_tracker_base)
     refuse_mixed_joints(machine.body, source, misfit, misfit, "the tracker's residual")
     faults = [outliers(error, motions) for error in (seen.position - first.predicted(simulated)).T]
     sound = registered_on & ~np.any(faults, axis=0)
     mounted, where = replace(first, rows=sound).with_mount(simulated)
     tracker, why = mounted.with_orientations(seen.quaternion, simulated)
-    moved_frame = mounted.moved_between(simulated, session)
     kinds = (("tracker_cp", "m"), ("tracker_rotation", "rad"))
     axes = [Channel(f"{signal}_{axis}", signal, i, 0, unit) for signal, unit in kinds for i, axis in enumerate("xyz")]
     scene = replace(
@@ -142,7 +142,7 @@ def build_scene(
         tracker=tracker,
         channels=(*channels, *axes[: tracker.observed.shape[1]]),
         observed=np.concatenate([observed, tracker.observed], axis=1),
-        remarks=(*remarks, *(words for words in (where, why, moved_frame) if words)),
+        remarks=(*remarks, *(words for words in (places, where, why) if words)),
     )
     return replace(scene, slack=_slack(scene, tracker, noises))
 
@@ -218,6 +218,17 @@ def _joint_columns(log: CalibrationLog, signal: str, joints: tuple[int, ...]) ->
             hint="Name the recorded joints in the model's `joints`.",
         )
     return values[:, [j - 1 for j in joints]]
+
+
+def _whole_columns(log: CalibrationLog, signal: str, joints: tuple[int, ...]) -> FloatArray:
+    """Return columns `(n, k)` of a joint signal, each of which has values; refuse it where one has none."""
+    values = _joint_columns(log, signal, joints)
+    if missing := [j for j, q in zip(joints, values.T, strict=True) if not np.isfinite(q).any()]:
+        raise DataError(
+            f"{signal}: joint {missing[0]} has no value in any row.",
+            hint="Log it. If it stood still, name the others alone in the model's `joints`.",
+        )
+    return values
 
 
 def _refuse_other_units(motor: FloatArray, signal: str, machine: Machine) -> None:

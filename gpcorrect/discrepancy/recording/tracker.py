@@ -26,6 +26,7 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 STEP = 1e-5  # rad or m, for slopes
 MOUNT_STEPS, MOUNT_FOUND = 8, 1e-8  # of a fit; m, of its last step
+PLACED_BY = 3  # rows, of which a place can be told
 ENOUGH = 2000  # rows to tell by: a mixed-up joint is no matter of noise
 Misfit = Callable[[FloatArray, IntArray], float]  # by the signs and the order of joints
 ROW_TERMS = {"alpha": NOISE.table_angle, "a": NOISE.table_length, "d": NOISE.table_length, "theta": NOISE.table_angle}
@@ -42,6 +43,30 @@ class Tracker:
     mount: FloatArray | None = None  # (3,) m, where the marker is fitted from; None is where the model has it
     rotation: FloatArray | None = None  # (n, 3, 3) measured orientations; None where only positions are compared
     reference: FloatArray | None = None  # the nominal model's: turns are written down about them, and so stay small
+    session: IntArray | None = None  # (n,) where it was put up anew in each session; None where it stood still
+
+    def with_places(self, session: IntArray, T: FloatArray) -> tuple[Tracker, str]:
+        """Return the tracker with a place of its own in each session, and in words, where that explains the log.
+
+        A tripod that was moved between two sessions is no fault of the arm. Homing offsets move a session's poses too,
+        but less far.
+
+        Parameters
+        ----------
+        session : (n,) int array
+        T : (n, 4, 4) array, marker poses of the nominal model
+        """
+        moved = replace(self, session=session)
+        seen = self.rows & np.isfinite(self.position).all(axis=1)
+        if self.base_known or len(moved._places) == 1 or min(np.sum(seen & its) for its in moved._places) < PLACED_BY:
+            return self, ""
+        one, each = (t._position(T)[0][seen] for t in (self, moved))
+        before, left = (float(np.nanmean((self.position[seen] - position) ** 2)) for position in (one, each))
+        apart = float(np.sqrt(np.nanmean(np.sum((each - one) ** 2, axis=1))))
+        if apart < NOISE.moved or left > NOISE.by_mount**2 * before:
+            return self, ""
+        words = f"the tracker is registered in each session anew, for one place leaves {1e3 * apart:.0f} mm more"
+        return moved, f"{words}: it was moved; a homing offset that is as good as a move of the base stays open"
 
     def with_mount(self, T: FloatArray) -> tuple[Tracker, str]:
         """Return the tracker with a marker that is fitted away from the tip, and in words, where that explains the log.
@@ -66,36 +91,6 @@ class Tracker:
         words = f"the tracker's marker is taken to sit {x:.1f}, {y:.1f}, {z:.1f} mm from the tip, along the tip's axes"
         why = "where it fits best, for the model has no T_tip_marker; the length of the tool itself stays open"
         return replace(self, mount=mount), f"{words}: {why}"
-
-    def moved_between(self, T: FloatArray, session: IntArray) -> str:
-        """Say in words where sessions fit far better in frames of their own: one frame is compared for all of them.
-
-        Parameters
-        ----------
-        T : (n, 4, 4) array, marker poses of the nominal model
-        session : (n,) int array, from 0
-        """
-        seen = self.rows & np.isfinite(self.position).all(axis=1)
-        sessions = np.unique(session[seen])
-        if self.base_known or len(sessions) < 2:
-            return ""
-        together = self._position(T)[0]
-        apart = np.copy(together)
-        for name in sessions:
-            mine = session == name
-            apart[mine] = replace(self, rows=self.rows & mine)._position(T)[0][mine]
-        left, before = (float(np.nanmean((self.position - p)[seen] ** 2)) for p in (apart, together))
-        off = [
-            float(np.sqrt(np.nanmean(((apart - together)[seen & (session == k)] ** 2).sum(axis=1)))) for k in sessions
-        ]
-        farthest = int(np.argmax(off))
-        if off[farthest] < NOISE.mounted or left > NOISE.by_mount**2 * before:
-            return ""
-        return (
-            f"the tracker's frame moves from session to session, in session {sessions[farthest] + 1} by "
-            f"{1e3 * off[farthest]:.0f} mm: tracker or base were moved, or joints homed anew; one frame is compared "
-            "for all sessions: run each by itself, unless homing offsets are what is looked for"
-        )
 
     def with_orientations(self, quaternion: FloatArray | None, T: FloatArray) -> tuple[Tracker, str]:
         """Return the tracker with orientations compared about simulated ones, and why not, where they cannot be.
@@ -134,21 +129,31 @@ class Tracker:
             return self._position(T)[0]
         return self._with_turns(*self._placed(T, self.rotation))
 
+    @cached_property
+    def _places(self) -> tuple[BoolArray, ...]:
+        """Rows `(n,)` of each place where the tracker stood."""
+        if self.session is None:
+            return (np.ones(len(self.position), dtype=np.bool_),)
+        return tuple(self.session == number for number in np.unique(self.session))
+
     def _position(self, T: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Positions of the marker in the tracker's frame, and by which rotation the model's was turned onto that."""
+        """Positions of the marker in the tracker's frame, and rotations `(k, 3, 3)` onto its k places."""
         if self.mount is None:
             return self._registered(T[:, :3, 3])
         return self._registered(T[:, :3, 3] + T[:, :3, :3] @ self._fitted_mount(T))
 
     def _registered(self, position: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Positions moved rigidly onto the tracker's where its frame is open (Arun 1987), and by which rotation."""
+        """Positions moved rigidly onto the tracker's where its frame is open (Arun 1987), and rotations of k places."""
         if self.base_known:
-            return position, np.eye(3)
+            return position, np.eye(3)[None].repeat(len(self._places), axis=0)
         rows = self.rows & np.isfinite(self.position).all(axis=1) & np.isfinite(position).all(axis=1)
-        a, b = position[rows], self.position[rows]
-        middle, centre = a.mean(axis=0), b.mean(axis=0)
-        turn = se3.nearest_rotation((b - centre).T @ (a - middle))
-        return np.asarray((position - middle) @ turn.T + centre), turn
+        registered, turns = np.empty_like(position), []
+        for its in self._places:
+            a, b = position[rows & its], self.position[rows & its]
+            middle, centre = a.mean(axis=0), b.mean(axis=0)
+            turns.append(se3.nearest_rotation((b - centre).T @ (a - middle)))
+            registered[its] = (position[its] - middle) @ turns[-1].T + centre
+        return registered, np.stack(turns)
 
     def _fitted_mount(self, T: FloatArray) -> FloatArray:
         """Where on the tip `(3,)` a marker fits best, by Gauss-Newton steps beside a registration that moves along.
@@ -159,13 +164,14 @@ class Tracker:
         mount = self.mount
         rows = self.rows & np.isfinite(self.position).all(axis=1) & np.isfinite(T[:, :3, 3]).all(axis=1)
         for _ in range(MOUNT_STEPS if rows.any() else 0):
-            position, turn = self._registered(T[:, :3, 3] + T[:, :3, :3] @ mount)
-            moved = (turn @ T[rows, :3, :3]).reshape(-1, 3)
-            if not self.base_known:  # what a turn and a shift of the base would do is not the mount's
-                arm = (position[rows] - position[rows].mean(axis=0))[:, None, :]
-                turned = np.cross(np.eye(3), arm).swapaxes(1, 2)
-                base = np.concatenate([turned, np.broadcast_to(np.eye(3), turned.shape)], axis=2).reshape(-1, 6)
-                moved = moved - base @ (np.linalg.pinv(base.T @ base, hermitian=True) @ (base.T @ moved))
+            position, turns = self._registered(T[:, :3, 3] + T[:, :3, :3] @ mount)
+            turned = np.empty((len(T), 3, 3))
+            for its, turn in zip(self._places, turns, strict=True):
+                own = rows & its
+                turned[own] = turn @ T[own, :3, :3]
+                if not self.base_known:
+                    turned[own] = _beside_base(turned[own], position[own])
+            moved = turned[rows].reshape(-1, 3)
             squares, axes = np.linalg.eigh(moved.T @ moved / rows.sum())
             seen = axes[:, squares > NOISE.mount_seen**2]
             error = (self.position - position)[rows].ravel()
@@ -177,9 +183,11 @@ class Tracker:
 
     def _placed(self, T: FloatArray, measured: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Positions and orientations in the tracker's frame, the marker turned on the tip as it fits best."""
-        position, turn = self._position(T)
-        # One product of large matrices each, several times as fast as one of small ones a row.
-        rotation = np.ascontiguousarray(np.tensordot(T[:, :3, :3], turn, axes=(1, 1)).swapaxes(1, 2))
+        position, turns = self._position(T)
+        rotation = np.empty((len(T), 3, 3))
+        for its, turn in zip(self._places, turns, strict=True):
+            # One product of large matrices each, several times as fast as one of small ones a row.
+            rotation[its] = np.tensordot(T[its, :3, :3], turn, axes=(1, 1)).swapaxes(1, 2)
         if not self.marker_known:
             seen = self.rows & np.isfinite(measured[:, 0, 0])
             between = rotation[seen].reshape(-1, 3).T @ measured[seen].reshape(-1, 3)
@@ -191,6 +199,15 @@ class Tracker:
         assert self.reference is not None
         turns = se3.rotvec_from_matrix(rotation @ self.reference.swapaxes(1, 2))
         return np.concatenate([position, turns], axis=1)
+
+
+def _beside_base(moved: FloatArray, position: FloatArray) -> FloatArray:
+    """Return what `(n, 3, 3)` a mount moves at n positions beyond what a turn and a shift of the base would do."""
+    turned = np.cross(np.eye(3), (position - position.mean(axis=0))[:, None, :]).swapaxes(1, 2)
+    base = np.concatenate([turned, np.broadcast_to(np.eye(3), turned.shape)], axis=2).reshape(-1, 6)
+    columns = moved.reshape(-1, 3)
+    left = columns - base @ (np.linalg.pinv(base.T @ base, hermitian=True) @ (base.T @ columns))
+    return np.asarray(left.reshape(-1, 3, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,7 +285,8 @@ def tracker_misfit(tracker: Tracker, body: Body, q: FloatArray, T_tracker_base: 
     """
     seen = np.flatnonzero(tracker.rows & np.isfinite(tracker.position).all(axis=1))
     some = seen[:: max(1, len(seen) // ENOUGH)]
-    tracker, q = replace(tracker, position=tracker.position[some], rows=tracker.rows[some]), q[some]
+    session = None if tracker.session is None else tracker.session[some]
+    tracker, q = replace(tracker, position=tracker.position[some], rows=tracker.rows[some], session=session), q[some]
     if not tracker.marker_known:
         tracker = replace(tracker, mount=np.zeros(3))  # wherever it sits in each of them
 

@@ -9,12 +9,13 @@ from functools import lru_cache, partial
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
-from gpcorrect.discrepancy.evidence.linear import fold_of, grams, held_out_nats
+from gpcorrect.discrepancy.evidence.linear import Apart, fold_of, grams, held_out_nats
 from gpcorrect.discrepancy.evidence.whitener import DatasetWhitener
 from gpcorrect.discrepancy.recording.dataset import Dataset
 from gpcorrect.discrepancy.recording.scene import LOOP_STAGES
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.instants import with_best_instant
+from gpcorrect.discrepancy.settings import SEARCH
 from gpcorrect.errors import DataError
 from gpcorrect.parallel import each_here
 from gpcorrect.types import BoolArray, FloatArray
@@ -236,7 +237,7 @@ def linearise(
 def held_out(whitener: DatasetWhitener, reference: FloatArray, z: FloatArray, slopes: FloatArray) -> FloatArray:
     """Return the held-out gain in nats `(b,)` of each block that a set brings over a reference residual.
 
-    Its numbers are refitted (to first order) without the block's fold.
+    Its numbers are refitted (to first order) without the block's fold, but for those that show in hardly any other.
 
     Parameters
     ----------
@@ -249,5 +250,7 @@ def held_out(whitener: DatasetWhitener, reference: FloatArray, z: FloatArray, sl
     before, after = np.bincount(block, reference**2, n_blocks), np.bincount(block, z**2, n_blocks)
     gains: FloatArray = 0.5 * (before - after).astype(np.float64)
     if slopes.shape[1]:
-        gains += held_out_nats(grams(slopes, z, block), fold_of(n_blocks), ridge=1e-4)
+        fold = fold_of(n_blocks)
+        apart = Apart.of(slopes, z, fold[block], SEARCH.foretold)
+        gains += held_out_nats(grams(apart.columns, apart.residual, block), fold, ridge=1e-4)
     return gains

@@ -77,7 +77,7 @@ def rank(
 def _gains_of(search: Search, linearised: Linearisation, changes: Sequence[Change]) -> list[tuple[FloatArray, float]]:
     """Factors of changes of the channels, and what each gains beyond a set, held out."""
     whitener = search.whitener
-    beside = Beside(linearised.slopes, linearised.z, whitener.block)
+    beside = Beside(linearised.slopes, linearised.z, whitener.block, SEARCH.foretold)
     found: dict[int, tuple[FloatArray, float]] = {}
     alike: dict[tuple[bytes, int], list[int]] = {}
     for i, change in enumerate(changes):

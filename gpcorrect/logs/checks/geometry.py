@@ -151,7 +151,7 @@ def _unrelated(evidence: Evidence) -> Iterator[Finding]:
             hint = "Faults of the tracker hide the speed; cleaning drops them."
             yield Finding("warning", "time_offset_unknown", offset.observed, what, hint)
         else:
-            hint = "Is it the log of the other arm, or are the clocks seconds apart?"
+            hint = "Is it the log of the other arm, are the clocks seconds apart, or could the arm not follow?"
             yield Finding("error", "unrelated", offset.observed, offset.reason, hint, len(evidence.log))
 
 
