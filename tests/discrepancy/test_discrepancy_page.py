@@ -10,7 +10,6 @@ import pytest
 from discrepancy_support import estimate, finding, named, outside, result, rival, verdict_sentence
 
 from gpcorrect.discrepancy.evidence.bursts import Burst
-from gpcorrect.discrepancy.evidence.localise import Finding
 from gpcorrect.discrepancy.evidence.variables import Quantity, Span, Variable
 from gpcorrect.discrepancy.outcome.result import Experiment
 from gpcorrect.discrepancy.outcome.sentences import next_step, verdict_sentences
@@ -165,7 +164,7 @@ def test_what_goes_by_session_is_looked_for_between_sessions() -> None:
     """Nobody moves the tracker of a motor's encoder."""
     session = (Span(Variable(Quantity.SESSION), 2.0, 2.0),)
     motor = Channel("measured_jp_2", "measured_jp", 1, 2, "rad")
-    seen = {c.signal: Finding(c, session, 50.0, 3.0) for c in (outside(1), motor)}
+    seen = {c.signal: finding(c, *session) for c in (outside(1), motor)}
     steps = {signal: next_step(result("UNKNOWN", findings=(found,))) for signal, found in seen.items()}
     assert all(step.startswith("run each session by itself") for step in steps.values())
     assert {signal: "tracker" in step for signal, step in steps.items()} == {"external_jp": True, "measured_jp": False}
