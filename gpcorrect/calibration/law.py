@@ -72,11 +72,14 @@ class Law:
         assert not isinstance(self.learned, CableModel)
         mean, std = np.full((2, len(X), len(self.zero)), np.nan)
         novelty, rows = np.zeros(len(X)), np.asarray(np.isfinite(X).all(axis=1))
+        off = rows & (False if unsure is None else unsure.any(axis=1))
+        ends = [] if unsure is None else [X[off] + side * unsure[off] for side in (-1, 1)]
         if rows.any():
-            mean[rows], std[rows], novelty[rows] = self.learned.predict(self.inputs(X[rows]))
-        if unsure is not None and (off := rows & unsure.any(axis=1)).any():
-            ends = [self.learned.predict(self.inputs(X[off] + side * unsure[off]))[0] for side in (-1, 1)]
-            std[off] = np.hypot(std[off], (ends[1] - ends[0]) / 2)
+            n, asked = int(rows.sum()), np.concatenate([X[rows], *ends])
+            found, deviation, new = self.learned.predict(self.inputs(asked))
+            mean[rows], std[rows], novelty[rows] = found[:n], deviation[:n], new[:n]
+            low, high = np.split(found[n:], 2)
+            std[off] = np.hypot(std[off], (high - low) / 2)
         return self.guarded(mean - origin, std, novelty, X, rows)
 
     def unguarded_one(self, x: FloatArray) -> tuple[FloatArray, FloatArray, float]:

@@ -24,6 +24,7 @@ from gpcorrect.types import FloatArray, IntArray, Progress
 if TYPE_CHECKING:
     from gpcorrect.gpr import SparseGPR
 
+FEW = 3  # rows that are asked one by one: a sample of a stream, and both ends of what its past leaves open
 FEWEST_STRETCHES = 40
 """Into which a recording is cut for noise that neighbours have in common: a stretch costs its cube; chosen by hand."""
 VARIANCE_POINTS = 150
@@ -60,12 +61,12 @@ class GPMap:
         return self.linear is not None
 
     def predict(self, X: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """See :class:`TargetMap`; deviations are those of a new observation. One row, as a stream asks, is compiled."""
-        if len(X) == 1:
-            one, deviation, new = self.predictor.mean_std(X[0, self.columns])
-            mean, std, novelty = one[None], deviation[None], np.array([new])
+        """See :class:`TargetMap`; deviations are those of a new observation. A stream's few rows are compiled."""
+        chosen = X[:, self.columns]
+        if len(X) <= FEW:
+            mean, std, novelty = map(np.array, zip(*map(self.predictor.mean_std, chosen), strict=True))
         else:
-            mean, std, novelty = self.predictor.mean_std_batch(X[:, self.columns])
+            mean, std, novelty = self.predictor.mean_std_batch(chosen)
         return (mean if self.linear is None else self.linear.mean(X) + mean), std, novelty
 
 

@@ -95,7 +95,10 @@ class PolynomialMap:
         ----------
         X : (n, d) array, inputs
         """
-        return _terms(self.scaler.apply(X), self.degree) @ self.weights
+        scaled = self.scaler.apply(X)
+        if self.degree == 1:  # as below, without another copy of the inputs
+            return np.asarray(self.weights[0] + scaled @ self.weights[1:])
+        return _terms(scaled, self.degree) @ self.weights
 
     def weights_under(self, scaler: Scaler) -> FloatArray:
         """Return the weights `(1 + d, m)` of the same linear law in inputs scaled otherwise.
