@@ -367,4 +367,4 @@ def _samples_of_poses(
     begins, usable = np.zeros((2, n), dtype=bool)
     X[rows], begins[rows], usable[rows] = known, pairs.new, True
     target[rows] = pose_residual(reference, pairs.command)[:, :size]
-    return Samples(log.time, log.trajectory, begins, X, target, np.zeros((n, size)), usable)
+    return Samples(log.time, log.trajectory, begins, X, target, np.zeros((n, size)), usable, session=log.session)

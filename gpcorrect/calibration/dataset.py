@@ -33,6 +33,7 @@ class Samples:
     effort: FloatArray | None = None  # (n, d) efforts, likewise
     # (n, d) by how much inputs may be off, see :meth:`JointFeatures.unsure`; None where all are known
     unsure: FloatArray | None = None
+    session: IntArray | None = None  # (n,) as in the log; None where it does not matter
 
     def __len__(self) -> int:
         return len(self.time)
@@ -50,12 +51,25 @@ class Samples:
 
     @property
     def widening(self) -> float:
-        """By how much intervals that so many motions tell of are too narrow: Student's t for 1.96, and its spread.
+        """By how much intervals that so many motions tell of are too narrow, see :func:`of_few`.
 
         A lone motion, of which the parts tell of each other, is taken for two.
         """
-        count = max(self.motions, 2)
-        return float(stdtrit(count - 1, 0.975) * np.sqrt(1 + 1 / count)) / Z95
+        return of_few(max(self.motions, 2))
+
+    @property
+    def sessions_left_out(self) -> IntArray | None:
+        """Session `(k,)` of each row that may be learned from; None where so few are no folds: half would be left."""
+        counts = np.zeros(0) if self.session is None else np.unique(self.session[self.rows], return_counts=True)[1]
+        if self.session is None or len(counts) < LIMITS.fewest_sessions or 2 * counts.max() > counts.sum():
+            return None
+        return self.session[self.rows]
+
+    @property
+    def folds(self) -> IntArray:
+        """Fold `(k,)` of each row that may be learned from: of sessions, for the next will be new; of trajectories."""
+        sessions = self.sessions_left_out
+        return folds_of(self.trajectory[self.rows] if sessions is None else sessions)
 
     def without(self, rows: BoolArray | IntArray) -> Self:
         """Return the same samples, of which `rows` may not be learned from.
@@ -78,6 +92,16 @@ class Samples:
                 hint=too_few_hint(len(self), rejected=bool((complete & ~self.usable).any())),
             )
         return self.X[rows], self.target[rows]
+
+
+def of_few(count: int) -> float:
+    """Return by how much an interval is too narrow for another draw: Student's t for 1.96, and the mean's own spread.
+
+    Parameters
+    ----------
+    count : int, draws, two or more, that its deviation was learned from
+    """
+    return float(stdtrit(count - 1, 0.975) * np.sqrt(1 + 1 / count)) / Z95
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +248,7 @@ def folds_of(trajectory: IntArray) -> IntArray:
 
     Parameters
     ----------
-    trajectory : (n,) int array, in recorded order
+    trajectory : (n,) int array, in recorded order; or sessions
     """
     order = in_order(trajectory)
     count = int(order.max(initial=0)) + 1

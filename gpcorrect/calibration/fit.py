@@ -10,13 +10,13 @@ from typing import Any, TypeVar
 import numpy as np
 
 from gpcorrect.calibration.cartesian import CommandCorrector
-from gpcorrect.calibration.dataset import Layout, Samples, folds_of
+from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.domain import Bounds, Domain, Surroundings
 from gpcorrect.calibration.history import step_now
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.learners import learner_named
 from gpcorrect.calibration.loads import Loads
-from gpcorrect.calibration.sessions import sessions_lost
+from gpcorrect.calibration.sessions import sessions_lost, widening
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.calibration.task import Corrector, recording_entry
 from gpcorrect.cleaning import CleaningReport, Pair, Reason, fit_cleaner
@@ -174,7 +174,7 @@ def _learn_law(samples: Samples, layout: Layout, settings: FitSettings, progress
     errors, std = left_out.errors[known], left_out.std[known]
     correction = target - samples.origin[rows]
     trajectory, std = samples.trajectory[rows][known], np.maximum(std, np.finfo(float).tiny)
-    parts = folds_of(trajectory)
+    parts = samples.folds[known]
     intervals = IntervalCalibration.fit(errors, std, trajectory, parts)
     bounded, novelty = X[:, : len(layout.slack)], novelty_limit(left_out.novelty)
     domain = Domain.of(bounded, layout.slack, novelty, correction, layout.fading)
@@ -188,7 +188,7 @@ def _learn_law(samples: Samples, layout: Layout, settings: FitSettings, progress
     domain = replace(domain, spread=domain.spread * worth, near=near, loads=loads)
     law = Law(
         learned=fitted.learned,
-        intervals=intervals.widened(samples.widening),
+        intervals=intervals.widened(widening(samples, fitted.left_out.errors, layout.targets)),
         domain=domain,
         bounds=Bounds.of(correction, layout.targets),
         zero=np.zeros(target.shape[1]) if fitted.zero is None else fitted.zero,

@@ -14,7 +14,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.calibration.aim import Aim
 from gpcorrect.calibration.arm_kinematics import ArmKinematics
-from gpcorrect.calibration.dataset import Layout, Samples, clocks, folds_of
+from gpcorrect.calibration.dataset import Layout, Samples, clocks
 from gpcorrect.calibration.domain import Bounds
 from gpcorrect.calibration.joint_task import JointTask
 from gpcorrect.calibration.joint_view import JointView
@@ -25,6 +25,7 @@ from gpcorrect.calibration.learners.learner import cross_predicted
 from gpcorrect.calibration.one_pose import command
 from gpcorrect.calibration.pose_joints import PoseJoints
 from gpcorrect.calibration.poses import WORTH_IT, changes, changes_text
+from gpcorrect.calibration.sessions import widening
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.calibration.task import LearnLaw, Outcome
 from gpcorrect.calibration.training_motion import TrainingMotion
@@ -189,8 +190,9 @@ class JointRoute:
         errors = pose_residual(PoseSignal(answer.position, answer.quaternion), joints.command[rows])
         known = np.isfinite(errors).all(axis=1)
         trajectory = samples.trajectory[rows][known]
-        intervals = IntervalCalibration.fit(errors[known], answer.std[known], trajectory, folds_of(trajectory))
-        return LeftOut(errors, answer.std, left_out.novelty), intervals.widened(samples.widening)
+        intervals = IntervalCalibration.fit(errors[known], answer.std[known], trajectory, samples.folds[known])
+        wider = intervals.widened(widening(samples, errors, (3, 3)))
+        return LeftOut(errors, answer.std, left_out.novelty), wider
 
     def check_answers(self, reference: PoseSignal, bounds: Bounds) -> FloatArray:
         """Return answers `(2 n, 13)` to poses, each by itself and then as a path: position, wxyz, half intervals.

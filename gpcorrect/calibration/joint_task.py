@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -86,7 +86,7 @@ class JointTask:
             state_names=state_columns(log)[0] if "state" in kinds else (),
             missed=np.percentile(missed, LIMITS.range_quantiles[1], axis=0),
         )
-        samples = view.samples(path, log.trajectory, error, keep)
+        samples = replace(view.samples(path, log.trajectory, error, keep), session=log.session)
         remarks += features.remarks((moving + 1).tolist())
         return cls(view, samples, source, error[rows].mean(axis=0), usual_steps(path), still, tuple(remarks))
 

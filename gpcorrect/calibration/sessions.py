@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import fdtrc  # scipy.stats has it too, and takes half a second to import
 
-from gpcorrect.calibration.dataset import pieces
+from gpcorrect.calibration.dataset import Samples, of_few, pieces
 from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.calibration.task import Part
 from gpcorrect.cleaning import CleaningReport, Reason
@@ -33,7 +33,8 @@ def sessions_apart(
     columns = [column for part in parts for column in part.columns]
     known = np.isfinite(errors[:, columns]).all(axis=1) & np.isfinite(left[:, columns]).all(axis=1)
     rows, errors, left = rows[known], errors[known], left[known]
-    names, means, session = _means(log, rows, np.hstack([errors, left]))
+    motion = pieces(log.time[rows], log.trajectory[rows])
+    names, means, session = _means(log.session[rows], motion, np.hstack([errors, left]))
     if len(names) < 2:
         return ()
     width = errors.shape[1]
@@ -42,11 +43,34 @@ def sessions_apart(
         return ()
     centres = np.array([means[session == name, width:].mean(axis=0) for name in names])
     found = " and ".join(_farthest(names, centres, part) for part in differ)
+    hold = "intervals " + ("are wide enough for" if len(names) >= LIMITS.fewest_sessions else "do not hold in")
     return (
         f"{found}, more than motions of one session differ: the sensor's frame or the base was moved, or the robot was "
-        "homed anew, and one model answers for none of them well; intervals do not hold in a new one. Fit them apart, "
-        "or see what a new session costs: --hold-out-by session",
+        f"homed anew, and one model answers for none of them well; {hold} a new one. Fit them apart, or see what a new "
+        "session costs: --hold-out-by session",
     )
+
+
+def widening(samples: Samples, errors: FloatArray, groups: Sequence[int]) -> FloatArray:
+    """Return by how much `(m,)` intervals are too narrow that the motions, or sessions that lie apart, tell of.
+
+    Parameters
+    ----------
+    samples : Samples, of which k may be learned from
+    errors : (k, m) array, of predictions at folds that were not learned from; NaN where none is
+    groups : sequence of int, how many outputs in turn belong together
+    """
+    wider, out = np.full(errors.shape[1], samples.widening), samples.sessions_left_out
+    known = np.isfinite(errors).all(axis=1)
+    if out is None or not known.any():
+        return wider
+    rows = samples.rows[known]
+    motion = pieces(samples.time[rows], samples.trajectory[rows])
+    names, means, session = _means(out[known], motion, errors[known])
+    for part in np.split(np.arange(len(wider)), np.cumsum(groups)[:-1]):
+        if len(names) > 1 and _differ(means[:, part], session, errors[np.ix_(known, part)], len(wider)):
+            wider[part] = of_few(len(np.unique(out)))
+    return wider
 
 
 def sessions_lost(log: CalibrationLog, cleaning: CleaningReport) -> tuple[str, ...]:
@@ -78,13 +102,12 @@ def _lost(log: CalibrationLog, cleaning: CleaningReport, mine: BoolArray, name: 
     )
 
 
-def _means(log: CalibrationLog, rows: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray, IntArray]:
+def _means(session: IntArray, motion: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray, IntArray]:
     """Return the sessions of two motions or more, and the mean values of their motions with the session of each."""
-    motion = pieces(log.time[rows], log.trajectory[rows])
     labels, first, index, count = np.unique(motion, return_index=True, return_inverse=True, return_counts=True)
     means = np.zeros((len(labels), values.shape[1]))
     np.add.at(means, index, values)
-    session = log.session[rows][first]
+    session = session[first]
     names, motions = np.unique(session, return_counts=True)
     names = names[motions > 1]
     told = np.isin(session, names)

@@ -134,6 +134,8 @@ class Limits:
     memory_explains: float = 0.1
     memory_lessens: float = 0.25
     folds: int = 4  # parts of neighbouring trajectories that are left out in turn; chosen by hand
+    # from which whole ones are left out: of two, half of the recording would be
+    fewest_sessions: int = 3
     # length of the pieces, s, whose errors are ranked against each other in the test for ageing. Chosen by hand.
     piece_seconds: float = 20.0
     # a wait longer than so many usual steps, and than so many seconds, ends a path: the arm may have been moved. A

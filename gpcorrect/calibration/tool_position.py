@@ -162,7 +162,7 @@ class PositionEstimator(ViewCorrector):
             extra=settings.extra,
             reported=TrainingMotion.of(reported, log, keep, joints=False),
         )
-        samples = view.samples(path, log.trajectory, error, keep)
+        samples = replace(view.samples(path, log.trajectory, error, keep), session=log.session)
         law, left_out = learn_law(samples, joint_layout(features, 3, owned=False, inducing=INDUCING))
         report = {"features": list(features.kinds), "state_numbers": features.n_state}
         remarks = features.remarks(range(1, path.q.shape[1] + 1))

@@ -88,12 +88,12 @@ class IntervalCalibration:
         factor = np.array([_factor(column, labels) for column in scores.T])
         return cls(factor if parts is None else np.maximum(factor, _needed_by_parts(scores, parts)))
 
-    def widened(self, by: float) -> Self:
+    def widened(self, by: float | FloatArray) -> Self:
         """Return the calibration with all intervals wider by a factor.
 
         Parameters
         ----------
-        by : float
+        by : float or (m,) array
         """
         return type(self)(by * self.factor)
 

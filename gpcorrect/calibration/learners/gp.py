@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gpcorrect.calibration.dataset import Layout, Samples, folds_of, in_order, pieces
+from gpcorrect.calibration.dataset import Layout, Samples, in_order, pieces
 from gpcorrect.calibration.learners.learner import Fitted
 from gpcorrect.calibration.learners.polynomial import PolynomialMap
 from gpcorrect.calibration.settings import FitSettings
@@ -102,7 +102,7 @@ def learn_gp(samples: Samples, layout: Layout, settings: FitSettings, progress: 
     )
     regressor.set_params(n_learn=settings.search_samples or regressor.n_learn)
     chosen = X[:, layout.smooth]
-    folds = folds_of(trajectory)
+    folds = samples.folds
     stride = ALIKE if linear is None and len(X) >= ALIKE * ENOUGH_SUMMED else 1
     regressor.fit_by_parts(chosen, left, folds, terms, stride=stride, groups=groups, times=time, progress=progress)
     if linear is None:

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from gpcorrect.calibration.dataset import Layout, Samples, folds_of
+from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.gpr import LeftOut
 from gpcorrect.types import FloatArray, Progress
@@ -71,12 +71,12 @@ def cross_predicted(learn: Callable[[Samples], TargetMap], samples: Samples, fol
     Parameters
     ----------
     learn : callable, from samples to a map
-    samples : Samples, whose usable rows are predicted, neighbouring trajectories left out together
+    samples : Samples, whose usable rows are predicted, neighbouring trajectories, or sessions, left out together
     folds : int
         How many parts are left out in turn; with 1 only the last of four is, and the errors are of that part alone.
     """
     rows = samples.rows
-    labels = folds_of(samples.trajectory[rows])
+    labels = samples.folds
     errors, std = np.full((2, len(rows), samples.target.shape[1]), np.nan)
     novelty = np.zeros(len(rows))
     for fold in np.unique(labels)[-folds:]:
