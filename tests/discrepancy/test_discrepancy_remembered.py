@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from discrepancy_core import joint_log, raven_swings
 
-from gpcorrect.discrepancy.recording.dataset import Dataset, SignalMemory
+from gpcorrect.discrepancy.recording.dataset import REMEMBERED_BYTES, Dataset
 from gpcorrect.discrepancy.recording.replay_memory import Remembered, ReplayMemory
 from gpcorrect.discrepancy.search.prepared import prepare_data
 from gpcorrect.sim import machine_of, model_from_dict, plant, simulate
@@ -62,22 +62,13 @@ def test_threads_see_what_one_would_though_nothing_is_remembered_for_long() -> N
         for size in rng.normal(scale=0.01, size=120)
     ]
     alone = [prepared.dataset.predict(effects) for effects in sets]
-    short = ReplayMemory(loops=Remembered(1), paths=Remembered(1))
+    short = ReplayMemory(loops=Remembered(1), more_loads=Remembered(1))
     scene = replace(prepared.dataset.scene, memory=short)
-    dataset = replace(prepared.dataset, scene=scene, memory=SignalMemory(Remembered(2), Remembered(1)))
+    dataset = replace(prepared.dataset, scene=scene, memory=Remembered(1))
     with ThreadPoolExecutor(8) as threads:
         found = list(threads.map(dataset.predict, sets + sets))
     for a, b in zip(alone + alone, found, strict=True):
         np.testing.assert_array_equal(a, b)
-
-
-@pytest.mark.usefixtures("hasty")
-def test_no_two_paths_have_one_number() -> None:
-    memory = ReplayMemory()
-    offsets = [HomingOffset(1, float(i)) for i in range(2000)]
-    with ThreadPoolExecutor(8) as threads:
-        numbers = list(threads.map(memory.number, offsets))
-    assert len(set(numbers)) == len(offsets)
 
 
 def swung(*, tracked: bool = False) -> Dataset:
@@ -120,7 +111,7 @@ def test_what_differs_little_from_a_set_is_seen_in_one_pass(
     runs: list[int] = []
     follow = plant.follow
     monkeypatch.setattr(plant, "follow", lambda *given: runs.append(1) or follow(*given))
-    dataset = replace(raven, scene=replace(raven.scene, memory=ReplayMemory()), memory=SignalMemory())
+    dataset = replace(raven, scene=replace(raven.scene, memory=ReplayMemory()), memory=Remembered(REMEMBERED_BYTES))
     dataset = dataset.of_discovery if of_discovery else dataset
     rows, there = dataset.discovery, dataset.predict(base, near=base)
     runs.clear()
@@ -134,11 +125,13 @@ def test_what_differs_little_from_a_set_is_seen_in_one_pass(
 def test_loops_are_remembered_up_to_their_bytes(raven: Dataset) -> None:
     """A loop counts what it made; with room for two and a half the third takes the first one's place."""
     first = ReplayMemory()
-    replace(raven, scene=replace(raven.scene, memory=first), memory=SignalMemory()).predict((GainError(1, 0.1),))
+    replace(raven, scene=replace(raven.scene, memory=first), memory=Remembered(REMEMBERED_BYTES)).predict(
+        (GainError(1, 0.1),)
+    )
     driven = next(iter(first.loops._known.values()))
     assert driven.nbytes >= 6 * driven.q.nbytes
     memory = ReplayMemory(loops=Remembered(int(2.5 * driven.nbytes)))
-    dataset = replace(raven, scene=replace(raven.scene, memory=memory), memory=SignalMemory())
+    dataset = replace(raven, scene=replace(raven.scene, memory=memory), memory=Remembered(REMEMBERED_BYTES))
     for gain in (0.1, 0.2, 0.3, 0.4):
         dataset.predict((GainError(1, gain),))
     assert len(memory.loops._known) == 2
@@ -171,5 +164,7 @@ def test_what_is_simulated_for_discovery_alone_is_what_is_simulated_of_all(raven
         np.testing.assert_array_equal(alone[rows], whole[rows])
         assert np.isfinite(whole).all()
         assert np.isnan(alone[dataset.part == 2]).all()
-    unfocused = replace(dataset, scene=replace(dataset.scene, first=(), memory=ReplayMemory()), memory=SignalMemory())
+    unfocused = replace(
+        dataset, scene=replace(dataset.scene, first=(), memory=ReplayMemory()), memory=Remembered(REMEMBERED_BYTES)
+    )
     np.testing.assert_array_equal(unfocused.predict(sets[2]), dataset.predict(sets[2]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -16,18 +16,9 @@ from gpcorrect.discrepancy.recording.stated_noise import quantisation_of
 from gpcorrect.sim.effects import Effect
 from gpcorrect.types import BoolArray, FloatArray, IntArray
 
-REMEMBERED_BYTES = 150_000_000  # of condensed channels: memory only, no result depends on it
-REMEMBERED_SETS = 20_000  # keys, which are small
+REMEMBERED_BYTES = 150_000_000  # of condensed channels, by sets of effects: memory only, no result depends on it
 LEVER_ROWS, LEVER_STEP = 200, 1e-5  # rows that levers are taken from, and a small move, rad or m
 STILL = 1e-4  # of a joint's travel between samples: slower is standing still
-
-
-@dataclass(eq=False)
-class SignalMemory:
-    """Condensed signals by what they depend on, and which of them the sets of effects asked for last consist of."""
-
-    keys: Remembered[list[Hashable]] = field(default_factory=partial(Remembered, REMEMBERED_SETS))
-    means: Remembered[FloatArray] = field(default_factory=partial(Remembered, REMEMBERED_BYTES))
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +32,7 @@ class Dataset:
     block: IntArray  # (m,) from 0 without gaps
     part: IntArray  # (m,) 0 discovery, 1 confirmation, 2 test
     still: BoolArray  # (m,) whether nothing moved
-    memory: SignalMemory = field(default_factory=SignalMemory, repr=False)
+    memory: Remembered[FloatArray] = field(default_factory=partial(Remembered, REMEMBERED_BYTES), repr=False)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -117,16 +108,10 @@ class Dataset:
             right to a few per cent, as :meth:`Scene.near` has it.
         """
         scene = self.scene if near is None else self.scene.near(near)
-        memory, wanted = self.memory, (scene.begun, tuple(effects))
-        known = [memory.means.get(key) for key in memory.keys.get(wanted) or ()]
-        found = [means for means in known if means is not None]
-        if not found or len(found) < len(known):
-            signals, found = scene.signals(effects), []
-            for signal in signals:
-                means = memory.means.get(signal.key)
-                found.append(memory.means.keep(signal.key, self.means(signal.rows())) if means is None else means)
-            memory.keys.keep(wanted, [signal.key for signal in signals])
-        channels = np.concatenate(found, axis=1)
+        key = scene.begun, tuple(effects)
+        if (channels := self.memory.get(key)) is None:
+            channels = self.memory.keep(key, self.means(scene.predict(effects)))
+            channels.flags.writeable = False
         return np.where(self._of_first[:, None], channels, np.nan) if self.scene.only_first else channels
 
     @cached_property
@@ -134,7 +119,7 @@ class Dataset:
         """The same where no more than discovery needs is simulated: what is predicted of other motions is NaN."""
         if not self.scene.first:
             return self
-        return replace(self, scene=replace(self.scene, only_first=True), memory=SignalMemory())
+        return replace(self, scene=replace(self.scene, only_first=True), memory=Remembered(REMEMBERED_BYTES))
 
     @cached_property
     def _of_first(self) -> BoolArray:
@@ -156,7 +141,7 @@ class Dataset:
         """Return the dataset with all of the residual in account, for what is reported of it."""
         if self.scene.slack is None:
             return self
-        return replace(self, scene=self.scene.strict(), memory=SignalMemory())
+        return replace(self, scene=self.scene.strict(), memory=Remembered(REMEMBERED_BYTES))
 
     def tolerated(self, noises: Sequence[ChannelNoise]) -> dict[str, float]:
         """Return what the tolerance of table and registration takes up of each channel, RMS over its noise.

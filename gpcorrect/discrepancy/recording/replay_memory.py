@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import count
 from typing import Any, Generic, TypeVar
 
 from gpcorrect.sim.plant import Command, Driven
 from gpcorrect.types import FloatArray
 
-# Of closed-loop runs, of them at the plan's samples, and of joint paths: memory only, no result depends on it.
-LOOP_BYTES, RECENT_BYTES, PATH_BYTES = 1_000_000_000, 200_000_000, 120_000_000
+# Of closed-loop runs, of them at the plan's samples, and of loads: memory only, no result depends on it.
+LOOP_BYTES, RECENT_BYTES, LOAD_BYTES = 1_000_000_000, 200_000_000, 120_000_000
 BEGUN = 4  # commands that begin with the runs of others
 Value = TypeVar("Value")
 
@@ -60,26 +59,16 @@ class Remembered(Generic[Value]):
 
 @dataclass(eq=False)
 class ReplayMemory:
-    """What was simulated so far: closed-loop runs by their effects, and joint paths by a number for what made them.
-
-    That is the motion and the joint, or an effect and the numbers of the paths it looks at: a change at one joint need
-    not walk the others' paths again. The oldest are forgotten.
-    """
+    """What was simulated so far, by the effects that it was simulated with."""
 
     commands: dict[Hashable, Command] = field(default_factory=dict)  # by the runs that they are of
     begun: Remembered[Command] = field(default_factory=partial(Remembered, BEGUN))  # the same from others' runs
     recent: Remembered[Driven] = field(default_factory=partial(Remembered, RECENT_BYTES))
     own: Driven | None = None  # the closed loop with the model's own effects alone
     loops: Remembered[Driven] = field(default_factory=partial(Remembered, LOOP_BYTES))
-    numbers: dict[Hashable, int] = field(default_factory=dict)
-    paths: Remembered[FloatArray] = field(default_factory=partial(Remembered, PATH_BYTES))
+    more_loads: Remembered[FloatArray] = field(default_factory=partial(Remembered, LOAD_BYTES))
     pull: FloatArray | None = None  # of each joint's load at rest for each joint's position
-    _free: Iterator[int] = field(default_factory=count)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what makes an empty one, as of all that is remembered."""
         return type(self), ()
-
-    def number(self, *made: Hashable) -> int:
-        """Return the number that stands for what made a path."""
-        return self.numbers.setdefault(made, next(self._free))

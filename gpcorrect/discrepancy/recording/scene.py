@@ -9,10 +9,9 @@ order and at rest, for a run of the loop takes ten times as long as their own.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 
@@ -24,7 +23,7 @@ from gpcorrect.discrepancy.recording.tracker import Slack, Tracker
 from gpcorrect.discrepancy.settings import CLOCK
 from gpcorrect.sim.dynamics import JointPath, link_load
 from gpcorrect.sim.effects import Effect, PathEffect, Stage, in_order, of_kind
-from gpcorrect.sim.effects.base import SIDES, FrictionEffect, JointEffect
+from gpcorrect.sim.effects.base import SIDES, FrictionEffect
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion
@@ -45,13 +44,6 @@ class Channel:
     index: int  # column among the model's joints; of a tracker, the axis
     joint: int  # its number; 0 of a tracker
     unit: str  # "rad" or "m"
-
-
-class Signal(NamedTuple):
-    """One or more channels as simulated: two of a scene with the same key have the same rows `(n, k)`."""
-
-    key: Hashable
-    rows: Callable[[], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,35 +133,16 @@ class Scene:
         DataError
             An effect does not fit the machine.
         """
-        return np.concatenate([signal.rows() for signal in self.signals(effects)], axis=1)
-
-    def signals(self, effects: Sequence[Effect] = ()) -> list[Signal]:
-        """Return the same joint by joint, and for the tracker as a whole, each with what it depends on.
-
-        Parameters
-        ----------
-        effects : sequence of Effect
-        """
         machine = self._machine(effects)
-        loop, motion = self._loop(machine), self._replay(machine)
-        numbers, paths = self._joint_paths(machine, motion)
-        measured = self.motion.position if loop is None else loop.motion.position - self._yielded(machine)
-        found, inside = [], (self._inside(machine), self._moves(machine))
-        for c in self.channels:
-            if c.joint:
-                outside = c.signal == "external_jp"
-                motors = inside, measured[..., c.index]
-                made, path = (numbers[c.index], paths[c.index]) if outside else motors
-                found.append(Signal((c.name, made, self.begun), partial(self.layout.gather, path[..., None])))
+        loop, replay = self._loop(machine), self._replay(machine)
+        motors = self.motion.position if loop is None else loop.motion.position - self._yielded(machine)
+        paths = {"external_jp": self._joint_path(machine, replay), "measured_jp": motors}
+        found = [self.layout.gather(paths[c.signal][..., c.index, None]) for c in self.channels if c.joint]
         if self.tracker is not None:
-            key = ("tracker", machine.effects, self.begun)
-            found.append(Signal(key, partial(self._tracked_rows, self.tracker, effects)))
-        return found
-
-    def _tracked_rows(self, tracker: Tracker, effects: Sequence[Effect]) -> FloatArray:
-        """Return what the tracker says `(n, a)`."""
-        predicted = tracker.predicted(self.marker_poses(effects))
-        return predicted if self.slack is None else predicted + self.slack.part(tracker.observed - predicted)
+            predicted = self.tracker.predicted(self.marker_poses(effects))
+            left_out = 0.0 if self.slack is None else self.slack.part(self.tracker.observed - predicted)
+            found.append(predicted + left_out)
+        return np.concatenate(found, axis=1)
 
     def marker_poses(self, effects: Sequence[Effect] = ()) -> FloatArray:
         """Return the marker's poses `(n, 4, 4)` in the tracker's frame as far as the model states it.
@@ -180,7 +153,7 @@ class Scene:
         """
         machine = self._machine(effects)
         replay = self._replay(machine)
-        q = np.stack(self._joint_paths(machine, replay, tracker=True)[1], axis=-1)
+        q = self._joint_path(machine, replay, tracker=True)
         tip = tip_path(machine.effects, machine.actual_body(self.payload).forward(q), replay)
         assert tip is not None
         return self.layout.gather(se3.compose(machine.T_tracker_base, tip, machine.T_tip_marker))
@@ -320,58 +293,20 @@ class Scene:
         loop, moves = self._loop(machine), self._moves(machine)
         if loop is None or not moves:
             return np.zeros(1)
-        number = self.memory.number(self._inside(machine), moves, self.only_first, self.begun)
-        if (known := self.memory.paths.get(number)) is not None:
+        key = self._inside(machine), moves, self.only_first, self.begun
+        if (known := self.memory.more_loads.get(key)) is not None:
             return known
         motion = self.motion if self.measured else loop.motion
         motion = replace(motion, load=loop.motion.load, gravity_load=loop.motion.gravity_load)
         own = [e for e in mechanical(machine) if e in self.model.effects]
         moved = joint_path(in_order((*own, *moves)), motion) - joint_path(own, motion)
-        return self.memory.paths.keep(number, np.einsum("nNij,nNj->nNi", self._pull(loop), moved))
+        return self.memory.more_loads.keep(key, np.einsum("nNij,nNj->nNi", self._pull(loop), moved))
 
     def _yielded(self, machine: Machine) -> FloatArray:
         """How far `(n, N, k)` controllers let the motors go under that load: those that sum errors not at all."""
         drive = machine.actual_drive
         return self._more_load(machine) / drive.kp * (drive.ki is None or np.asarray(drive.ki) == 0.0)
 
-    def _joint_paths(
-        self, machine: Machine, motion: Motion, *, tracker: bool = False
-    ) -> tuple[list[int], list[FloatArray]]:
-        """Return the number and the true path `(n, N)` of each joint when the encoders, or the tracker, see it."""
-        paths, made = list(np.moveaxis(motion.position, -1, 0)), (self._inside(machine), self._moves(machine))
-        numbers = [self.memory.number(made, j, self.only_first, self.begun) for j in range(len(paths))]
-        for effect in of_kind(machine.effects, PathEffect):
-            if not effect.is_seen_by(tracker=tracker):
-                continue
-            changed = self._changed(effect, numbers)
-            known = {j: self.memory.paths.get(number) for j, number in changed.items()}
-            behind = self._behind(effect, paths, motion, [j for j, path in known.items() if path is None])
-            for j, number in changed.items():
-                path = known[j]
-                numbers[j], paths[j] = number, self.memory.paths.keep(number, behind[j]) if path is None else path
-        return numbers, paths
-
-    def _changed(self, effect: PathEffect, numbers: list[int]) -> dict[int, int]:
-        """Numbers of the paths behind an effect, by the joints that it changes."""
-        if isinstance(effect.joint, int):
-            looked_at = [numbers[effect.column(self.joints, joint)] for joint in effect.joints]
-            return {effect.column(self.joints): self.memory.number(effect, *looked_at)}
-        if effect.joint_by_joint:
-            return {j: self.memory.number(effect, number) for j, number in enumerate(numbers)}
-        return {j: self.memory.number(effect, tuple(numbers), j) for j in range(len(numbers))}
-
-    def _behind(
-        self, effect: PathEffect, paths: list[FloatArray], motion: Motion, wanted: list[int]
-    ) -> dict[int, FloatArray]:
-        """Paths `(n, N)` of some joints behind an effect."""
-        if not wanted:
-            return {}
-        if effect.joint_by_joint:
-            return {j: effect.act(paths[j][..., None], motion)[..., 0] for j in wanted}
-        if isinstance(effect, JointEffect):
-            looked_at = np.full((len(paths), *paths[0].shape), np.nan)
-            for j in (effect.column(self.joints, joint) for joint in effect.joints):
-                looked_at[j] = paths[j]
-            return {wanted[0]: effect.own_path(np.moveaxis(looked_at, 0, -1), motion)}
-        behind = effect.act(np.stack(paths, axis=-1), motion)
-        return {j: behind[..., j] for j in wanted}
+    def _joint_path(self, machine: Machine, motion: Motion, *, tracker: bool = False) -> FloatArray:
+        """Return the true path `(n, N, k)` of the joints when the encoders, or the tracker, see it."""
+        return joint_path([e for e in of_kind(machine.effects, PathEffect) if e.is_seen_by(tracker=tracker)], motion)

@@ -267,8 +267,6 @@ class FrictionEffect(Effect):
 class PathEffect(Effect):
     """Changes the joint path: any stage from the encoder to the clock."""
 
-    joint_by_joint: ClassVar[bool] = False  # whether it does the same to each joint's path, whatever the others do
-
     def is_seen_by(self, *, tracker: bool) -> bool:
         """Return whether the tracker, or the joints' outside encoders, see it: what is the arm's own, both do.
 
@@ -319,15 +317,6 @@ class JointEffect(PathEffect):
         """Change one column."""
         j = self.column(motion.joints)
         return with_column(q, j, self._behind(q, j, motion, memory))
-
-    def own_path(self, q: FloatArray, motion: Motion) -> FloatArray:
-        """Return the path `(n, N)` of its own joint behind the effect, taking a whole motion as one stretch.
-
-        Parameters
-        ----------
-        q, motion : as for :meth:`act`
-        """
-        return self._behind(q, self.column(motion.joints), motion, {})
 
     @abstractmethod
     def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:

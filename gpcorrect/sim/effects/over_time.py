@@ -113,7 +113,6 @@ class Delay(PathEffect):
     delay: float  # negative where the robot's own reports are the late ones
 
     stage = Stage.CLOCK
-    joint_by_joint = True
     about = Description(
         name="delay",
         number=23,
