@@ -202,59 +202,51 @@ class Scene:
         return replace(self.motion, load=carried.total, gravity_load=carried.gravity, tip_force=body.tip_force)
 
     def _loop(self, machine: Machine) -> Driven | None:
-        """Closed-loop run with the effects inside the loop."""
+        """Closed-loop run with the effects inside the loop; where the first runs are enough, the others without."""
         if self.plan is None:
             return None
-        carried = any(e.about.carries_over for e in machine.effects)  # from run to run, whichever it is
-        return self._joined(machine, only_first=self.only_first and not carried)
-
-    def _joined(self, machine: Machine, *, only_first: bool) -> Driven:
-        """Closed-loop run of all runs; of the first only, beside the others without these effects."""
-        inside, memory = self._inside(machine), self.memory
-        key, runs = (inside, self.first, only_first, self.begun), np.arange(len(self.payload))
+        inside, memory, every = self._inside(machine), self.memory, tuple(range(len(self.payload)))
         if self.begun is None and inside == self._inside(self._machine(())):
-            memory.own = memory.own or self._followed(machine, inside, runs)
+            memory.own = memory.own or self._followed(machine, inside, every)
             return memory.own
+        carried = any(e.about.carries_over for e in machine.effects)  # from run to run, whichever it is
+        asked = self.first if self.only_first and not carried else every
+        key = inside, asked, self.begun
         if (known := memory.loops.get(key)) is not None:
             return known
-        if self.begun is not None:
-            asked = np.array(self.first) if only_first else runs
-            others = replace(self, begun=None)._joined(self.machine.with_effects(*self.begun), only_first=only_first)
-            return memory.loops.keep(key, others.with_runs(asked, self._followed(machine, inside, asked)))
-        first = np.isin(runs, self.first)
-        if not first.any() or first.all():
-            return memory.loops.keep(key, self._followed(machine, inside, runs))
-        begun = self._joined(self._machine(()) if only_first else machine, only_first=True)
-        asked = runs[first == only_first]
-        return memory.loops.keep(key, begun.with_runs(asked, self._followed(machine, inside, asked)))
+        driven = self._followed(machine, inside, asked)
+        if self.begun is None and asked == every:
+            return memory.loops.keep(key, driven)
+        beside = self._machine(()) if self.begun is None else self.machine.with_effects(*self.begun)
+        others = replace(self, begun=None)._loop(beside)
+        assert others is not None
+        return memory.loops.keep(key, others.with_runs(np.array(asked), driven))
 
-    def _followed(self, machine: Machine, inside: tuple[Effect, ...], runs: IntArray) -> Driven:
+    def _followed(self, machine: Machine, inside: tuple[Effect, ...], runs: tuple[int, ...]) -> Driven:
         """Closed-loop run of some of the runs."""
         driven = self._run(machine, inside, runs)
-        if self.stamps is None:
-            return driven
-        return (self.stamps if len(runs) == len(self.payload) else self.stamps.of_runs(runs)).read(driven)
+        return driven if self.stamps is None else self.stamps.of_runs(np.array(runs)).read(driven)
 
-    def _run(self, machine: Machine, inside: tuple[Effect, ...], runs: IntArray) -> Driven:
+    def _run(self, machine: Machine, inside: tuple[Effect, ...], runs: tuple[int, ...]) -> Driven:
         """Return the same at the plan's samples."""
-        key, memory = (inside, tuple(runs)), self.memory
-        if self.begun is None and (known := memory.recent.get(key)) is not None:
+        recent = self.memory.recent
+        if self.begun is None and (known := recent.get((inside, runs))) is not None:
             return known
         driven = follow_command(machine.with_effects(*inside), self._command(machine, runs))
-        return driven if self.begun is not None else memory.recent.keep(key, driven)
+        return driven if self.begun is not None else recent.keep((inside, runs), driven)
 
-    def _command(self, machine: Machine, runs: IntArray) -> Command:
+    def _command(self, machine: Machine, runs: tuple[int, ...]) -> Command:
         """Commands of some of the runs."""
         assert self.plan is not None
-        key, memory = tuple(runs), self.memory
-        if key not in memory.commands:
-            part = self.plan if len(runs) == len(self.payload) else self.plan.of_runs(runs)
-            memory.commands[key] = Command.of(machine.with_effects(), part, whole=self.plan)
+        memory = self.memory
+        if runs not in memory.commands:
+            part = self.plan if len(runs) == len(self.payload) else self.plan.of_runs(np.array(runs))
+            memory.commands[runs] = Command.of(machine.with_effects(), part, whole=self.plan)
         if self.begun is None:
-            return memory.commands[key]
-        if (known := memory.begun.get((self.begun, key))) is None:
+            return memory.commands[runs]
+        if (known := memory.begun.get((self.begun, runs))) is None:
             driven = replace(self, begun=None)._run(self.machine, self.begun, runs)
-            known = memory.begun.keep((self.begun, key), replace(memory.commands[key], begun=driven))
+            known = memory.begun.keep((self.begun, runs), replace(memory.commands[runs], begun=driven))
         return known
 
     def _inside(self, machine: Machine) -> tuple[Effect, ...]:
