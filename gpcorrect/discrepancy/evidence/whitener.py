@@ -73,14 +73,11 @@ class DatasetWhitener:
         channels : (c,) bool array, which ones those are
         """
         asked = np.arange(len(self.blocks)) if channels is None else np.flatnonzero(channels)
-        ends = np.cumsum([0, *(len(rows) for rows, _ in self._filters)])
-        white, begin = np.empty((int(np.diff(ends)[asked].sum()), values.shape[2])), 0
+        white = [np.zeros((0, values.shape[2]))]
         for i, channel in enumerate(asked):
             rows, whitener = self._filters[channel]
-            weight = self.weight[ends[channel] : ends[channel + 1]]
-            whitener.write(values[:, i], rows, weight, white[begin : begin + len(rows)])
-            begin += len(rows)
-        return white
+            white.append(whitener(values[rows, i], self.weight[self.channel == channel]))
+        return np.concatenate(white)
 
     def whiten(self, values: FloatArray) -> FloatArray:
         """Return one column of every channel whitened and weighted `(M,)`.

@@ -185,23 +185,9 @@ class Whitener:
         """
         return cls(block, *_filter(time, block, noise.white, noise.slow, noise.time_constant))
 
-    def __call__(self, values: FloatArray) -> FloatArray:
-        """Whitened columns of columns `(n, k)`."""
-        white = np.empty(values.shape)
-        self.write(values, np.arange(len(values)), np.ones(len(values)), white)
-        return white
-
-    def write(self, values: FloatArray, rows: IntArray, weight: FloatArray, white: FloatArray) -> None:
-        """Write whitened and weighted columns where they are wanted.
-
-        Parameters
-        ----------
-        values : (m, k) array
-        rows : (n,) int array, the filter's rows among the m
-        weight : (n,) array, of each of them
-        white : (n, k) array, to write to
-        """
-        _innovations(values, rows, self.block, self.gain, weight / self.scale, self.phi, white)
+    def __call__(self, values: FloatArray, weight: float | FloatArray = 1.0) -> FloatArray:
+        """Return whitened columns of columns `(n, k)`, by the weight of each row."""
+        return _innovations(values, self.block, self.gain, weight / self.scale, self.phi)
 
 
 @njit(cache=True)
@@ -226,23 +212,17 @@ def _filter(
 
 @njit(cache=True)
 def _innovations(
-    values: FloatArray,
-    rows: IntArray,
-    block: IntArray,
-    gain: FloatArray,
-    size: FloatArray,
-    phi: FloatArray,
-    white: FloatArray,
-) -> None:
-    """Run the filter over some rows of every column, its innovations scaled; each block has its own state."""
-    state = np.zeros((block.max() + 1 if len(block) else 0, values.shape[1]))
-    for i, row in enumerate(rows):
-        b = block[i]
+    values: FloatArray, block: IntArray, gain: FloatArray, size: FloatArray, phi: FloatArray
+) -> FloatArray:
+    """Run the filter over every column, and return its innovations, scaled; each block has its own state."""
+    white, state = np.empty(values.shape), np.zeros((block.max() + 1 if len(block) else 0, values.shape[1]))
+    for i, b in enumerate(block):
         for j in range(values.shape[1]):
             predicted = phi[i] * state[b, j]
-            surprise = values[row, j] - predicted
+            surprise = values[i, j] - predicted
             white[i, j] = surprise * size[i]
             state[b, j] = predicted + gain[i] * surprise
+    return white
 
 
 def outliers(residual: FloatArray, block: IntArray) -> BoolArray:
