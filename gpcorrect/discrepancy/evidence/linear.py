@@ -35,11 +35,10 @@ def grams(columns: FloatArray, residual: FloatArray, block: IntArray, n_blocks: 
     """
     n_blocks, p = int(block.max(initial=-1)) + 1 if n_blocks is None else n_blocks, columns.shape[1]
     gram, moment = np.zeros((n_blocks, p, p)), np.zeros((n_blocks, p, *residual.shape[1:]))
-    order, ends = _by_block(block, n_blocks)
-    x, y = columns[order], residual[order]
     for b in range(n_blocks):
-        rows = slice(ends[b], ends[b + 1])
-        gram[b], moment[b] = x[rows].T @ x[rows], x[rows].T @ y[rows]
+        rows = block == b
+        x = columns[rows]
+        gram[b], moment[b] = x.T @ x, x.T @ residual[rows]
     return Grams(gram, moment)
 
 
@@ -125,18 +124,16 @@ class Beside:
     def _products(self, new: FloatArray, rows: BoolArray) -> tuple[FloatArray, ...]:
         """Sum over each fold: products of the known columns, of both, of each set's own, and with the residual."""
         (_, s, k), n_folds = new.shape, len(self._sums.gram)
-        order, ends = _by_block(self._fold[rows], n_folds)
-        taken = {i: basis[rows[self._fold == i]] for i, basis in self._taken.items()}
-        columns, residual, new = self._known[rows][order], self._residual[rows][order], new[order]
+        fold, columns, residual = self._fold[rows], self._known[rows], self._residual[rows]
         cross, own = np.empty((n_folds, columns.shape[1], s, k)), np.empty((n_folds, s, k, k))
         right = np.empty((n_folds, s, k))
         for i in range(n_folds):
-            part = slice(ends[i], ends[i + 1])
+            part = fold == i
             x = new[part]
             cross[i] = (columns[part].T @ x.reshape(-1, s * k)).reshape(-1, s, k)
             own[i] = np.einsum("nsk,nsl->skl", x, x)
-            if i in taken:  # from the others' products it is gone already
-                off = np.einsum("nr,nsk->rsk", taken[i], x)
+            if i in self._taken:  # from the others' products it is gone already
+                off = np.einsum("nr,nsk->rsk", self._taken[i][rows[self._fold == i]], x)
                 own[i] -= np.einsum("rsk,rsl->skl", off, off)
             right[i] = (residual[part] @ x.reshape(-1, s * k)).reshape(s, k)
         return self._sums.gram, self._sums.moment, cross, own, right
@@ -157,14 +154,6 @@ class Beside:
         asked = np.where(dead, 0.0, right - np.einsum("psk,p->sk", cross, alone))
         beta: FloatArray = np.linalg.solve(left, asked[:, :, None])[:, :, 0]
         return alone[:, None] - np.einsum("psk,sk->ps", taken, beta), beta
-
-
-def _by_block(block: IntArray, n_blocks: int) -> tuple[IntArray | slice, IntArray]:
-    """Rows in the order of their blocks, and where each block's begin (and the last one's end)."""
-    if (block[1:] >= block[:-1]).all():  # rows that stand in order are not copied
-        return slice(None), np.searchsorted(block, np.arange(n_blocks + 1))
-    order = np.argsort(block, kind="stable")
-    return order, np.searchsorted(block[order], np.arange(n_blocks + 1))
 
 
 def fold_of(n_blocks: int) -> IntArray:

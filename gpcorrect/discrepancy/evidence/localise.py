@@ -129,12 +129,10 @@ def _rank(finding: Finding) -> tuple[bool, float]:
 def _test_channel(data: ChannelData, rng: np.random.Generator) -> tuple[list[Finding], FloatArray, float]:
     """Return all findings, the best first, the largest nats in each draw of noise, and how large the rest may be."""
     rows = np.flatnonzero((data.block >= 0) & np.isfinite(data.residual))
-    fold = fold_of(int(data.block[rows].max()) + 1)[data.block[rows]]
-    order = np.argsort(fold, kind="stable")  # evidence is summed over whole folds
-    rows, fold = rows[order], fold[order]
+    fold = fold_of(int(data.block[rows].max()) + 1)[data.block[rows]]  # evidence is summed over whole folds
     whitener = Whitener.of(data.noise, data.time[rows], data.block[rows])
     z = _clipped(whitener(data.residual[rows, None]))
-    both = np.concatenate([z, _clipped(_noise(data.noise.tail, (len(rows), TESTS.draws), rng))[order]], axis=1)
+    both = np.concatenate([z, _clipped(_noise(data.noise.tail, (len(rows), TESTS.draws), rng))], axis=1)
     std = data.noise.std
     precision = 1.0 / (TESTS.prior_std * max(float(np.sqrt(np.mean(data.residual[rows] ** 2))), std)) ** 2
     null = np.full(TESTS.draws, -np.inf)
