@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import chi2
 
+from gpcorrect.discrepancy.evidence.linear import solve
 from gpcorrect.discrepancy.evidence.variables import travel_direction
 from gpcorrect.discrepancy.evidence.whitener import whitener_on
 from gpcorrect.discrepancy.outcome.result import ChannelGap, Evidence
@@ -19,7 +20,6 @@ from gpcorrect.types import BoolArray, FloatArray, IntArray
 
 DRAWS = 1000  # of the bootstrap: its 2.5 % ends then rest on 25 draws each
 BLACK_BOX_ROWS = 250  # of the exact process, for time: its cost grows with their cube
-RIDGE = 1e-6  # of the signatures' energy: only keeps alike signatures solvable
 
 
 def gaps_of(
@@ -128,9 +128,7 @@ def _permutation_control(
     shuffled = exchanged(residual, block, train, rng)
     rows = train & np.isfinite(shuffled)
     x = signatures[rows]
-    gram = x.T @ x
-    sizes = np.linalg.solve(gram + RIDGE * np.diag(np.diag(gram) + 1e-300), x.T @ shuffled[rows])
-    return np.asarray(residual - signatures @ sizes)
+    return np.asarray(residual - signatures @ solve(x.T @ x, x.T @ shuffled[rows]))
 
 
 def exchanged(values: FloatArray, block: IntArray, train: BoolArray, rng: np.random.Generator) -> FloatArray:
