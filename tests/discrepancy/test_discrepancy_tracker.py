@@ -14,7 +14,7 @@ from gpcorrect.discrepancy import find_discrepancy
 from gpcorrect.discrepancy.naming.posterior import Level
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
-from gpcorrect.discrepancy.recording.tracker import Tracker, slack_of, table_slopes
+from gpcorrect.discrepancy.recording.tracker import Tracker, refuse_mixed_joints, slack_of, table_slopes
 from gpcorrect.discrepancy.search.candidates import all_candidates
 from gpcorrect.discrepancy.search.needs import split_by_needs
 from gpcorrect.errors import DataError
@@ -175,6 +175,15 @@ def test_joints_that_are_mixed_up_are_refused_where_only_a_tracker_looks_on(
         return
     with pytest.raises(DataError, match=words):
         build_scene(given, MODEL, np.ones(len(log), dtype=np.bool_))
+
+
+def test_what_rounding_leaves_is_no_joint_that_moves_the_other_way() -> None:
+    """A run that advice simulated without noise was refused so, and with it the user's recording."""
+    body = machine_of(MODEL).body
+    less, much = (lambda signs, order, size=size: size * signs.sum() ** 4 for size in (1e-11, 1e-3))
+    refuse_mixed_joints(body, "measured_jp", less, less, "it")
+    with pytest.raises(DataError, match="moves the other way"):
+        refuse_mixed_joints(body, "measured_jp", much, much, "it")
 
 
 def noisy(*effects: Effect) -> CalibrationLog:

@@ -328,7 +328,8 @@ def refuse_mixed_joints(body: Body, signal: str, roughly: Misfit, exactly: Misfi
     best, what = min((roughly(*way), what) for what, way in ways.items())
     if best > NOISE.perhaps_mixed * roughly(plain, here):
         return
-    if exactly(*ways[what]) < NOISE.mixed_up * exactly(plain, here):
+    left = exactly(plain, here)
+    if left > NOISE.rounding and exactly(*ways[what]) < NOISE.mixed_up * left:
         raise DataError(
             f"{signal}: {what}. Put right, less than {100 * NOISE.mixed_up:.0f} % of {residual} is left.",
             hint="A mapping file gives a column scale = -1, or another joint's number. Or turn the axis in the model.",
