@@ -35,6 +35,7 @@ from gpcorrect.velocity import segment_labels, twists
 REAL = "dvrk_random.csv"
 WIDTHS = (0.0125, 0.05, 0.2, 0.5)  # of the slacks, over the spread of a coordinate
 PAUSE = 10.0  # s
+HELD = ("95 % x", "95 % y", "95 % z", "95 % rx", "95 % ry", "95 % rz")
 
 
 def main() -> None:
@@ -50,7 +51,7 @@ def main() -> None:
             log = replace(log, **dict.fromkeys(log.JOINTS))
         for split in args.splits.split(","):
             rows = compare(log, held_out(log, split), args.ours.split(","))
-            print_table([f"{name}, {split}", "mm rmse", "deg rmse", *(f"95 % {a}" for a in "x y z rx ry rz".split())], rows)
+            print_table([f"{name}, {split}", "mm rmse", "deg rmse", *HELD], rows)
             print(flush=True)
             results[f"{name} {split}"] = rows
     save_results("pose_peers", results)
@@ -93,7 +94,8 @@ def compare(log: CalibrationLog, test: BoolArray, ours: list[str]) -> list[list[
 
 def inputs(model: CommandCorrector, log: CalibrationLog) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what peers see, what they are to find, and the rows of the log that are complete."""
-    assert log.tracker_cp is not None and log.setpoint_cp is not None
+    assert log.tracker_cp is not None
+    assert log.setpoint_cp is not None
     keep = np.flatnonzero(model.clean(log).keep & log.tracker_cp.finite & log.setpoint_cp.finite)
     time, labels = log.time[keep], np.cumsum(np.diff(log.time[keep], prepend=log.time[0]) > PAUSE)
     reference, command = model.rigid.apply(log.tracker_cp[keep]), log.setpoint_cp[keep]

@@ -75,12 +75,11 @@ class CommandCorrector(PoseAnswers):
     ) -> Outcome:
         """See :class:`Corrector`."""
         kinds, features = _features_of(log, settings)
-        step = stencil_step(log)
-        pairs = PosePairs.of(log, keep, step)
+        pairs = PosePairs.of(log, keep, stencil_step(log))
         shown = log.select(pairs.rows)
         # What is asked for is refused before the work.
         kinematics = ArmKinematics.of(shown) if JOINTS in kinds else None
-        pairs, registration, turns = _registered(pairs, log, settings)
+        pairs, registration, turns = _registered(pairs, log, keep, settings)
         rigid = registration.model
         reference = rigid.apply(pairs.observed)
         moved = reference_twists(rigid, rotations_of(pairs.observed), pairs.twist)
@@ -125,7 +124,7 @@ class CommandCorrector(PoseAnswers):
             rigid=rigid,
             features=features,
             motion=MotionLimits.of(cleaner) if settings.clean else None,
-            velocity_step=step,
+            velocity_step=pairs.velocity_step,
             check_queries=pairs.check_queries,
             memory=best.by if isinstance(best.by, Memory) else None,
             route=best.by if isinstance(best.by, JointRoute) else None,
@@ -248,7 +247,7 @@ class _Turns:
 
 
 def _registered(
-    pairs: PosePairs, log: CalibrationLog, settings: FitSettings
+    pairs: PosePairs, log: CalibrationLog, keep: BoolArray, settings: FitSettings
 ) -> tuple[PosePairs, Registration, _Turns | None]:
     """Return the samples as they are learned from, their registration, and orientations that are not learned from."""
     registration = pairs.register(log, settings)
@@ -264,7 +263,7 @@ def _registered(
             hint="Leave joints out of --features, or record commands that turn the tool.",
             path=log.name,
         )
-    return pairs.positions, registration, turns
+    return PosePairs.of(log, keep, stencil_step(log, turning=False)).positions, registration, turns
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,20 +6,23 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from gpcorrect import se3
 from gpcorrect.calibration.dataset import evenly_spread, path_starts, too_few_hint
+from gpcorrect.calibration.memory import steps
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.errors import LogError
 from gpcorrect.gpr import LeftOut
 from gpcorrect.rigid import Registration, RigidModel, register
 from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
-from gpcorrect.velocity import sampled_rows, segment_labels, twists
+from gpcorrect.velocity import MOST, STENCIL, sampled_rows, segment_labels, twists
 
 NOISE_FRACTION = 0.03  # of the typical speed that noise may add to a velocity; chosen by hand
 WIDEST = 0.06  # s: a wider stencil blurs reversals, where friction acts; chosen by hand
 STENCIL_GAIN = np.sqrt(130.0) / 12.0  # five-point stencil: standard deviation of a derivative, times step over noise
+FEWEST_ASIDE = STENCIL // 2 + 1  # samples to each side: fewer are laid a stencil of degree four through
 THIRD_DIFFERENCE_GAIN = np.sqrt(20.0)  # 1 + 9 + 9 + 1: standard deviation of third differences of unit white noise
 STRIDE = 5  # samples over which a speed is measured: noise counts little, curvature too; chosen by hand
 CHECK_QUERIES = 8  # training queries that a model file asks again at load; chosen by hand
@@ -140,32 +143,45 @@ def pose_pair(log: CalibrationLog) -> tuple[PoseSignal, PoseSignal]:
     return observed, command
 
 
-def stencil_step(log: CalibrationLog) -> float | None:
+def stencil_step(log: CalibrationLog, *, turning: bool = True) -> float | None:
     """Return the stencil step, s, that keeps noise below a fraction of the speed; None where neighbouring samples do.
 
-    The noise of the tracker is estimated from third differences of its positions, which the motion itself hardly enters
-    at the rates where noise matters.
+    Positions and turns each say how wide it must be, and the wider one is taken: a velocity that is noise hides what
+    depends on it. The tracker's noise is estimated from third differences, which the motion itself hardly enters at the
+    rates where noise matters.
 
     Parameters
     ----------
     log : CalibrationLog, n samples
+    turning : bool, whether angular velocities are learned from
     """
-    if log.tracker_cp is None:
-        return None
-    log = log.select(sampled_rows(log.tracker_cp.finite))
-    assert log.tracker_cp is not None
-    runs = [log.tracker_cp.position[rows] for _, rows in log.trajectories() if len(rows) > STRIDE]
-    steps = [np.diff(log.time[rows]) for _, rows in log.trajectories() if len(rows) > STRIDE]
+    log = log.select(sampled_rows(pose_pair(log)[0].finite))
+    observed = pose_pair(log)[0] if turning else without_orientation(pose_pair(log)[0])
+    runs = [rows for _, rows in log.trajectories() if len(rows) > STRIDE]
     if not runs:
         return None
-    sample = float(np.median(np.concatenate(steps)))
-    noise = MAD_TO_STD / THIRD_DIFFERENCE_GAIN * _median(np.abs(np.concatenate([np.diff(p, 3, axis=0) for p in runs])))
-    chords = np.concatenate([p[STRIDE:] - p[:-STRIDE] for p in runs])
-    speed = _median(np.linalg.norm(chords, axis=1)) / (STRIDE * sample)
-    if not speed > 0:
-        return None
-    step = min(STENCIL_GAIN * noise / (NOISE_FRACTION * speed), WIDEST)
-    return step if step > sample else None
+    sample = float(np.median(np.concatenate([np.diff(log.time[rows]) for rows in runs])))
+    moved = [steps(observed[rows])[1:] for rows in runs]
+    sides = [_samples_aside([part[:, of : of + 3] for part in moved], sample) for of in range(0, moved[0].shape[1], 3)]
+    return 0.5 * max(sides) * sample if max(sides) else None
+
+
+def _samples_aside(moved: list[FloatArray], sample: float) -> int:
+    """Return how many samples to each side a velocity needs, of paths that moved so from sample to sample; 0 for two.
+
+    The slope of the parabola through k samples to each side has the noise of one sample times `sqrt(3 / (k (k + 1) (2 k
+    + 1)))` over the time between samples; of more than `MOST` samples so many are taken.
+    """
+    noise = MAD_TO_STD / THIRD_DIFFERENCE_GAIN * _median(np.abs(np.concatenate([np.diff(p, 2, axis=0) for p in moved])))
+    chords = np.concatenate([sliding_window_view(part, STRIDE, axis=0).sum(axis=-1) for part in moved])
+    allowed = NOISE_FRACTION * _median(np.linalg.norm(chords, axis=1)) / STRIDE
+    widest = int(2.0 * WIDEST / sample)
+    if not allowed > 0.0 or STENCIL_GAIN * noise <= allowed or widest < FEWEST_ASIDE:
+        return 0
+    k = np.arange(FEWEST_ASIDE, widest + 1)
+    taken = np.minimum(k, MOST // 2)
+    enough = noise * np.sqrt(3.0 / (taken * (taken + 1) * (2 * taken + 1))) * taken / k <= allowed
+    return int(k[np.argmax(enough)]) if enough.any() else widest
 
 
 def _median(values: FloatArray) -> float:
@@ -181,6 +197,7 @@ class PosePairs:
     twist: FloatArray
     rows: IntArray
     new: BoolArray
+    velocity_step: float | None  # of the stencil that the twists were found with, s
 
     @classmethod
     def of(cls, log: CalibrationLog, keep: BoolArray, velocity_step: float | None) -> Self:
@@ -203,7 +220,7 @@ class PosePairs:
                 path=log.name,
             )
         new = path_starts(log.time[rows], log.session[rows], np.ones(len(rows), dtype=bool))
-        return cls(observed[rows], commanded[rows], twist[rows], rows, new)
+        return cls(observed[rows], commanded[rows], twist[rows], rows, new, velocity_step)
 
     @property
     def positions(self) -> Self:
