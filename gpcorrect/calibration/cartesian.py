@@ -25,7 +25,7 @@ from gpcorrect.calibration.poses import (
     pose_pair,
     reference_twists,
     rotations_of,
-    stencil_step,
+    stencil_steps,
 )
 from gpcorrect.calibration.queries import POSE, POSITION
 from gpcorrect.calibration.sessions import sessions_apart
@@ -75,11 +75,12 @@ class CommandCorrector(PoseAnswers):
     ) -> Outcome:
         """See :class:`Corrector`."""
         kinds, features = _features_of(log, settings)
-        pairs = PosePairs.of(log, keep, stencil_step(log))
+        velocity_steps = stencil_steps(log)
+        pairs = PosePairs.of(log, keep, velocity_steps)
         shown = log.select(pairs.rows)
         # What is asked for is refused before the work.
         kinematics = ArmKinematics.of(shown) if JOINTS in kinds else None
-        pairs, registration, turns = _registered(pairs, log, keep, settings)
+        pairs, registration, turns = _registered(pairs, log, settings)
         rigid = registration.model
         reference = rigid.apply(pairs.observed)
         moved = reference_twists(rigid, rotations_of(pairs.observed), pairs.twist)
@@ -124,7 +125,7 @@ class CommandCorrector(PoseAnswers):
             rigid=rigid,
             features=features,
             motion=MotionLimits.of(cleaner) if settings.clean else None,
-            velocity_step=pairs.velocity_step,
+            velocity_steps=velocity_steps,
             check_queries=pairs.check_queries,
             memory=best.by if isinstance(best.by, Memory) else None,
             route=best.by if isinstance(best.by, JointRoute) else None,
@@ -151,7 +152,7 @@ class CommandCorrector(PoseAnswers):
         changed = super().having_seen(log, keep)
         if self.held is None or pose_pair(log)[0].quaternion is None:
             return changed
-        pairs = PosePairs.of(log, keep, self.velocity_step)
+        pairs = PosePairs.of(log, keep, self.velocity_steps)
         turns = _Turns(self.rigid.apply(pairs.observed), pairs.command)
         return replace(changed, held=self.held.joined(turns.held(self.samples(log, keep))))
 
@@ -174,7 +175,7 @@ class CommandCorrector(PoseAnswers):
         """
         if self.has_orientation and pose_pair(log)[0].quaternion is None:
             raise LogError("the model corrects orientations, and the log holds none.", path=log.name)
-        pairs = PosePairs.of(log, keep, self.velocity_step)
+        pairs = PosePairs.of(log, keep, self.velocity_steps)
         if not self.has_orientation:
             pairs = pairs.positions
         states = self.memory.states if with_memory and self.memory is not None else None
@@ -184,7 +185,7 @@ class CommandCorrector(PoseAnswers):
         """See :class:`Corrector`; velocities never cross a rejected sample."""
         observed, commanded = pose_pair(log)
         possible, _ = self.possible(observed, log.time, np.where(keep & observed.finite, log.trajectory, -1))
-        twist = observed_twists(log, possible, keep, self.velocity_step)
+        twist = observed_twists(log, possible, keep, self.velocity_steps)
         rows = np.flatnonzero(keep & observed.finite & commanded.finite & np.isfinite(twist[:, :3]).all(axis=1))
         if rows.size == 0:
             raise LogError(
@@ -247,7 +248,7 @@ class _Turns:
 
 
 def _registered(
-    pairs: PosePairs, log: CalibrationLog, keep: BoolArray, settings: FitSettings
+    pairs: PosePairs, log: CalibrationLog, settings: FitSettings
 ) -> tuple[PosePairs, Registration, _Turns | None]:
     """Return the samples as they are learned from, their registration, and orientations that are not learned from."""
     registration = pairs.register(log, settings)
@@ -263,7 +264,7 @@ def _registered(
             hint="Leave joints out of --features, or record commands that turn the tool.",
             path=log.name,
         )
-    return PosePairs.of(log, keep, stencil_step(log, turning=False)).positions, registration, turns
+    return pairs.positions, registration, turns
 
 
 @dataclass(frozen=True, eq=False)

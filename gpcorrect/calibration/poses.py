@@ -17,9 +17,9 @@ from gpcorrect.gpr import LeftOut
 from gpcorrect.rigid import Registration, RigidModel, register
 from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
-from gpcorrect.velocity import MOST, STENCIL, sampled_rows, segment_labels, twists
+from gpcorrect.velocity import MOST, STENCIL, derivative, sampled_rows, segment_labels, twists
 
-NOISE_FRACTION = 0.03  # of the typical speed that noise may add to a velocity; chosen by hand
+NOISE_FRACTION = 0.01  # of the typical speed that noise may add to a velocity; chosen by hand
 WIDEST = 0.06  # s: a wider stencil blurs reversals, where friction acts; chosen by hand
 STENCIL_GAIN = np.sqrt(130.0) / 12.0  # five-point stencil: standard deviation of a derivative, times step over noise
 FEWEST_ASIDE = STENCIL // 2 + 1  # samples to each side: fewer are laid a stencil of degree four through
@@ -27,6 +27,9 @@ THIRD_DIFFERENCE_GAIN = np.sqrt(20.0)  # 1 + 9 + 9 + 1: standard deviation of th
 STRIDE = 5  # samples over which a speed is measured: noise counts little, curvature too; chosen by hand
 CHECK_QUERIES = 8  # training queries that a model file asks again at load; chosen by hand
 WORTH_IT = 0.02  # least fraction of the error that memory must take away not to be called useless; chosen by hand
+
+
+Steps = tuple[float, float]
 
 
 def rotations_of(signal: PoseSignal) -> FloatArray | None:
@@ -49,7 +52,7 @@ def without_orientation(signal: PoseSignal) -> PoseSignal:
     return PoseSignal(signal.position)
 
 
-def observed_twists(log: CalibrationLog, signal: PoseSignal, keep: BoolArray, step: float | None) -> FloatArray:
+def observed_twists(log: CalibrationLog, signal: PoseSignal, keep: BoolArray, velocity_steps: Steps) -> FloatArray:
     """Return twists of an observed path, never across a rejected sample or a gap; static poses are at rest.
 
     Parameters
@@ -57,7 +60,7 @@ def observed_twists(log: CalibrationLog, signal: PoseSignal, keep: BoolArray, st
     log : CalibrationLog, n samples
     signal : PoseSignal, its observed poses
     keep : (n,) mask, samples that are not rejected
-    step : float or None, of the stencil, s
+    velocity_steps : pair of float, see :func:`stencil_steps`
 
     Returns
     -------
@@ -69,7 +72,9 @@ def observed_twists(log: CalibrationLog, signal: PoseSignal, keep: BoolArray, st
     rows, found = sampled_rows(signal.finite), np.full((len(log), 6), np.nan)
     time, seen = log.time[rows], signal[rows]
     labels = segment_labels(time, log.trajectory[rows], keep[rows] & seen.finite)
-    found[rows] = twists(time, seen.position, rotations_of(seen), labels, step)
+    linear, angular = (step or None for step in velocity_steps)
+    found[rows, :3] = derivative(time, seen.position, labels, linear)
+    found[rows, 3:] = twists(time, seen.position, rotations_of(seen), labels, angular)[:, 3:]
     return found
 
 
@@ -143,34 +148,32 @@ def pose_pair(log: CalibrationLog) -> tuple[PoseSignal, PoseSignal]:
     return observed, command
 
 
-def stencil_step(log: CalibrationLog, *, turning: bool = True) -> float | None:
-    """Return the stencil step, s, that keeps noise below a fraction of the speed; None where neighbouring samples do.
+def stencil_steps(log: CalibrationLog) -> Steps:
+    """Return the stencils' steps, s, for positions and for turns, that keep noise below a fraction of the speed.
 
-    Positions and turns each say how wide it must be, and the wider one is taken: a velocity that is noise hides what
-    depends on it. The tracker's noise is estimated from third differences, which the motion itself hardly enters at the
-    rates where noise matters.
+    0 takes five neighbouring samples. The tracker's noise is estimated from third differences, which the motion itself
+    hardly enters at the rates where noise matters.
 
     Parameters
     ----------
     log : CalibrationLog, n samples
-    turning : bool, whether angular velocities are learned from
     """
     log = log.select(sampled_rows(pose_pair(log)[0].finite))
-    observed = pose_pair(log)[0] if turning else without_orientation(pose_pair(log)[0])
     runs = [rows for _, rows in log.trajectories() if len(rows) > STRIDE]
     if not runs:
-        return None
+        return 0.0, 0.0
     sample = float(np.median(np.concatenate([np.diff(log.time[rows]) for rows in runs])))
-    moved = [steps(observed[rows])[1:] for rows in runs]
-    sides = [_samples_aside([part[:, of : of + 3] for part in moved], sample) for of in range(0, moved[0].shape[1], 3)]
-    return 0.5 * max(sides) * sample if max(sides) else None
+    moved = [steps(pose_pair(log)[0][rows])[1:] for rows in runs]
+    parts = [[part[:, columns] for part in moved] for columns in (slice(3), slice(3, 6))]
+    linear, angular = (0.5 * sample * _samples_aside(part, sample) for part in parts)
+    return linear, angular
 
 
 def _samples_aside(moved: list[FloatArray], sample: float) -> int:
-    """Return how many samples to each side a velocity needs, of paths that moved so from sample to sample; 0 for two.
+    """Return how many samples to each side a velocity needs of paths that moved so between samples; 0 for neighbours.
 
-    The slope of the parabola through k samples to each side has the noise of one sample times `sqrt(3 / (k (k + 1) (2 k
-    + 1)))` over the time between samples; of more than `MOST` samples so many are taken.
+    The slope of a parabola through k samples to each side has the noise of one sample times `sqrt(3 / (k (k + 1) (2 k +
+    1)))`, over the time between samples; through more than `MOST` in all none is laid.
     """
     noise = MAD_TO_STD / THIRD_DIFFERENCE_GAIN * _median(np.abs(np.concatenate([np.diff(p, 2, axis=0) for p in moved])))
     chords = np.concatenate([sliding_window_view(part, STRIDE, axis=0).sum(axis=-1) for part in moved])
@@ -179,8 +182,8 @@ def _samples_aside(moved: list[FloatArray], sample: float) -> int:
     if not allowed > 0.0 or STENCIL_GAIN * noise <= allowed or widest < FEWEST_ASIDE:
         return 0
     k = np.arange(FEWEST_ASIDE, widest + 1)
-    taken = np.minimum(k, MOST // 2)
-    enough = noise * np.sqrt(3.0 / (taken * (taken + 1) * (2 * taken + 1))) * taken / k <= allowed
+    laid = np.minimum(k, MOST // 2)
+    enough = noise * np.sqrt(3.0 / (laid * (laid + 1) * (2 * laid + 1))) * laid / k <= allowed
     return int(k[np.argmax(enough)]) if enough.any() else widest
 
 
@@ -197,20 +200,19 @@ class PosePairs:
     twist: FloatArray
     rows: IntArray
     new: BoolArray
-    velocity_step: float | None  # of the stencil that the twists were found with, s
 
     @classmethod
-    def of(cls, log: CalibrationLog, keep: BoolArray, velocity_step: float | None) -> Self:
+    def of(cls, log: CalibrationLog, keep: BoolArray, velocity_steps: Steps) -> Self:
         """Return the complete ones of a log's samples.
 
         Parameters
         ----------
         log : CalibrationLog, n samples
         keep : (n,) mask, samples that are not rejected
-        velocity_step : float or None, step of the stencil, s; None takes five neighbouring samples
+        velocity_steps : pair of float, see :func:`stencil_steps`
         """
         observed, commanded = pose_pair(log)
-        twist = observed_twists(log, observed, keep, velocity_step)
+        twist = observed_twists(log, observed, keep, velocity_steps)
         rows = np.flatnonzero(keep & observed.finite & commanded.finite & np.isfinite(twist[:, :3]).all(axis=1))
         if rows.size < LIMITS.fewest_samples:
             raise LogError(
@@ -220,7 +222,7 @@ class PosePairs:
                 path=log.name,
             )
         new = path_starts(log.time[rows], log.session[rows], np.ones(len(rows), dtype=bool))
-        return cls(observed[rows], commanded[rows], twist[rows], rows, new, velocity_step)
+        return cls(observed[rows], commanded[rows], twist[rows], rows, new)
 
     @property
     def positions(self) -> Self:
@@ -278,5 +280,5 @@ def require_poses(log: CalibrationLog) -> None:
     ----------
     log : CalibrationLog, to be learned from
     """
-    pairs = PosePairs.of(log, np.ones(len(log), dtype=np.bool_), None)
+    pairs = PosePairs.of(log, np.ones(len(log), dtype=np.bool_), (0.0, 0.0))
     pairs.register(log, FitSettings(marker="none"))
