@@ -92,8 +92,9 @@ class CommandCorrector(PoseAnswers):
         remarks += lever_note(log, pairs.rows, reference.position, pairs.command.position - reference.position)
         used = [kind for kind in kinds if kind not in (MEMORY, JOINTS)]
         best = alone = _Answers(samples, left_out, law.intervals)
-        in_joints = partial(_in_joints, kinematics, shown, (reference, pairs.command), cleaner, settings, learn_law)
-        recalling = partial(_recalling, pairs, log, rigid, features, law.bounds, learn_law)
+        poses = (reference, pairs.command)
+        in_joints = partial(_in_joints, kinematics, shown, poses, cleaner, settings, learn_law, left_out)
+        recalling = partial(_recalling, pairs, log, rigid, features, law.bounds, learn_law, samples)
         for kind, says, what, learned, least in (
             (JOINTS, "corrected in the arm's joints", "the log's joints are", in_joints, WORTH_IT),
             (MEMORY, "memory acts on the pose", "memory is", recalling, LIMITS.memory_lessens),
@@ -102,7 +103,7 @@ class CommandCorrector(PoseAnswers):
             if not asked and (settings.features or held is not None or best is not alone):
                 continue
             try:
-                found = learned(left_out, asked=asked)
+                found = learned(asked=asked)
             except GpCorrectError as error:
                 if asked:
                     raise
@@ -303,7 +304,7 @@ def _recalling(
     features: FeatureMap,
     bounds: Bounds,
     learn_law: LearnLaw,
-    left_out: LeftOut,
+    alone: Samples,
     *,
     asked: bool,
 ) -> _Answers | None:
@@ -311,7 +312,7 @@ def _recalling(
     if not asked and pairs.new.all():
         return None
     folds, labels = folds_of(log.trajectory[pairs.rows]), np.cumsum(pairs.new, dtype=np.int64)
-    states, explained = choose_memory(pairs.command, rigid.apply(pairs.observed), labels, left_out.errors, folds)
+    states, explained = choose_memory(pairs.command, rigid.apply(pairs.observed), labels, *alone.learnable(), folds)
     if not asked and explained < LIMITS.memory_explains:
         return None
     samples = _samples_of_poses(pairs, log, rigid, features, states)
