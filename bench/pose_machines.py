@@ -14,7 +14,7 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
 
 RATE, BLEND = 50.0, 2.0  # Hz; s from one motion to the next, which no log holds
 NOISE, TURN_NOISE = 1e-4, np.deg2rad(0.1)
@@ -33,8 +33,9 @@ def machine_log(name: str, seed: int = 0, motions: int = 40, seconds: float = 6.
     logged = labels >= 0
     position, rotation = (part[logged] for part in act(asked))
     time, asked, n = np.flatnonzero(logged) / RATE, asked[logged], int(logged.sum())
-    seen = FRAME[0].apply(position + rotation.apply(MARKER[1])) + FRAME[1] + NOISE * rng.normal(size=(n, 3))
-    facing = Rotation.from_rotvec(TURN_NOISE * rng.normal(size=(n, 3))) * FRAME[0] * rotation * MARKER[0]
+    seen, facing = _seen(position, rotation)
+    seen = seen + NOISE * rng.normal(size=(n, 3))
+    facing = Rotation.from_rotvec(TURN_NOISE * rng.normal(size=(n, 3))) * facing
     wild = rng.random(n) < OUTLIERS
     seen[wild] += 0.05 * rng.normal(size=(wild.sum(), 3))
     facing = Rotation.from_rotvec(0.3 * wild[:, None] * rng.normal(size=(n, 3))) * facing
@@ -49,6 +50,30 @@ def machine_log(name: str, seed: int = 0, motions: int = 40, seconds: float = 6.
         tracker_cp=PoseSignal(table[:, :3], table[:, 3:]),
         name=name,
     )
+
+
+def desired(name: str, seed: int, motions: int) -> tuple[FloatArray, BoolArray, PoseSignal, PoseSignal]:
+    """Return times, which rows are motions, and a path in the inner four fifths: as commands, and where they lead."""
+    reach = np.asarray(MACHINES[name][0])
+    path, labels = _asked(
+        np.random.default_rng(seed), reach.mean(axis=0) + 0.8 * (reach - reach.mean(axis=0)), motions, 300
+    )
+    rotation = Rotation.from_rotvec(path[:, 3:])
+    seen, facing = _seen(path[:, :3], rotation)
+    told = PoseSignal(path[:, :3], _wxyz(rotation))
+    return np.arange(len(path)) / RATE, labels >= 0, told, PoseSignal(seen, _wxyz(facing))
+
+
+def arrived(name: str, commands: PoseSignal) -> PoseSignal:
+    """Return the marker's true poses in the tracker's frame after commands; a frame that warms up is cold again."""
+    assert commands.quaternion is not None
+    turns = Rotation.from_quat(np.roll(commands.quaternion, -1, axis=1)).as_rotvec()
+    seen, facing = _seen(*MACHINES[name][1](np.hstack([commands.position, turns])))
+    return PoseSignal(seen, _wxyz(facing))
+
+
+def _seen(position: FloatArray, rotation: Rotation) -> Poses:
+    return FRAME[0].apply(position + rotation.apply(MARKER[1])) + FRAME[1], FRAME[0] * rotation * MARKER[0]
 
 
 def _wxyz(rotation: Rotation) -> FloatArray:

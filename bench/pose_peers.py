@@ -5,7 +5,8 @@
 The machines are those of bench/pose_machines.py; `dvrk_random` is the real wrist, and with `dvrk_random alone` its
 joints are hidden from us. Peers learn from the samples that pass our cleaning, registered as ours are. They see the
 registered pose, its twist (five-point differences) and slacks of four widths of the six coordinates of the commands;
-each is scikit-learn's with its defaults but for scaled inputs. `every` holds out every fifth trajectory.
+each is scikit-learn's with its defaults but for scaled inputs. `every` holds out every fifth trajectory. With `--loop`
+desired paths that no training has seen are sent through models and machines, and the place arrived at is measured.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from pose_machines import MACHINES, machine_log
+from pose_machines import MACHINES, arrived, desired, machine_log
 from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.linear_model import Ridge
 from sklearn.multioutput import MultiOutputRegressor
@@ -29,12 +30,13 @@ from gpcorrect.calibration.memory import MemoryMap, steps
 from gpcorrect.calibration.poses import rotations_of
 from gpcorrect.logs import read_log
 from gpcorrect.rigid import pose_residual
-from gpcorrect.types import BoolArray, CalibrationLog, FloatArray
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
 from gpcorrect.velocity import segment_labels, twists
 
 REAL = "dvrk_random.csv"
 WIDTHS = (0.0125, 0.05, 0.2, 0.5)  # of the slacks, over the spread of a coordinate
 PAUSE = 10.0  # s
+TEST_SEED, TEST_MOTIONS = 99, 9
 HELD = ("95 % x", "95 % y", "95 % z", "95 % rx", "95 % ry", "95 % rz")
 
 
@@ -43,9 +45,13 @@ def main() -> None:
     parser.add_argument("--sets", default=",".join(MACHINES))
     parser.add_argument("--splits", default="last,first,middle,every")
     parser.add_argument("--ours", default="gp,auto")
+    parser.add_argument("--loop", action="store_true", help="send new paths through models and machines instead")
     args = parser.parse_args()
     results = {}
     for name in args.sets.split(","):
+        if args.loop:
+            print_table([f"{name}, in closed loop", "mm rmse", "deg rmse"], closed_loop(name))
+            continue
         log = machine_log(name) if name in MACHINES else read_log(real_data(REAL))
         if name.endswith("alone"):
             log = replace(log, **dict.fromkeys(log.JOINTS))
@@ -54,7 +60,8 @@ def main() -> None:
             print_table([f"{name}, {split}", "mm rmse", "deg rmse", *HELD], rows)
             print(flush=True)
             results[f"{name} {split}"] = rows
-    save_results("pose_peers", results)
+    if not args.loop:
+        save_results("pose_peers", results)
 
 
 def held_out(log: CalibrationLog, split: str) -> BoolArray:
@@ -92,12 +99,23 @@ def compare(log: CalibrationLog, test: BoolArray, ours: list[str]) -> list[list[
     return table
 
 
-def inputs(model: CommandCorrector, log: CalibrationLog) -> tuple[FloatArray, FloatArray, FloatArray]:
+def closed_loop(name: str) -> list[list[Any]]:
+    """Return how far from new desired paths a machine arrives: sent as desired, and as models say."""
+    recalling = fit_model(machine_log(name), FitSettings(features=("pose", "velocity", "memory"))).corrector
+    time, counted, told, wanted = desired(name, TEST_SEED, TEST_MOTIONS)
+    commands = {"as desired": told}
+    for way, model in {"pose and velocity": replace(recalling, memory=None), "and memory": recalling}.items():
+        answer = model.correct_path(np.hstack([wanted.position, wanted.quaternion]), time)
+        commands[way] = PoseSignal(answer.position, answer.quaternion)
+    return [row(way, pose_residual(arrived(name, sent), wanted)[counted])[:3] for way, sent in commands.items()]
+
+
+def inputs(model: CommandCorrector, log: CalibrationLog) -> tuple[FloatArray, FloatArray, IntArray]:
     """Return what peers see, what they are to find, and the rows of the log that are complete."""
     assert log.tracker_cp is not None
     assert log.setpoint_cp is not None
     keep = np.flatnonzero(model.clean(log).keep & log.tracker_cp.finite & log.setpoint_cp.finite)
-    time, labels = log.time[keep], np.cumsum(np.diff(log.time[keep], prepend=log.time[0]) > PAUSE)
+    time, labels = log.time[keep], np.cumsum(np.diff(log.time[keep], prepend=log.time[0]) > PAUSE, dtype=np.int64)
     reference, command = model.rigid.apply(log.tracker_cp[keep]), log.setpoint_cp[keep]
     rotations = rotations_of(reference)
     assert rotations is not None
