@@ -27,7 +27,7 @@ from support import print_table, real_data, save_results
 from gpcorrect import se3
 from gpcorrect.calibration import CommandCorrector, FitSettings, fit_model
 from gpcorrect.calibration.memory import MemoryMap, steps
-from gpcorrect.calibration.poses import rotations_of
+from gpcorrect.calibration.poses import Steps, rotations_of
 from gpcorrect.logs import read_log
 from gpcorrect.rigid import pose_residual
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
@@ -46,6 +46,7 @@ def main() -> None:
     parser.add_argument("--splits", default="last,first,middle,every")
     parser.add_argument("--ours", default="gp,auto")
     parser.add_argument("--loop", action="store_true", help="send new paths through models and machines instead")
+    parser.add_argument("--same-velocities", action="store_true", help="peers see twists through our stencils")
     args = parser.parse_args()
     results = {}
     for name in args.sets.split(","):
@@ -56,7 +57,7 @@ def main() -> None:
         if name.endswith("alone"):
             log = replace(log, **dict.fromkeys(log.JOINTS))
         for split in args.splits.split(","):
-            rows = compare(log, held_out(log, split), args.ours.split(","))
+            rows = compare(log, held_out(log, split), args.ours.split(","), same=args.same_velocities)
             print_table([f"{name}, {split}", "mm rmse", "deg rmse", *HELD], rows)
             print(flush=True)
             results[f"{name} {split}"] = rows
@@ -73,18 +74,18 @@ def held_out(log: CalibrationLog, split: str) -> BoolArray:
     return np.isin(log.trajectory, chosen)
 
 
-def compare(log: CalibrationLog, test: BoolArray, ours: list[str]) -> list[list[Any]]:
+def compare(log: CalibrationLog, test: BoolArray, ours: list[str], *, same: bool) -> list[list[Any]]:
     """Return errors at held-out samples of every way to correct, and what of them each axis' intervals hold."""
     known, asked = log.select(~test), log.select(test)
     models = {name: fit_model(known, FitSettings(method=name)).corrector for name in ours}
     first: CommandCorrector = next(iter(models.values()))
     measured = {name: model.measure(asked, model.clean(asked).keep) for name, model in models.items()}
     sample = next(iter(measured.values()))
-    X, Y, _ = inputs(first, known)
-    Z, target, rows = inputs(first, asked)
-    same, at = np.isin(sample.rows, rows), np.isin(rows, sample.rows)
+    X, Y, _ = inputs(first, known, first.velocity_steps if same else (0.0, 0.0))
+    Z, target, rows = inputs(first, asked, first.velocity_steps if same else (0.0, 0.0))
+    both, at = np.isin(sample.rows, rows), np.isin(rows, sample.rows)
     Z, target, spread = Z[at], target[at], Y.std(axis=0)
-    table = [row("raw", sample.raw[same]), row("registration", sample.registered[same])]
+    table = [row("raw", sample.raw[both]), row("registration", sample.registered[both])]
     peers = {
         "linear": (Ridge(1e-6), 12),
         "ridge + slacks": (Ridge(), None),
@@ -94,8 +95,8 @@ def compare(log: CalibrationLog, test: BoolArray, ours: list[str]) -> list[list[
         model = make_pipeline(StandardScaler(), peer).fit(X[:, :width], Y / spread)
         table.append(row(name, target - model.predict(Z[:, :width]) * spread))
     for name, found in measured.items():
-        covered = np.abs(found.corrected[same]) <= found.interval95[same]
-        table.append(row(f"ours, {name}", found.corrected[same], covered))
+        covered = np.abs(found.corrected[both]) <= found.interval95[both]
+        table.append(row(f"ours, {name}", found.corrected[both], covered))
     return table
 
 
@@ -110,7 +111,7 @@ def closed_loop(name: str) -> list[list[Any]]:
     return [row(way, pose_residual(arrived(name, sent), wanted)[counted])[:3] for way, sent in commands.items()]
 
 
-def inputs(model: CommandCorrector, log: CalibrationLog) -> tuple[FloatArray, FloatArray, IntArray]:
+def inputs(model: CommandCorrector, log: CalibrationLog, stencils: Steps) -> tuple[FloatArray, FloatArray, IntArray]:
     """Return what peers see, what they are to find, and the rows of the log that are complete."""
     assert log.tracker_cp is not None
     assert log.setpoint_cp is not None
@@ -119,7 +120,9 @@ def inputs(model: CommandCorrector, log: CalibrationLog) -> tuple[FloatArray, Fl
     reference, command = model.rigid.apply(log.tracker_cp[keep]), log.setpoint_cp[keep]
     rotations = rotations_of(reference)
     assert rotations is not None
-    twist = twists(time, reference.position, rotations, segment_labels(time, log.trajectory[keep]))
+    runs = segment_labels(time, log.trajectory[keep])
+    linear, angular = (twists(time, reference.position, rotations, runs, step or None) for step in stencils)
+    twist = np.hstack([linear[:, :3], angular[:, 3:]])
     turned = se3.rotvec_from_matrix(rotations @ model.features.R_mean.T)
     path = np.cumsum(steps(command), axis=0)
     slacks = MemoryMap(np.outer(WIDTHS, path.std(axis=0))).transform(command, reference, labels)

@@ -130,7 +130,7 @@ class Limits:
     # machine is driven by the answers. Taken away in position and rotation, and in closed loop: a simulated RAVEN-II
     # (explained 0.15) 6 and 4 %, -5 and -2 %; a tendon arm 11 and -2 %, 0 and -3 %, with four times its slack 19 and 5
     # %, 5 and -2 %; a continuum robot 55 and 60 %, 29 and 25 %; machines of bench/pose_peers.py: gantry (0.45) 23 and
-    # 25 %, GGG; tendons (0.27) 22 and 6 %, TTT
+    # 25 %, 8 and 12 %; tendons (0.27) 22 and 6 %, 22 and 7 %
     memory_explains: float = 0.1
     memory_lessens: float = 0.1
     folds: int = 4  # parts of neighbouring trajectories that are left out in turn; chosen by hand
