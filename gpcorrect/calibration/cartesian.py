@@ -25,7 +25,7 @@ from gpcorrect.calibration.poses import (
     pose_pair,
     reference_twists,
     rotations_of,
-    stencil_step,
+    stencil_steps,
 )
 from gpcorrect.calibration.queries import POSE, POSITION
 from gpcorrect.calibration.sessions import sessions_apart
@@ -75,8 +75,8 @@ class CommandCorrector(PoseAnswers):
     ) -> Outcome:
         """See :class:`Corrector`."""
         kinds, features = _features_of(log, settings)
-        step = stencil_step(log)
-        pairs = PosePairs.of(log, keep, step)
+        velocity_steps = stencil_steps(log)
+        pairs = PosePairs.of(log, keep, velocity_steps)
         shown = log.select(pairs.rows)
         # What is asked for is refused before the work.
         kinematics = ArmKinematics.of(shown) if JOINTS in kinds else None
@@ -92,8 +92,9 @@ class CommandCorrector(PoseAnswers):
         remarks += lever_note(log, pairs.rows, reference.position, pairs.command.position - reference.position)
         used = [kind for kind in kinds if kind not in (MEMORY, JOINTS)]
         best = alone = _Answers(samples, left_out, law.intervals)
-        in_joints = partial(_in_joints, kinematics, shown, (reference, pairs.command), cleaner, settings, learn_law)
-        recalling = partial(_recalling, pairs, log, rigid, features, law.bounds, learn_law)
+        poses = (reference, pairs.command)
+        in_joints = partial(_in_joints, kinematics, shown, poses, cleaner, settings, learn_law, left_out)
+        recalling = partial(_recalling, pairs, log, rigid, features, law.bounds, learn_law, samples)
         for kind, says, what, learned, least in (
             (JOINTS, "corrected in the arm's joints", "the log's joints are", in_joints, WORTH_IT),
             (MEMORY, "memory acts on the pose", "memory is", recalling, LIMITS.memory_lessens),
@@ -102,7 +103,7 @@ class CommandCorrector(PoseAnswers):
             if not asked and (settings.features or held is not None or best is not alone):
                 continue
             try:
-                found = learned(left_out, asked=asked)
+                found = learned(asked=asked)
             except GpCorrectError as error:
                 if asked:
                     raise
@@ -125,7 +126,7 @@ class CommandCorrector(PoseAnswers):
             rigid=rigid,
             features=features,
             motion=MotionLimits.of(cleaner) if settings.clean else None,
-            velocity_step=step,
+            velocity_steps=velocity_steps,
             check_queries=pairs.check_queries,
             memory=best.by if isinstance(best.by, Memory) else None,
             route=best.by if isinstance(best.by, JointRoute) else None,
@@ -152,7 +153,7 @@ class CommandCorrector(PoseAnswers):
         changed = super().having_seen(log, keep)
         if self.held is None or pose_pair(log)[0].quaternion is None:
             return changed
-        pairs = PosePairs.of(log, keep, self.velocity_step)
+        pairs = PosePairs.of(log, keep, self.velocity_steps)
         turns = _Turns(self.rigid.apply(pairs.observed), pairs.command)
         return replace(changed, held=self.held.joined(turns.held(self.samples(log, keep))))
 
@@ -175,7 +176,7 @@ class CommandCorrector(PoseAnswers):
         """
         if self.has_orientation and pose_pair(log)[0].quaternion is None:
             raise LogError("the model corrects orientations, and the log holds none.", path=log.name)
-        pairs = PosePairs.of(log, keep, self.velocity_step)
+        pairs = PosePairs.of(log, keep, self.velocity_steps)
         if not self.has_orientation:
             pairs = pairs.positions
         states = self.memory.states if with_memory and self.memory is not None else None
@@ -185,7 +186,7 @@ class CommandCorrector(PoseAnswers):
         """See :class:`Corrector`; velocities never cross a rejected sample."""
         observed, commanded = pose_pair(log)
         possible, _ = self.possible(observed, log.time, np.where(keep & observed.finite, log.trajectory, -1))
-        twist = observed_twists(log, possible, keep, self.velocity_step)
+        twist = observed_twists(log, possible, keep, self.velocity_steps)
         rows = np.flatnonzero(keep & observed.finite & commanded.finite & np.isfinite(twist[:, :3]).all(axis=1))
         if rows.size == 0:
             raise LogError(
@@ -303,7 +304,7 @@ def _recalling(
     features: FeatureMap,
     bounds: Bounds,
     learn_law: LearnLaw,
-    left_out: LeftOut,
+    alone: Samples,
     *,
     asked: bool,
 ) -> _Answers | None:
@@ -311,7 +312,7 @@ def _recalling(
     if not asked and pairs.new.all():
         return None
     folds, labels = folds_of(log.trajectory[pairs.rows]), np.cumsum(pairs.new, dtype=np.int64)
-    states, explained = choose_memory(pairs.command, rigid.apply(pairs.observed), labels, left_out.errors, folds)
+    states, explained = choose_memory(pairs.command, rigid.apply(pairs.observed), labels, *alone.learnable(), folds)
     if not asked and explained < LIMITS.memory_explains:
         return None
     samples = _samples_of_poses(pairs, log, rigid, features, states)

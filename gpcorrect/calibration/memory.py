@@ -18,7 +18,6 @@ import numpy as np
 from numba import njit
 
 from gpcorrect import se3
-from gpcorrect.calibration.dataset import folds_of
 from gpcorrect.calibration.law import Law
 from gpcorrect.play import play_states
 from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal, frozen_array
@@ -93,31 +92,27 @@ def advance(state: FloatArray, step: FloatArray, radii: FloatArray) -> FloatArra
 
 
 def choose_memory(
-    command: PoseSignal, reference: PoseSignal, labels: IntArray, errors: FloatArray, folds: IntArray
+    command: PoseSignal, reference: PoseSignal, labels: IntArray, X: FloatArray, Y: FloatArray, folds: IntArray
 ) -> tuple[MemoryMap, float]:
-    """Choose radii by what they explain, at trajectories left out, of another model's errors; and return how much.
+    """Choose radii by what they explain, at trajectories left out, beside the other inputs; and return how much.
 
-    That is the fraction of the squared errors, each coordinate in its own spread, that a linear law takes away.
+    That is the fraction of its squared errors that a linear law of these inputs loses by memory, the mean of the
+    coordinates. Beside them, for a velocity says in part what memory does: what it took is not in the errors it leaves.
 
     Parameters
     ----------
     command, reference, labels
         Training paths, see :meth:`MemoryMap.transform`.
-    errors : (n, m) array
-        Of a model without memory at samples that it was not fitted to, m of 6 with orientations; NaN where unknown.
+    X, Y : (n, d) and (n, m) arrays, inputs without memory, and targets, m of 6 with orientations
     folds : (n,) array, which samples are left out together
     """
-    known = np.isfinite(errors).all(axis=1)
-    scaled = errors[known] / np.maximum(errors[known].std(axis=0), 1e-300)
-    half = _half_range(steps(command)[:, : errors.shape[1]], labels)
+    half = _half_range(steps(command)[:, : Y.shape[1]], labels)
     maps = [MemoryMap(smallest * np.outer(LADDER, half)) for smallest in SMALLEST]
-    features = [states.transform(command, reference, labels)[known] for states in maps]
-    parts = folds[known]
-    if parts.size and (parts == parts[0]).all():  # of one part alone, as of a network, its own parts tell of each other
-        parts = folds_of(labels[known])
-    squares = [left_out_squares(F, scaled, parts).mean() for F in features]
-    before = left_out_squares(np.empty((len(scaled), 0)), scaled, parts).mean()
-    return maps[int(np.argmin(squares))], float(1.0 - min(squares) / max(before, 1e-300))
+    known, target = ((part - part.mean(axis=0)) / np.maximum(part.std(axis=0), 1e-300) for part in (X, Y))
+    before = np.maximum(left_out_squares(known, target, folds), 1e-300)
+    features = [states.transform(command, reference, labels) for states in maps]
+    left = [float((left_out_squares(np.hstack([known, F]), target, folds) / before).mean()) for F in features]
+    return maps[int(np.argmin(left))], 1.0 - min(left)
 
 
 def _half_range(moved: FloatArray, labels: IntArray) -> FloatArray:

@@ -29,7 +29,9 @@ from gpcorrect.errors import ArtifactError, DataError
 from gpcorrect.logs.copies import recalled
 from gpcorrect.types import FloatArray
 
-SCHEMA = 6  # 5: with the model's history. 6: with stops; memory and joints of poses are asked check queries too
+# 5: with the model's history. 6: with stops; memory and joints of poses are asked check queries too. 7: velocities of
+# positions and of turns have stencils of their own
+SCHEMA = 7
 OLDEST = 4  # that is read: with where and how fast the training moved; files of before are fitted anew
 TASKS: dict[str, type[Corrector]] = {t.TASK: t for t in (CommandCorrector, JointCorrector, PositionEstimator)}
 USED = {
@@ -167,7 +169,7 @@ def load_with_hash(path: str | Path, kind: type[Corrector] | None = None) -> tup
         )
     try:
         with np.errstate(all="ignore"):  # forged numbers overflow; what comes of it is compared below
-            corrector = unpack(kind or found, header["model"], arrays)
+            corrector = unpack(kind or found, _as_now(header["model"]), arrays)
             _check_summary(corrector.summary)
             given = corrector.check_answers()
         expected = np.array(header.get("check"), dtype=np.float64)
@@ -247,6 +249,14 @@ def refused(path: str | Path, why: str) -> ArtifactError:
     return ArtifactError(
         f"model file {path} is refused: {why}.", hint="Copy it again from its source, or fit the model again."
     )
+
+
+def _as_now(tree: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the tree of a model as it is written today: before schema 7 one stencil found all velocities."""
+    if "velocity_step" not in tree:
+        return dict(tree)
+    step = tree["velocity_step"] or 0.0
+    return {**{name: part for name, part in tree.items() if name != "velocity_step"}, "velocity_steps": [step, step]}
 
 
 def _header_in(path: str | Path, contents: dict[str, Any]) -> Header:

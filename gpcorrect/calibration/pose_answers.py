@@ -13,7 +13,7 @@ from gpcorrect.calibration.held_orientation import HeldOrientation
 from gpcorrect.calibration.joint_route import JointRoute
 from gpcorrect.calibration.memory import Memory, advance, steps
 from gpcorrect.calibration.one_pose import Frame, command, frame, inputs
-from gpcorrect.calibration.poses import reference_twists, rotations_of, without_orientation
+from gpcorrect.calibration.poses import Steps, reference_twists, rotations_of, without_orientation
 from gpcorrect.calibration.queries import POSE, POSITION, TWIST
 from gpcorrect.calibration.task import Corrector
 from gpcorrect.calibration.training_motion import MotionLimits, StreamGuard
@@ -38,7 +38,8 @@ class PoseAnswers(Corrector):
     features : FeatureMap, from a reference pose and its twist to the inputs of the law
     motion : MotionLimits or None
         What no arm does from one pose of a path to the next; None believes every path, as a fit without cleaning does.
-    velocity_step : float or None, step of the stencil on recorded paths, s; None takes five neighbouring samples
+    velocity_steps : pair of float
+        Steps, s, of the stencils on recorded paths, of positions and of turns; 0 takes five neighbouring samples.
     check_queries : (k, 13) array, training queries (pose, twist) that a model file asks again at load
     memory : Memory or None, what was learned with memory features, for paths and streams
     route : JointRoute or None, what was learned of the arm's joints, by which paths and streams are answered
@@ -50,7 +51,7 @@ class PoseAnswers(Corrector):
     rigid: RigidModel
     features: FeatureMap
     motion: MotionLimits | None
-    velocity_step: float | None
+    velocity_steps: Steps
     check_queries: FloatArray
     memory: Memory | None = None
     route: JointRoute | None = None

@@ -6,24 +6,30 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from gpcorrect import se3
 from gpcorrect.calibration.dataset import evenly_spread, path_starts, too_few_hint
+from gpcorrect.calibration.memory import steps
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.errors import LogError
 from gpcorrect.gpr import LeftOut
 from gpcorrect.rigid import Registration, RigidModel, register
 from gpcorrect.robust import MAD_TO_STD
 from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
-from gpcorrect.velocity import sampled_rows, segment_labels, twists
+from gpcorrect.velocity import MOST, STENCIL, derivative, sampled_rows, segment_labels, twists
 
-NOISE_FRACTION = 0.03  # of the typical speed that noise may add to a velocity; chosen by hand
+NOISE_FRACTION = 0.01  # of the typical speed that noise may add to a velocity; chosen by hand
 WIDEST = 0.06  # s: a wider stencil blurs reversals, where friction acts; chosen by hand
 STENCIL_GAIN = np.sqrt(130.0) / 12.0  # five-point stencil: standard deviation of a derivative, times step over noise
+FEWEST_ASIDE = STENCIL // 2 + 1  # samples to each side: fewer are laid a stencil of degree four through
 THIRD_DIFFERENCE_GAIN = np.sqrt(20.0)  # 1 + 9 + 9 + 1: standard deviation of third differences of unit white noise
 STRIDE = 5  # samples over which a speed is measured: noise counts little, curvature too; chosen by hand
 CHECK_QUERIES = 8  # training queries that a model file asks again at load; chosen by hand
 WORTH_IT = 0.02  # least fraction of the error that memory must take away not to be called useless; chosen by hand
+
+
+Steps = tuple[float, float]
 
 
 def rotations_of(signal: PoseSignal) -> FloatArray | None:
@@ -46,7 +52,7 @@ def without_orientation(signal: PoseSignal) -> PoseSignal:
     return PoseSignal(signal.position)
 
 
-def observed_twists(log: CalibrationLog, signal: PoseSignal, keep: BoolArray, step: float | None) -> FloatArray:
+def observed_twists(log: CalibrationLog, signal: PoseSignal, keep: BoolArray, velocity_steps: Steps) -> FloatArray:
     """Return twists of an observed path, never across a rejected sample or a gap; static poses are at rest.
 
     Parameters
@@ -54,7 +60,7 @@ def observed_twists(log: CalibrationLog, signal: PoseSignal, keep: BoolArray, st
     log : CalibrationLog, n samples
     signal : PoseSignal, its observed poses
     keep : (n,) mask, samples that are not rejected
-    step : float or None, of the stencil, s
+    velocity_steps : pair of float, see :func:`stencil_steps`
 
     Returns
     -------
@@ -66,7 +72,9 @@ def observed_twists(log: CalibrationLog, signal: PoseSignal, keep: BoolArray, st
     rows, found = sampled_rows(signal.finite), np.full((len(log), 6), np.nan)
     time, seen = log.time[rows], signal[rows]
     labels = segment_labels(time, log.trajectory[rows], keep[rows] & seen.finite)
-    found[rows] = twists(time, seen.position, rotations_of(seen), labels, step)
+    linear, angular = (step or None for step in velocity_steps)
+    found[rows, :3] = derivative(time, seen.position, labels, linear)
+    found[rows, 3:] = twists(time, seen.position, rotations_of(seen), labels, angular)[:, 3:]
     return found
 
 
@@ -140,32 +148,43 @@ def pose_pair(log: CalibrationLog) -> tuple[PoseSignal, PoseSignal]:
     return observed, command
 
 
-def stencil_step(log: CalibrationLog) -> float | None:
-    """Return the stencil step, s, that keeps noise below a fraction of the speed; None where neighbouring samples do.
+def stencil_steps(log: CalibrationLog) -> Steps:
+    """Return the stencils' steps, s, for positions and for turns, that keep noise below a fraction of the speed.
 
-    The noise of the tracker is estimated from third differences of its positions, which the motion itself hardly enters
-    at the rates where noise matters.
+    0 takes five neighbouring samples. The tracker's noise is estimated from third differences, which the motion itself
+    hardly enters at the rates where noise matters.
 
     Parameters
     ----------
     log : CalibrationLog, n samples
     """
-    if log.tracker_cp is None:
-        return None
-    log = log.select(sampled_rows(log.tracker_cp.finite))
-    assert log.tracker_cp is not None
-    runs = [log.tracker_cp.position[rows] for _, rows in log.trajectories() if len(rows) > STRIDE]
-    steps = [np.diff(log.time[rows]) for _, rows in log.trajectories() if len(rows) > STRIDE]
+    log = log.select(sampled_rows(pose_pair(log)[0].finite))
+    runs = [rows for _, rows in log.trajectories() if len(rows) > STRIDE]
     if not runs:
-        return None
-    sample = float(np.median(np.concatenate(steps)))
-    noise = MAD_TO_STD / THIRD_DIFFERENCE_GAIN * _median(np.abs(np.concatenate([np.diff(p, 3, axis=0) for p in runs])))
-    chords = np.concatenate([p[STRIDE:] - p[:-STRIDE] for p in runs])
-    speed = _median(np.linalg.norm(chords, axis=1)) / (STRIDE * sample)
-    if not speed > 0:
-        return None
-    step = min(STENCIL_GAIN * noise / (NOISE_FRACTION * speed), WIDEST)
-    return step if step > sample else None
+        return 0.0, 0.0
+    sample = float(np.median(np.concatenate([np.diff(log.time[rows]) for rows in runs])))
+    moved = [steps(pose_pair(log)[0][rows])[1:] for rows in runs]
+    parts = [[part[:, columns] for part in moved] for columns in (slice(3), slice(3, 6))]
+    linear, angular = (0.5 * sample * _samples_aside(part, sample) for part in parts)
+    return linear, angular
+
+
+def _samples_aside(moved: list[FloatArray], sample: float) -> int:
+    """Return how many samples to each side a velocity needs of paths that moved so between samples; 0 for neighbours.
+
+    The slope of a parabola through k samples to each side has the noise of one sample times `sqrt(3 / (k (k + 1) (2 k +
+    1)))`, over the time between samples; through more than `MOST` in all none is laid.
+    """
+    noise = MAD_TO_STD / THIRD_DIFFERENCE_GAIN * _median(np.abs(np.concatenate([np.diff(p, 2, axis=0) for p in moved])))
+    chords = np.concatenate([sliding_window_view(part, STRIDE, axis=0).sum(axis=-1) for part in moved])
+    allowed = NOISE_FRACTION * _median(np.linalg.norm(chords, axis=1)) / STRIDE
+    widest = int(2.0 * WIDEST / sample)
+    if not allowed > 0.0 or STENCIL_GAIN * noise <= allowed or widest < FEWEST_ASIDE:
+        return 0
+    k = np.arange(FEWEST_ASIDE, widest + 1)
+    laid = np.minimum(k, MOST // 2)
+    enough = noise * np.sqrt(3.0 / (laid * (laid + 1) * (2 * laid + 1))) * laid / k <= allowed
+    return int(k[np.argmax(enough)]) if enough.any() else widest
 
 
 def _median(values: FloatArray) -> float:
@@ -183,17 +202,17 @@ class PosePairs:
     new: BoolArray
 
     @classmethod
-    def of(cls, log: CalibrationLog, keep: BoolArray, velocity_step: float | None) -> Self:
+    def of(cls, log: CalibrationLog, keep: BoolArray, velocity_steps: Steps) -> Self:
         """Return the complete ones of a log's samples.
 
         Parameters
         ----------
         log : CalibrationLog, n samples
         keep : (n,) mask, samples that are not rejected
-        velocity_step : float or None, step of the stencil, s; None takes five neighbouring samples
+        velocity_steps : pair of float, see :func:`stencil_steps`
         """
         observed, commanded = pose_pair(log)
-        twist = observed_twists(log, observed, keep, velocity_step)
+        twist = observed_twists(log, observed, keep, velocity_steps)
         rows = np.flatnonzero(keep & observed.finite & commanded.finite & np.isfinite(twist[:, :3]).all(axis=1))
         if rows.size < LIMITS.fewest_samples:
             raise LogError(
@@ -261,5 +280,5 @@ def require_poses(log: CalibrationLog) -> None:
     ----------
     log : CalibrationLog, to be learned from
     """
-    pairs = PosePairs.of(log, np.ones(len(log), dtype=np.bool_), None)
+    pairs = PosePairs.of(log, np.ones(len(log), dtype=np.bool_), (0.0, 0.0))
     pairs.register(log, FitSettings(marker="none"))

@@ -134,7 +134,7 @@ def update_model(
         law, weight, unseen, _ = _learn(corrector.memory.law, samples, progress)
         changed = replace(corrector, law=changed.law, memory=replace(corrector.memory, law=law))
     if isinstance(corrector, CommandCorrector) and corrector.route is not None:
-        pairs = PosePairs.of(train, keep, corrector.velocity_step)
+        pairs = PosePairs.of(train, keep, corrector.velocity_steps)
         pair = (corrector.rigid.apply(pairs.observed), pairs.command)
         route, samples, weight, unseen = _learn_route(corrector.route, train.select(pairs.rows), pair, progress)
         changed = replace(corrector, law=changed.law, route=route)

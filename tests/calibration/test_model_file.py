@@ -116,11 +116,21 @@ def test_an_array_altered_with_its_crc_mended_is_refused(model: Path) -> None:
 def test_answers_other_than_the_recorded_ones_are_refused(model: Path) -> None:
     """A header whose seal was made again is still refused where the model answers otherwise than recorded."""
     header = header_of(model)
-    header["model"]["velocity_step"] = 0.5  # type: ignore[index]
+    header["model"]["velocity_steps"] = [0.5, 0.5]  # type: ignore[index]
     header["check"][0][0] += 0.01  # type: ignore[index]
     header["seal"] = seal_of(header)
     with pytest.raises(ArtifactError, match="check queries"):
         load(rewritten(model, header=as_entry(header)))
+
+
+def test_a_file_of_one_stencil_has_it_for_positions_and_turns(model: Path) -> None:
+    """Before schema 7 one step stood for both velocities."""
+    header = header_of(model)
+    tree: dict[str, object] = header["model"]  # type: ignore[assignment]
+    del tree["velocity_steps"]
+    header |= {"schema": 6, "model": {**tree, "velocity_step": 0.04}}
+    header["seal"] = seal_of(header)
+    assert load(rewritten(model, header=as_entry(header))).velocity_steps == (0.04, 0.04)
 
 
 @pytest.mark.parametrize("name", ["model", "version", "schema"])

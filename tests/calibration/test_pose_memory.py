@@ -20,8 +20,10 @@ from gpcorrect.calibration import (
     load,
     save,
 )
+from gpcorrect.calibration.memory import choose_memory
 from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.errors import DataError
+from gpcorrect.play import play_states
 from gpcorrect.sim.effects.operators import play
 from gpcorrect.types import CalibrationLog, FloatArray, PoseSignal
 from gpcorrect.velocity import twists
@@ -193,3 +195,17 @@ def test_a_refused_pose_leaves_no_trace_in_a_stream(sticky: FitResult, small_cor
             assert answers[0].reasons == answers[1].reasons
             with pytest.raises(DataError, match="advance"):
                 one.correct(0.02 * i + 0.01, [0.0, *pose[1:]])
+
+
+def test_memory_is_judged_beside_the_velocity_that_says_part_of_it() -> None:
+    """A slack that a velocity tells all but its reversals of is explained by memory; an effect of velocity is not."""
+    rng, t = np.random.default_rng(3), np.arange(2000) / 50.0
+    path = np.stack([0.05 * np.sin(rate * t) for rate in (0.9, 1.3, 1.7)], axis=1)
+    signal, labels, folds = PoseSignal(path), np.zeros(2000, dtype=np.int64), np.arange(2000) // 500
+    velocity = np.tanh(np.gradient(path, axis=0) * 2000.0)
+    planted = play_states(np.diff(path, axis=0, prepend=path[:1]), np.full((1, 3), 0.002), labels)[:, 0]
+    noise = 1e-4 * rng.normal(size=path.shape)
+    of_slack = choose_memory(signal, signal, labels, velocity, planted + noise, folds)[1]
+    of_velocity = choose_memory(signal, signal, labels, velocity, 0.002 * velocity + noise, folds)[1]
+    assert of_slack > 0.5
+    assert of_velocity < 0.05

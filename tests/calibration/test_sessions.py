@@ -24,7 +24,7 @@ def in_sessions(log: CalibrationLog, moved: FloatArray) -> CalibrationLog:
     return replace(log, session=session, tracker_cp=PoseSignal(position, log.tracker_cp.quaternion))
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_frame_that_was_moved_between_sessions_is_said(seed: int) -> None:
     """A tracker moved by 9 mm between two sessions is said by fit and evaluate; a still one is not."""
     still, moved = (in_sessions(small_log(seed), by) for by in (np.zeros(3), MOVED))
