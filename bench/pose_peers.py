@@ -45,6 +45,7 @@ def main() -> None:
     parser.add_argument("--sets", default=",".join(MACHINES))
     parser.add_argument("--splits", default="last,first,middle,every")
     parser.add_argument("--ours", default="gp,auto")
+    parser.add_argument("--seed", type=int, default=0, help="of the machines' motions and faults")
     parser.add_argument("--loop", action="store_true", help="send new paths through models and machines instead")
     parser.add_argument("--same-velocities", action="store_true", help="peers see twists through our stencils")
     args = parser.parse_args()
@@ -53,7 +54,7 @@ def main() -> None:
         if args.loop:
             print_table([f"{name}, in closed loop", "mm rmse", "deg rmse"], closed_loop(name))
             continue
-        log = machine_log(name) if name in MACHINES else read_log(real_data(REAL))
+        log = machine_log(name, args.seed) if name in MACHINES else read_log(real_data(REAL))
         if name.endswith("alone"):
             log = replace(log, **dict.fromkeys(log.JOINTS))
         for split in args.splits.split(","):
