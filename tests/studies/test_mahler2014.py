@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -30,8 +31,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     tried = ("least squares", "paths end early")
     small = Scope(30, places=3, repetitions=2, sets=1, fractions=(0.02, 1.0), settings=settings, ablations=tried)
     with pytest.MonkeyPatch.context() as patch:
-        # What little the limits differ by is lost in hyperparameters of a shorter search.
-        patch.setattr(study, "limits", lambda n, own, progress: limits(n, replace(own, search_samples=300), progress))
+        # What the limits differ by is lost in hyperparameters of a shorter search, and in what thirty reaches lack:
+        # rotations of a perfect tracker were off by 3.4, 1.7 and 2.9 degrees (three seeds), of sixty 1.2, 1.6 and 1.4.
+        wide = partial(limits, 60)
+        patch.setattr(study, "limits", lambda _, own, progress: wide(replace(own, search_samples=300), progress))
         patch.setattr(Scope, "quick", classmethod(lambda _: small))
         assert exit_status("reproduce", "mahler2014", "--quick", "--seed", SEED, "--output", output) == 0
     return output
