@@ -133,7 +133,8 @@ class CommandCorrector(PoseAnswers):
             held=held,
         )
         parts = corrector.parts(samples.target.shape[1])
-        remarks += sessions_apart(log, samples.rows, alone.left_out.errors, samples.target[samples.rows], parts)
+        missed, wide = samples.target[samples.rows], samples.sessions_left_out is not None
+        remarks += sessions_apart(log, samples.rows, alone.left_out.errors, missed, parts, wide=wide)
         left_out, intervals = best.left_out, best.intervals
         if turns is not None and held is not None:
             left_out, intervals = held.beside(left_out, intervals, turns.reference, turns.command)

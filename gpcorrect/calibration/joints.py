@@ -276,7 +276,8 @@ class JointCorrector(ViewCorrector):
         )
         missed, parts = (samples.target - samples.origin)[samples.rows], corrector.parts(len(view.types))
         moving = [parts[j]._replace(columns=(k,)) for k, j in enumerate(view.moving)]
-        apart = sessions_apart(log, samples.rows, left_out.errors, missed, moving)
+        wide = samples.sessions_left_out is not None
+        apart = sessions_apart(log, samples.rows, left_out.errors, missed, moving, wide=wide)
         report = {
             "features": list(view.features.kinds),
             "input": view.input_signal,

@@ -15,7 +15,13 @@ from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 
 
 def sessions_apart(
-    log: CalibrationLog, rows: IntArray, errors: FloatArray, left: FloatArray, parts: Sequence[Part]
+    log: CalibrationLog,
+    rows: IntArray,
+    errors: FloatArray,
+    left: FloatArray,
+    parts: Sequence[Part],
+    *,
+    wide: bool | None = None,
 ) -> tuple[str, ...]:
     """Return a note where what is not predicted differs from session to session by more than motions differ in one.
 
@@ -29,6 +35,7 @@ def sessions_apart(
     errors : (k, m) array, of predictions at motions that were not learned from, m and rad; NaN where none is
     left : (k, m) array, what was to be predicted: by this the distance between sessions is quoted
     parts : sequence of Part, components that are quoted together: position and rotation, or each joint
+    wide : bool, optional, whether intervals were calibrated on sessions that were left out; None says nothing of them
     """
     columns = [column for part in parts for column in part.columns]
     known = np.isfinite(errors[:, columns]).all(axis=1) & np.isfinite(left[:, columns]).all(axis=1)
@@ -43,11 +50,11 @@ def sessions_apart(
         return ()
     centres = np.array([means[session == name, width:].mean(axis=0) for name in names])
     found = " and ".join(_farthest(names, centres, part) for part in differ)
-    hold = "intervals " + ("are wide enough for" if len(names) >= LIMITS.fewest_sessions else "do not hold in")
+    hold = "" if wide is None else f"; intervals {'are wide enough for' if wide else 'do not hold in'} a new one"
     return (
         f"{found}, more than motions of one session differ: the sensor's frame or the base was moved, or the robot was "
-        f"homed anew, and one model answers for none of them well; {hold} a new one. Fit them apart, or see what a new "
-        "session costs: --hold-out-by session",
+        f"homed anew, and one model answers for none of them well{hold}. Fit them apart, or see what a new session "
+        "costs: --hold-out-by session",
     )
 
 
