@@ -75,7 +75,8 @@ def poses(sessions: int, apart: bool, told: bool, seed: int) -> tuple[FloatArray
 
 def in_sessions(log: CalibrationLog, sessions: int) -> CalibrationLog:
     """Return a log in sessions of as many motions each, in the order of recording."""
-    order = np.unique(log.trajectory, return_inverse=True)[1] if log.tracker_cp is not None else np.arange(len(log))
+    names, order = np.unique(log.trajectory, return_inverse=True)
+    order = order if len(names) > 1 else np.arange(len(log))  # a zig-zag is one trajectory
     motion = order * sessions * MOTIONS // (order.max() + 1)
     return replace(log, trajectory=motion, session=motion // MOTIONS)
 

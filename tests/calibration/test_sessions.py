@@ -77,6 +77,20 @@ def test_intervals_hold_in_a_session_of_its_own(method: str, sessions: int) -> N
     assert apart[1] > 2 * alike[1]
 
 
+def test_of_two_sessions_or_beside_a_large_one_no_session_is_left_out() -> None:
+    """Half of the recording would be: what is said of intervals in a new session stays that they do not hold."""
+    log = joint_log(3, 16, 6.0)
+    assert log.external_jp is not None
+    for session in (log.trajectory // 8, np.maximum(log.trajectory - 9, 0) // 3):
+        homed = log.external_jp + (session > 0)[:, None] * np.array([0.0, 0.08, 0.0])
+        with short_search(80):
+            fit = fit_model(
+                replace(log, session=session, external_jp=homed), FitSettings(method="linear"), task=JointCorrector
+            )
+        (said,) = (remark for remark in fit.remarks if "joint 2: session" in remark)
+        assert "do not hold in a new one" in said
+
+
 def test_sessions_of_one_motion_each_are_not_compared() -> None:
     """Where each session is one motion, how motions of one session differ is not known, and nothing is said."""
     log = small_log(2, trajectories=6)
