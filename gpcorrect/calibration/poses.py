@@ -20,9 +20,9 @@ from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, Pos
 from gpcorrect.velocity import MOST, STENCIL, derivative, sampled_rows, segment_labels, twists
 
 NOISE_FRACTION = 0.01
-"""Of the typical speed, that noise may add to a velocity; chosen by hand. Half, itself and double, mm and deg on machines
-of bench/pose_peers.py (seed 11, last fifth): gantry .81 .57, .81 .57, .90 .56; tendons 1.04 1.24, 1.04 1.24, 1.02 1.22;
-platform 1.90 .34, 2.10 .35, 2.10 .35."""
+"""Of the typical speed, that noise may add to a velocity; chosen by hand. Half, itself and double, mm and deg, on
+machines of bench/pose_peers.py (seed 11, last fifth): gantry .81 .57, .81 .57, .90 .56; tendons 1.04 1.24, 1.04 1.24,
+1.02 1.22; platform 1.90 .34, 2.10 .35, 2.10 .35."""
 WIDEST = 0.06  # s: a wider stencil blurs reversals, where friction acts; chosen by hand
 STENCIL_GAIN = np.sqrt(130.0) / 12.0  # five-point stencil: standard deviation of a derivative, times step over noise
 FEWEST_ASIDE = STENCIL // 2 + 1  # samples to each side: fewer are laid a stencil of degree four through
