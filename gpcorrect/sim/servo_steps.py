@@ -13,7 +13,7 @@ from gpcorrect.sim.effects.laws import contact, resisting
 from gpcorrect.types import FloatArray, IntArray
 
 Sides = tuple[float, float]  # before the transmission and behind it
-Frictions = tuple[Sides, Sides, Sides, Sides, float, float]  # of one joint in one step, as `_frictions` returns them
+Frictions = tuple[Sides, Sides, Sides, Sides, float, float, float]  # of one joint in a step, as `_frictions` has them
 MOTOR, JOINT = 0, 1  # the order of `SIDES`
 TINY = 1e-300  # N m or N: keeps the ratio of two frictions defined where there is none
 
@@ -133,7 +133,7 @@ def advance(  # noqa: C901 -- in two functions the loop takes two to three times
                     if given.kv[j] > 0.0:
                         asked = _with_brake(torque, given.kv[j], v, given.gain[j], against, braking, laws, j, q)
                     delivered, pressed = _delivered(laws, j, asked, q)
-                    speed, behind = _braked(v, given.gain[j], delivered - pressed - against, braking)
+                    speed, behind = _braked(v, given.gain[j], delivered - pressed - against, braking, given.held[j])
                     if bent is None:
                         break
                     bent[r, j] = held + rate * speed
@@ -173,19 +173,20 @@ def _with_brake(
     """Torque less `kv` times the speed at the end of the step.
 
     Implicit, since a gain on the motor's own speed is often so high that the loop is unstable if it acts a step late.
+    Only MuJoCo's steps have such a gain.
     """
     pressed = _delivered(laws, j, torque, q)[1]
-    return torque - kv * _braked(v, gain, torque - pressed - load, _damped(frictions, kv, 0.0))[0]
+    return torque - kv * _braked(v, gain, torque - pressed - load, _damped(frictions, kv, 0.0), 0.0)[0]
 
 
 @njit(cache=True, error_model="numpy")
 def _frictions(laws: Laws, j: int, q: float, v: float, load: float, gain: float, step: float, kv: float) -> Frictions:
     """Dry limits against forward and backward motion, damping, and of soft friction the limits, slope and `ahead`.
 
-    Without those that bend (`_bristles`). Soft frictions add up to one: below its limit it is
-    `slope (v + ahead (u - v))`, u the speed after the step. `ahead`
-    is inertia over slope in steps, and more by what damping and `kv` take of the acceleration within a step: the
-    law counts by what it is at the beginning. It is at least 1, or the speed would overshoot zero.
+    And last what of the damping acts by the speed behind the step, which :func:`_damped` adds to. Without those that
+    bend (`_bristles`). Soft frictions add up to one: below its limit it is `slope (v + ahead (u - v))`, u the speed
+    after the step. `ahead` is inertia over slope in steps, and more by what damping and `kv` take of the acceleration
+    within a step: the law counts by what it is at the beginning. It is at least 1, or the speed would overshoot zero.
 
     Apart from `_braked`, so that the compiler inlines both: as one function the loop takes twice as long.
     """
@@ -206,7 +207,7 @@ def _frictions(laws: Laws, j: int, q: float, v: float, load: float, gain: float,
     ahead = 1.0
     if slope > 0.0:
         ahead = max(inertia * (1.0 + gain * (damping[MOTOR] + damping[JOINT] + kv)) / (slope * step), 1.0)
-    return forward, backward, damping, soft, slope, ahead
+    return forward, backward, damping, soft, slope, ahead, 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -230,22 +231,27 @@ def _bristles(
 
 @njit(cache=True, error_model="numpy")
 def _damped(frictions: Frictions, more: float, behind: float) -> Frictions:
-    """Return the same with more damping, a fraction of it behind the transmission."""
-    forward, backward, damping, soft, slope, ahead = frictions
+    """Return the same with more damping by the speed behind the step, a fraction of it behind the transmission."""
+    forward, backward, damping, soft, slope, ahead, late = frictions
     damping = (damping[MOTOR] + (1.0 - behind) * more, damping[JOINT] + behind * more)
-    return forward, backward, damping, soft, slope, ahead
+    return forward, backward, damping, soft, slope, ahead, late + more
 
 
 @njit(cache=True, error_model="numpy")
-def _braked(v: float, gain: float, driving: float, frictions: Frictions) -> tuple[float, float]:
+def _braked(v: float, gain: float, driving: float, frictions: Frictions, held: float) -> tuple[float, float]:
     """Speed after a step, and the friction behind the transmission in it.
 
-    Dry friction stops what it can beside the soft friction of a joint that stops; soft friction acts on what is left.
+    Under a held torque (a `held` of a half) viscous friction acts within the step: to the fourth order what it leaves
+    of a speed, exp(-drag). MuJoCo's steps (none `held`) take it at their ends, 1 / (1 + drag). Dry friction stops what
+    it can beside the soft friction of a joint that stops; soft friction acts on what is left.
     """
-    forward, backward, damping, soft, slope, ahead = frictions
-    factor = 1.0 / (1.0 + gain * (damping[MOTOR] + damping[JOINT]))
-    gain = gain * factor
-    free = factor * v + gain * driving
+    forward, backward, damping, soft, slope, ahead, late = frictions
+    drag = gain * (damping[MOTOR] + damping[JOINT] - late)
+    within = 1.0 + drag * (1.0 - held * (1.0 - drag / 6.0))
+    gain = gain / within
+    shed = 1.0 / (1.0 + gain * late)
+    free = shed * ((within - drag) / within * v + gain * driving)
+    gain = gain * shed
     ceiling = gain * (forward[MOTOR] + forward[JOINT])
     floor = -gain * (backward[MOTOR] + backward[JOINT])
     behind = 0.0

@@ -66,6 +66,29 @@ def test_motion_and_load_converge():
     assert changes[1] < 1e-5
 
 
+def test_links_that_turn_one_another_go_where_an_exact_solver_has_them():
+    """Two coaxial discs on motors without rotors: a light one carries a heavy one, and each torque turns both."""
+    light, heavy, kp, kd = 0.05, 0.1, np.array([20.0, 10.0]), np.array([2.0, 1.0])
+    links = Links(np.ones(2), np.zeros((2, 3)), np.array([[0.0, 0.0, light], [0.0, 0.0, heavy]]), np.zeros(1))
+    joint = Joint("R", 0.0, 0.0, 0.0, 0.0, -3.0, 3.0)
+    body = Body((1, 2), "RR", Chain((joint, joint), "modified"), np.zeros(0), links, np.zeros(3))
+    machine = Machine("discs", body, Drive(kp, kd, np.zeros(2), 4000.0), RATE_HZ)
+    part = minimum_jerk(0.7, RATE_HZ)
+    wave = np.concatenate([part, 1.0 - part[1:], part[1:]])
+    plan = plan_of([Segment(wave[:, None] * [0.4, -0.3], np.zeros(len(wave), dtype=np.int64))], RATE_HZ)
+    spline, turned = plan.spline(), np.linalg.inv([[light + heavy, heavy], [heavy, heavy]])
+
+    def law(t, x):
+        return np.concatenate([x[2:], turned @ (kp * (spline(t)[0] - x[:2]) + kd * (spline(t, 1)[0] - x[2:]))])
+
+    t = np.arange(len(wave)) / RATE_HZ
+    exact = solve_ivp(law, (0.0, t[-1]), np.zeros(4), t_eval=t, rtol=1e-9, atol=1e-12, max_step=0.01).y[:2].T
+    lag = np.sqrt(((exact - plan.q[:, 0]) ** 2).mean(axis=0))
+    off, in_two = (np.sqrt(((run(machine, plan, p).q[:, 0] - exact) ** 2).mean(axis=0)) / lag for p in (None, 2))
+    assert (off < 0.03).all()
+    assert (in_two > 0.1).all()
+
+
 def test_runs_do_not_disturb_each_other():
     """A run comes out the same alone and beside others."""
     plan = moves(runs=3)

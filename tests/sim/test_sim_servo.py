@@ -75,6 +75,26 @@ def test_a_sampled_controller_holds_its_torque(rate_hz):
     np.testing.assert_allclose(reached, expected[:: round(rate_hz / RATE_HZ)][: len(reached)], atol=1e-12)
 
 
+@pytest.mark.parametrize(("mass", "damping", "kp", "kd"), [(0.1, 0.7, 10.0, 0.7), (0.001, 0.5, 12.0, 0.3)])
+def test_viscous_friction_acts_within_a_step(mass, damping, kp, kd):
+    """A damped mass goes where scipy's zero-order hold says, light joints too, whose speed a step takes half of."""
+    step, n = 1e-3, 600
+    t = np.arange(n) * step
+    wanted, pace = 0.3 * np.sin(9.0 * t), 2.7 * np.cos(9.0 * t)
+    still, one = np.zeros((n, 1, 1)), np.ones(1)
+    given = Reference(wanted[None, :, None], pace[None, :, None], still, still, mass * one)
+    drives = Drive(kp * one, kd * one, mass * one, 1.0 / step)
+    path = follow(drives, given, Clock(step, 1), (1,), [ViscousFriction(1, damping=damping)])
+    moves_by = np.array([[0.0, 1.0], [0.0, -damping / mass]]), np.array([[0.0], [1.0 / mass]])
+    A, B, *_ = cont2discrete((*moves_by, np.eye(2), np.zeros((2, 1))), step)
+    state, expected = np.array([path.position[0, 0, 0], path.velocity[0, 0, 0]]), []
+    for q, v in zip(wanted, pace, strict=True):
+        expected.append(state[0])
+        state = A @ state + B[:, 0] * (kp * (q - state[0]) + kd * (v - state[1]))
+    lag = np.abs(expected - wanted).max()
+    np.testing.assert_allclose(path.position[:, 0, 0], expected, atol=1e-3 * lag)
+
+
 @pytest.mark.parametrize("effects", [(), (TorqueSaturation(1, limit=0.03),)])
 def test_a_run_that_begins_where_another_has_been_goes_on_as_that(effects):
     """Position and speed are the whole state of such a loop: saturated or not, it does not matter how it came there."""
