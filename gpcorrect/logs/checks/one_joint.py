@@ -137,10 +137,12 @@ def _joint_late(evidence: Evidence) -> Iterator[Finding]:
     for offset in evidence.offsets:
         if offset.observed != "external_jp" or not np.isfinite(offset.offset):
             continue
+        if min(evidence.tables[name].shape[1] for name in (offset.observed, offset.reference)) < 3:
+            continue  # of two, none tells which is late
         delays, halves = joint_delays(evidence.log, offset.observed, offset.reference, offset.offset)
         shown = np.flatnonzero(np.isfinite(delays).all(axis=0))
         least = max(LATE[offset.reference], evidence.typical_step)
-        for j in shown if len(shown) > 2 else ():  # of two, none tells which is late
+        for j in shown if len(shown) > 2 else ():
             others = delays[:, shown[shown != j]]
             late = delays[:, j] - np.median(others, axis=1)
             # Others that do not agree either say that slack or creep is what delays them.
