@@ -71,13 +71,13 @@ def raven_swings(seed: int, runs: int, seconds: float) -> Plan:
     return plan_of(segments, 100.0)
 
 
-def held_up_raven(*external_jp_white: float) -> Model:
+def held_up_raven(*external_jp_white: float, rate_hz: float = 100.0) -> Model:
     """Return a RAVEN-II's first three joints, held up by their controller, with such noise of outside encoders."""
     return model_from_dict(
         {
             "arm": "raven2_left",
             "joints": [1, 2, 3],
-            "log_rate_hz": 100,
+            "log_rate_hz": rate_hz,
             "controller": {"kp": [200.0, 200.0, 3000.0], "kd": [10.0, 10.0, 150.0], "feedforward": "gravity"},
             "noise": {"external_jp_white": list(external_jp_white)},
         }

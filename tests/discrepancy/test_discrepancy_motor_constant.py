@@ -6,13 +6,19 @@ import pytest
 from discrepancy_core import held_up_raven, swings_of
 
 from gpcorrect.discrepancy import DiscrepancyResult, find_discrepancy
+from gpcorrect.sim import Model
 from gpcorrect.sim.effects import Effect
 from gpcorrect.sim.effects.dynamics import BelievedPayload, FeedforwardError, GainError, MotorConstantError
 
 
+def raven() -> Model:
+    """Return an arm whose controller holds it up, with encoders outside, logged at 50 Hz: swings need no more."""
+    return held_up_raven(5e-5, 5e-5, 1e-5, rate_hz=50.0)
+
+
 def found(*hidden: Effect) -> DiscrepancyResult:
-    """Return the verdict on swings of an arm whose controller holds it up, with encoders outside."""
-    model = held_up_raven(5e-5, 5e-5, 1e-5)
+    """Return the verdict on swings of the arm."""
+    model = raven()
     return find_discrepancy(model, swings_of(model, *hidden))
 
 
@@ -35,7 +41,7 @@ def test_a_controller_that_feeds_less_forward_is_no_weak_motor() -> None:
 @pytest.mark.slow
 def test_a_payload_that_the_controller_alone_believes_is_named() -> None:
     """Eight effects of links and gains had stood in for it; a model that has it has no other discrepancy."""
-    model = held_up_raven(5e-5, 5e-5, 1e-5)
+    model = raven()
     hidden = BelievedPayload("all", 0.2)
     log = swings_of(model, hidden)
     (effect,) = find_discrepancy(model, log).effects
@@ -49,7 +55,7 @@ def test_a_payload_that_the_controller_alone_believes_is_named() -> None:
 @pytest.mark.parametrize("joint", [2, "all"])
 def test_where_nothing_is_fed_forward_a_weak_motor_is_both_gains_by_one_fraction(joint: int | str) -> None:
     """One law: no recording tells the two apart, and neither is EXACT; the advice says that none will."""
-    fed = held_up_raven(5e-5, 5e-5, 1e-5)
+    fed = raven()
     assert fed.controller is not None
     model = fed.model_copy(update={"controller": fed.controller.model_copy(update={"feedforward": "none"})})
     result = find_discrepancy(model, swings_of(model, MotorConstantError(joint, -0.15)))
