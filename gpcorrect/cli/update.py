@@ -156,7 +156,11 @@ def drift(
         ages.append(recorded if age is None else age[i])
     scores = np.concatenate(parts)
     if scores.size == 0:
-        raise DataError("no new trajectory lies in the model's training region: its age cannot be estimated.")
+        known = all(corrector.learned_from(log) for log in recordings)
+        why = "all of these recordings made the model" if known else "no new trajectory lies in its training region"
+        raise DataError(
+            f"{why}: its age cannot be estimated.", hint="Give recordings of the same task from after the fit."
+        )
     rng = np.random.default_rng(seed)
     found = detect(baseline, scores, false_alarms, rng)
     counts = [len(part) for part in parts]

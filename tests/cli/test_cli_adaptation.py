@@ -67,7 +67,7 @@ def test_drift_leaves_the_training_out(gpcorrect: CommandLine, model: Path, days
     alone, after = gpcorrect("drift", model, days[1], "--json"), gpcorrect("drift", model, training, days[1], "--json")
     assert after.json["scores"] == alone.json["scores"]
     assert "training.csv: left out" in after.said
-    assert_refused(gpcorrect("drift", model, training), "no new trajectory")
+    assert_refused(gpcorrect("drift", model, training), "all of these recordings made the model")
 
 
 def test_update_refuses_what_was_learned(gpcorrect: CommandLine, model: Path, days: list[Path], tmp_path: Path) -> None:
