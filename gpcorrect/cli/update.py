@@ -14,7 +14,7 @@ from gpcorrect.atomic import require_own, write_file
 from gpcorrect.cli.console import err, note, out, print_json, progress_bar, show_errors, styled
 from gpcorrect.cli.options import Columns, Holdout, Json, Logs, ModelFile, Report, Seed, renamed, report_page
 from gpcorrect.cli.reading import Reading, read_logs
-from gpcorrect.errors import DataError
+from gpcorrect.errors import DataError, LogError
 
 if TYPE_CHECKING:
     from gpcorrect.calibration import Ageing, Detection, Proposal, Update
@@ -54,6 +54,12 @@ def update(
     require_model_place(target)
     corrector = load(model)
     log, clocks = corrector.on_one_clock(reading.log(logs), reading.clock_left)
+    known = corrector.learned_from(log)
+    if known:
+        hint = (
+            "Learned twice it counts for more than was measured. Give new recordings alone; all of them: gpcorrect fit"
+        )
+        raise LogError(f"{known}.", path=log.name, hint=hint)
     note(*clocks.notes, *corrector.cautions(log))
     with progress_bar(quiet=json) as progress:
         found = update_model(corrector, log, holdout=holdout, progress=progress)
@@ -150,7 +156,11 @@ def drift(
         ages.append(recorded if age is None else age[i])
     scores = np.concatenate(parts)
     if scores.size == 0:
-        raise DataError("no new trajectory lies in the model's training region: its age cannot be estimated.")
+        known = all(corrector.learned_from(log) for log in recordings)
+        why = "all of these recordings made the model" if known else "no new trajectory lies in its training region"
+        raise DataError(
+            f"{why}: its age cannot be estimated.", hint="Give recordings of the same task from after the fit."
+        )
     rng = np.random.default_rng(seed)
     found = detect(baseline, scores, false_alarms, rng)
     counts = [len(part) for part in parts]

@@ -67,7 +67,20 @@ def test_drift_leaves_the_training_out(gpcorrect: CommandLine, model: Path, days
     alone, after = gpcorrect("drift", model, days[1], "--json"), gpcorrect("drift", model, training, days[1], "--json")
     assert after.json["scores"] == alone.json["scores"]
     assert "training.csv: left out" in after.said
-    assert_refused(gpcorrect("drift", model, training), "no new trajectory")
+    assert_refused(gpcorrect("drift", model, training), "all of these recordings made the model")
+
+
+def test_update_refuses_what_was_learned(gpcorrect: CommandLine, model: Path, days: list[Path], tmp_path: Path) -> None:
+    """Neither the fit's recording nor an update's is counted twice, alone or beside a new one, whatever is forced."""
+    training = written(small_log(), tmp_path / "training.csv")
+    new = tmp_path / "new.gpc"
+    assert_refused(gpcorrect("update", model, training, "--output", new, "--force"), "made from this recording", "fit")
+    assert_refused(gpcorrect("update", model, days[0], training, "--output", new), "made from 1 of these 2 recordings")
+    assert not new.exists()
+    assert gpcorrect("update", model, days[0], "--output", new, "--force").code == 0
+    before = new.read_bytes()
+    assert_refused(gpcorrect("update", new, days[0]), "made from this recording")
+    assert new.read_bytes() == before
 
 
 def test_explore_writes_a_table(gpcorrect: CommandLine, model: Path, tmp_path: Path) -> None:
@@ -114,7 +127,7 @@ def test_explore_refuses_a_task_that_was_misread(gpcorrect: CommandLine, model: 
 
 def test_recordings_of_another_arm_teach_nothing(gpcorrect: CommandLine, model: Path, tmp_path: Path) -> None:
     """A model of PSM1 is not updated with what PSM2 did, and says so where it is measured on it."""
-    corrector, log = load(model), small_log()
+    corrector, log = load(model), small_log(1)
     save(replace(corrector, summary={**corrector.summary, "arm": "left"}), tmp_path / "left.gpc")
     before = (tmp_path / "left.gpc").read_bytes()
     other = written(replace(log, meta=replace(log.meta, arm="right")), tmp_path / "right.csv")

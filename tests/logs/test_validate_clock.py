@@ -141,6 +141,18 @@ def test_a_late_tracker_is_a_warning_with_its_offset():
     assert {f.severity for f in findings(clean_log(), "time_offset")} == {"info"}
 
 
+@pytest.mark.parametrize(("turn", "said"), [(slice(None), "looks the same"), (slice(None, None, -1), "reversed time")])
+def test_a_log_in_reversed_time_is_no_lag(turn, said):
+    """Of a tracker 60 ms behind rows that stand in reversed order make one ahead, which no lag of the robot does."""
+    log = clean_log()
+    late = PoseSignal(np.roll(log.tracker_cp.position, 3, axis=0), np.roll(log.tracker_cp.quaternion, 3, axis=0))
+    poses = {"setpoint_cp": log.setpoint_cp, "tracker_cp": late}
+    turned = {n: PoseSignal(p.position[turn], p.quaternion[turn]) for n, p in poses.items()}
+    (found,) = findings(CalibrationLog(log.time, log.trajectory, log.session, **turned), "time_offset")
+    assert found.severity == "warning"
+    assert said in found.hint
+
+
 def test_a_robot_at_rest_hides_its_clock():
     """Where nothing moves, the offset is said to be unknown, not zero."""
     log = clean_log().select(np.zeros(300, dtype=int))

@@ -251,7 +251,29 @@ def test_millimetres_for_metres_are_recognised(names):
     found = findings(replace(log, **changes), "position_unit")
     assert {f.severity for f in found} == {"error"}
     assert {f.signal for f in found} == set(names)
-    assert {f.hint for f in found} == {f"Set position_scale = 1e-3 under [{n}] in the mapping file." for n in names}
+    assert {f.hint for f in found} == {f"Set position_scale = 0.001 under [{n}] in the mapping file." for n in names}
+
+
+@pytest.mark.parametrize("metres", [0.01, 0.0254])
+@pytest.mark.parametrize("size", [0.2, 20.0])
+def test_lengths_between_millimetres_and_metres_are_recognised(metres, size):
+    """Centimetres and inches of the tracker are an error for small arms and large, and the scale advised is theirs."""
+    grown = {n: pose(getattr(clean_log(), n), lambda p: size * p) for n in ("tracker_cp", "setpoint_cp", "measured_cp")}
+    log = replace(clean_log(), **{**grown, "tracker_cp": pose(grown["tracker_cp"], lambda p: p / metres)})
+    found = findings(log, "position_unit")
+    assert {(f.severity, f.signal) for f in found} == {("error", "tracker_cp")}
+    assert size < 1 or f"position_scale = {metres:g} " in found[0].hint
+
+
+def test_another_scale_is_looked_at_first():
+    """A tracker at a tenth of its size is a warning; one whose point moves more widely, by another path, is none."""
+    tenth = replace(clean_log(), tracker_cp=pose(clean_log().tracker_cp, lambda p: 0.1 * p))
+    assert {f.severity for f in findings(tenth, "position_unit")} == {"warning"}
+    tracker = clean_log().tracker_cp
+    lever = se3.matrix_from_quaternion(tracker.quaternion) @ np.array([0.0, 0.4, 0.3])
+    assert not findings(
+        replace(clean_log(), tracker_cp=replace(tracker, position=tracker.position + lever)), "position_unit"
+    )
 
 
 def test_a_thousandth_is_recognised():

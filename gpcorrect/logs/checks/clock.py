@@ -161,9 +161,10 @@ def _offset(offset: TimeOffset, step: float) -> Finding:
     if offset.observed in SAME_CLOCK:
         return Finding("info", "servo_lag", offset.observed, f"{what}: the lag of the robot, on one clock.")
     severity: Severity = "warning" if abs(offset.offset) > MAX_OFFSET * step else "info"
-    hint = (
-        "If this is the clocks: --time-offset motion. A lag of the robot or backlash looks the same from motion alone."
-    )
+    like = "A lag of the robot or backlash looks the same from motion alone."
+    if severity == "warning" and offset.ci95[1] < 0:  # slow real recordings are ahead by a fraction of a sample
+        like = "No lag of the robot or backlash looks so; rows in reversed time do."
+    hint = f"If this is the clocks: --time-offset motion. {like}"
     return Finding(severity, "time_offset", offset.observed, f"{what}.", hint)
 
 

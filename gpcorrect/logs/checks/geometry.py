@@ -163,6 +163,17 @@ def _follows(evidence: Evidence, offset: TimeOffset) -> bool:
     return _rigid_misfit(evidence.positions[offset.reference], observed) < FOLLOWING * spread(observed)
 
 
+def alike(one: FloatArray, other: FloatArray) -> bool:
+    """Whether one path is the other one moved, turned and scaled, faults aside.
+
+    Parameters
+    ----------
+    one, other : (n, 3) arrays, NaN where missing
+    """
+    x, y = (points / max(spread(points), np.finfo(float).tiny) for points in (one, other))
+    return _rigid_misfit(x, y) < FOLLOWING
+
+
 def _rigid_misfit(points: FloatArray, target: FloatArray) -> float:
     """Median distance, m, left by the best rigid motion of points onto targets, faults aside; NaN for too few."""
     known = np.isfinite(points).all(axis=1) & np.isfinite(target).all(axis=1)

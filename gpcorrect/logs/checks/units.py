@@ -18,6 +18,7 @@ from gpcorrect.logs.checks.evidence import (
     extent,
     spread,
 )
+from gpcorrect.logs.checks.geometry import alike
 from gpcorrect.logs.checks.one_joint import turned_joints
 from gpcorrect.types import FloatArray
 
@@ -25,6 +26,9 @@ WIDEST = 5.0  # m; no arm here reaches so far, and 5 mm is less than any workspa
 MIN_SPREAD = 1e-4  # m or rad; narrower signals are noise and their ratios mean nothing
 DEGREES = 180 / np.pi  # in a radian
 RATIOS = ((1000.0, 2.0), (DEGREES, 1.4))  # a unit's factor, and how far calibration errors may move the ratio
+LENGTHS = ((1e-3, "millimetres"), (1e-2, "centimetres"), (0.0254, "inches"))  # metres in one of each
+OTHER_UNIT = 20.0  # times as large as the same motion elsewhere; an inch, the least unit, is 39
+OTHER_SCALE = 2.0  # more than a robot errs, less than the foot's 3.3
 UNLIKE = 0.5  # correlation of a joint with itself, below which it may be another one; in real recordings 0.85 and more
 FULL_TURN = 2 * np.pi  # rad; surgical wrists turn less
 LONGEST = 5.0  # m, of a prismatic joint
@@ -42,20 +46,36 @@ def _factor(ratio: float, factors: Sequence[tuple[float, float]]) -> float | Non
 
 @check
 def _position_unit(evidence: Evidence) -> Iterator[Finding]:
-    """Ask whether positions are in metres: neither too wide, nor a thousand times wider than another signal."""
+    """Ask whether positions are in metres: neither too wide, nor the motion of another signal at another size."""
     wide = [n for n in evidence.log.POSES if n in evidence.present and extent(evidence.positions[n]) > WIDEST]
     for name in wide:
-        what = f"it spans {extent(evidence.positions[name]):.4g} m: it looks like millimetres."
-        hint = f"Set position_scale = 1e-3 under [{name}] in the mapping file."
+        metres, unit = _length(evidence, name, wide)
+        what = f"it spans {extent(evidence.positions[name]):.4g} m: it looks like {unit}."
+        hint = f"Set position_scale = {metres:g} under [{name}] in the mapping file."
         yield Finding("error", "position_unit", name, what, hint, len(evidence.log))
     for name, other in evidence.both(POSITION_PAIRS):
-        if name in wide or other in wide:
-            continue
         sizes = spread(evidence.positions[name]), spread(evidence.positions[other])
-        if max(sizes) < MIN_SPREAD or min(sizes) == 0 or _factor(sizes[0] / sizes[1], RATIOS[:1]) is None:
+        if name in wide or other in wide or max(sizes) < MIN_SPREAD or min(sizes) == 0:
             continue
-        what = f"it varies {sizes[0] / sizes[1]:.3g} times as much as {other}: one of them is not in metres."
-        yield Finding("error", "position_unit", name, what, "Check position_scale.", len(evidence.log))
+        times = sizes[0] / sizes[1]
+        apart = max(times, 1 / times)
+        thousand = _factor(times, RATIOS[:1]) is not None
+        if not thousand and (apart < OTHER_SCALE or not alike(evidence.positions[name], evidence.positions[other])):
+            continue
+        severity: Severity = "error" if thousand or apart > OTHER_UNIT else "warning"
+        doubt = "its scale is wrong, or it is a point farther from a pivot or nearer to it"
+        why = "one of them is not in metres" if severity == "error" else doubt
+        what = f"it varies {times:.3g} times as much as {other}: {why}."
+        yield Finding(severity, "position_unit", name, what, "Check position_scale.", len(evidence.log))
+
+
+def _length(evidence: Evidence, name: str, wide: Sequence[str]) -> tuple[float, str]:
+    """Return the unit of positions that are too wide for metres: as a signal in metres has it, else millimetres."""
+    metres = [spread(evidence.positions[n]) for n in evidence.log.POSES if n in evidence.present and n not in wide]
+    if max(metres, default=0.0) < MIN_SPREAD:
+        return LENGTHS[0]
+    times = spread(evidence.positions[name]) / max(metres)
+    return min(LENGTHS, key=lambda unit: abs(np.log(max(unit[0] * times, np.finfo(float).tiny))))
 
 
 @check
