@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
+from discrepancy_core import joint_log
 from discrepancy_support import nominal
 
 from gpcorrect.discrepancy.advice import Site, advise, planned_runs
@@ -11,10 +14,12 @@ from gpcorrect.discrepancy.naming.posterior import Alternative, Explanation, Lev
 from gpcorrect.discrepancy.recording.build import build_scene
 from gpcorrect.discrepancy.recording.noise import ChannelNoise
 from gpcorrect.discrepancy.recording.scene import Scene
+from gpcorrect.discrepancy.run import find_discrepancy
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates
 from gpcorrect.discrepancy.settings import SETTINGS
 from gpcorrect.errors import DataError
 from gpcorrect.sim.effects import Run
+from gpcorrect.sim.effects.geometry import HomingOffset
 from gpcorrect.sim.joint_motion import joint_motion_log
 
 
@@ -89,6 +94,23 @@ def test_what_cannot_be_advised_is_said_and_why(
     (remark,) = advice.remarks
     assert f"would tell {own.label} from {rival.label}" in remark
     assert why in remark
+
+
+def test_an_answer_stands_where_advice_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An effect is named all the same, and the report says what could not be advised."""
+
+    def ask(named: Sequence[Named]) -> tuple[Named, Alternative]:
+        return named[0], named[0].alternatives[-1]
+
+    def fail(*_: object, **__: object) -> None:
+        raise DataError("the loop is unstable.")
+
+    monkeypatch.setattr("gpcorrect.discrepancy.advice._question", ask)
+    monkeypatch.setattr("gpcorrect.discrepancy.advice._best", fail)
+    found = find_discrepancy(nominal(), joint_log(4, HomingOffset(2, offset=0.01)))
+    assert [e.name for e in found.effects] == ["homing_offset"]
+    assert found.next_experiment is None
+    assert "the loop is unstable" in found.to_report()["provenance"]["remarks"][-1]
 
 
 def test_the_evidence_grows_with_the_effect(scene: Scene) -> None:
