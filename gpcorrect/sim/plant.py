@@ -26,7 +26,6 @@ from gpcorrect.sim.servo import Clock, Reference, ServoPath, follow
 from gpcorrect.types import FloatArray
 
 PASSES = 2  # after the first guess; each shrinks an error of the load to a few per cent of it (load stiffness / kp)
-DRIVEN = ("position", "velocity", "load", "gravity_load")  # fields of a motion that a loop makes, `(n, N, dof)`
 PASSES_BEYOND = 1  # after a run that differs by little, for what that changes of the load
 LAGGING_PASSES = 3  # where `kv` lets the motors lag behind: on a UR5e 5e-7 rad from the limit (2 passes: 2e-5)
 
@@ -66,8 +65,9 @@ class Driven:
     @property
     def nbytes(self) -> int:
         """Bytes of what the loop made."""
-        moved: list[FloatArray] = [getattr(self.motion, name) for name in DRIVEN]
-        return sum(array.nbytes for array in (self.torque, self.q, *moved))
+        made = self.motion
+        arrays = (self.torque, self.q, made.position, made.velocity, made.load, made.gravity_load)
+        return sum(array.nbytes for array in arrays)
 
 
 def run(machine: Machine, plan: Plan, passes: int | None = None) -> Outcome:
