@@ -19,7 +19,7 @@ from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.recording.split import Split
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect, all_candidates
 from gpcorrect.discrepancy.settings import ADVICE, SPLIT
-from gpcorrect.errors import DataError
+from gpcorrect.errors import DataError, GpCorrectError
 from gpcorrect.sim import Noise, TrackerFaults, effect_from_dict, machine_of, simulate
 from gpcorrect.sim.effects import Effect, Run
 from gpcorrect.sim.effects.dynamics import GainError
@@ -44,12 +44,21 @@ SETUP = 2.0  # minutes to change payload or gains, or to home again
 WIGGLE = 0.05  # of the range, at the reference pose
 
 
+@dataclass(frozen=True, eq=False)
+class Advice:
+    """What to record next."""
+
+    experiment: Experiment | None = None  # None where nothing is open, or nothing can be said
+    plans: Plans = ()  # its desired paths, each with the factor on the controller's gains; none where it is a sensor
+    remarks: tuple[str, ...] = ()  # what could not be said, and why
+
+
 def advise(
     scene: Scene, fitted: Sequence[FittedEffect], named: Sequence[Named], noises: Sequence[ChannelNoise]
-) -> tuple[Experiment | None, Plans]:
-    """Find the run that tells the two leaders apart whose question is the most open; None when nothing is open.
+) -> Advice:
+    """Find the run that tells the two leaders apart whose question is the most open; a remark where that fails.
 
-    Also return its desired paths, each with the factor on the controller's gains; none when a sensor is advised.
+    It simulates an arm in motions that nobody recorded. Whatever goes wrong there takes no answer with it.
 
     Parameters
     ----------
@@ -60,8 +69,19 @@ def advise(
     """
     question = _question(named)
     if question is None:
-        return None, ()
+        return Advice()
     leader, rival = question
+    try:
+        return _advice(scene, fitted, leader, rival, noises)
+    except Exception as error:  # noqa: BLE001  # a motion that nobody recorded may fail in any way
+        names = f"{leader.fit.candidate.label} from {rival.label}"
+        why = str(error) if isinstance(error, GpCorrectError) else repr(error)
+        return Advice(remarks=(f"no run is advised that would tell {names}: to look for one failed ({why})",))
+
+
+def _advice(
+    scene: Scene, fitted: Sequence[FittedEffect], leader: Named, rival: Alternative, noises: Sequence[ChannelNoise]
+) -> Advice:
     own = leader.fit.candidate
     rest = tuple(m.effect for m in fitted if m.candidate.key != own.key)
     shapes = tuple(c for c in all_candidates(scene) if c.label == rival.label)
@@ -72,12 +92,12 @@ def advise(
         tried = (best, _best(comparison, [run for run in Run if run not in runs]))
         best = max((t for t in tried if t is not None), key=lambda t: t[1], default=None)
     if best is None:
-        return None, ()
+        return Advice()
     planned, nats = best
     enough = nats >= ADVICE.enough
     words = planned.words if enough else _sensor(scene, own)
     experiment = Experiment(words, enough, (own.label, rival.label), nats, planned.minutes)
-    return experiment, planned.plans if enough else ()
+    return Advice(experiment, planned.plans if enough else ())
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -124,40 +123,52 @@ def _find(
             "naming", state, candidates, store, lambda s: name_effects(s, prepared, progress=progress)
         )
     prepared, state, named = name_rare(prepared, state, named, candidates, rng, progress)
-    judge = partial(_judge, prepared, state, before, named, dropped, rng, progress)
-    found = judge(only_large=False)
+    names = _Names(prepared, state, before, named, dropped)
+    found = _judge(names, rng, progress, only_large=False)
     effects = found.verdict.effects
     if found.verdict.level == Level.UNKNOWN and effects and all(e.is_minor for e in effects):
-        found = judge(only_large=True)  # what is too small to matter may well be a part of what has no name
+        # What is too small to matter may well be a part of what has no name.
+        found = _judge(names, rng, progress, only_large=True)
+    names = found.names
     progress.step("next experiment", 0.0)
-    experiment, plans = advise(prepared.dataset.scene, found.fitted, [*found.named, *found.dropped], found.noises)
+    advice = advise(names.prepared.dataset.scene, found.fitted, [*names.named, *names.dropped], found.noises)
     progress.step("next experiment", 1.0)
+    provenance = provenance_of(log, seed, names.prepared, state, lacks, found.bursts, time.monotonic() - started)
     sure = [e.named.fit.effect for e in found.on_noise if e.named.may_be_named]
     added = [*(f.effect for f in found.fitted), *sure]
     return DiscrepancyResult(
         verdict=found.verdict,
         not_named=tuple(
             UnnamedEffect(n.fit.candidate.label, n.level, n.probability, n.nats, n.reasons)
-            for n in (*found.dropped, *(e.named for e in found.on_noise if not e.named.may_be_named))
+            for n in (*names.dropped, *(e.named for e in found.on_noise if not e.named.may_be_named))
         ),
         localisation=before,
         remainder=found.remainder,
         gap=found.gap,
-        next_experiment=experiment,
+        next_experiment=advice.experiment,
         model=model.with_effects(*in_order((*model.effects, *added))),
         evidence=evidence_of(state, found.fitted),
-        provenance=provenance_of(log, seed, found.prepared, state, lacks, found.bursts, time.monotonic() - started),
-        advised_plans=plans,
+        provenance=replace(provenance, remarks=(*provenance.remarks, *advice.remarks)),
+        advised_plans=advice.plans,
     )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class _Names:
+    """What search and naming came to."""
+
+    prepared: PreparedData
+    state: Search  # with the named effects
+    before: Localisation  # of what the nominal model leaves
+    named: tuple[Named, ...]
+    dropped: tuple[Named, ...]  # what helped in the search, and may not be named
+
+
+@dataclass(frozen=True, eq=False)
 class _Judged:
     """What the named effects come to: their final numbers, what they leave, and the verdict."""
 
-    prepared: PreparedData
-    named: tuple[Named, ...]
-    dropped: tuple[Named, ...]
+    names: _Names  # those that are in the model, and what has turned out unsure among the others
     fitted: tuple[FittedEffect, ...]
     on_noise: Sequence[NoiseEffect]
     noises: Sequence[ChannelNoise]
@@ -167,18 +178,9 @@ class _Judged:
     verdict: Verdict
 
 
-def _judge(
-    prepared: PreparedData,
-    state: Search,
-    before: Localisation,
-    named: tuple[Named, ...],
-    dropped: tuple[Named, ...],
-    rng: np.random.Generator,
-    progress: Progress,
-    *,
-    only_large: bool,
-) -> _Judged:
+def _judge(names: _Names, rng: np.random.Generator, progress: Progress, *, only_large: bool) -> _Judged:
     """Estimate all numbers together, leave out what turns out unsure or minor, and look at what is left then."""
+    prepared, state, named, dropped = names.prepared, names.state, names.named, names.dropped
     dataset = prepared.dataset
     progress.step("numbers", 0.0)
     numbers = estimate_numbers(state, [n.fit for n in named])
@@ -197,9 +199,9 @@ def _judge(
     on_noise = noise_effects(dataset, shown, np.array([n.std for n in noises]) * np.sqrt(dataset.samples_a_row))
     sure = [e for e in on_noise if e.named.may_be_named]
     prepared = prepared.without(open_beginnings(dataset, shown, noises))
-    looked = before.worth_a_search or state.fitted
+    looked = names.before.worth_a_search or state.fitted
     remainder = localise_residual(prepared, fitted, noises, rng) if looked else None
-    left = remainder or before
+    left = remainder or names.before
     progress.step("what is left", 1.0)
     progress.step("test set", 0.0)
     gap = gaps_of(prepared, fitted, noises, rng)
@@ -209,17 +211,18 @@ def _judge(
     scene = dataset.scene  # what is a matter of the servo's steps stays in the model, and has no name
     steps = [f.effect.is_a_matter_of_steps(scene.machine.drive, scene.joints) for f in fitted]
     of_steps = {i: e for i, e in closed.items() if steps[i]}
-    names = sorted((e for i, e in closed.items() if i not in of_steps), key=lambda e: -e.nats)
-    effects, alike = ([e for e in names if e.is_a_name is named_so] for named_so in (True, False))
+    lasting = sorted((e for i, e in closed.items() if i not in of_steps), key=lambda e: -e.nats)
+    effects, alike = ([e for e in lasting if e.is_a_name is named_so] for named_so in (True, False))
     effects += [NamedEffect.of(e.named, e.parameters) for e in sure]
     bursts = bursts_of(prepared.dataset, noises, shown)
     places = place_verdicts(effects, gap, left, bursts, alike)
-    differs = before if names or not of_steps else left
+    differs = names.before if lasting or not of_steps else left
     looked_at = (*dropped, *(named[i] for i in of_steps))
     level = verdict_level(prepared, state, differs, effects, alike, fitted, looked_at)
     level = headline(level, effects, alike, places)
     verdict = Verdict(level, tuple(effects), places, tuple(minor), tuple(alike), tuple(of_steps.values()))
-    return _Judged(prepared, named, dropped, fitted, on_noise, noises, remainder, gap, bursts, verdict)
+    names = replace(names, prepared=prepared, named=named, dropped=dropped)
+    return _Judged(names, fitted, on_noise, noises, remainder, gap, bursts, verdict)
 
 
 def _effects_of(state: Search, named: Sequence[Named], numbers: Numbers) -> dict[int, NamedEffect]:

@@ -23,7 +23,7 @@ from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan
 from gpcorrect.sim.servo import Clock, Reference, ServoPath, follow
-from gpcorrect.types import FloatArray, IntArray
+from gpcorrect.types import FloatArray
 
 PASSES, MOST_PASSES = 2, 12
 """After the first guess: each shrinks an error of the load to a few per cent of it (load stiffness / kp), where motors
@@ -31,7 +31,6 @@ have most of the inertia. Where links have, and turn one another, it halves it: 
 nothing (`SETTLED`). An iiwa without rotors, its errors of 2.4 to 3.8 mrad: 2 passes leave 12 to 61 urad, 8 leave 1 to
 10."""
 SETTLED = 2e-3  # of how far a joint is from where it should be, root mean square; likewise
-DRIVEN = ("position", "velocity", "load", "gravity_load")  # fields of a motion that a loop makes, `(n, N, dof)`
 PASSES_BEYOND = 1  # after a run that differs by little, for what that changes of the load
 LAGGING_PASSES = 3  # where `kv` lets the motors lag behind: on a UR5e 5e-7 rad from the limit (2 passes: 2e-5)
 
@@ -71,22 +70,9 @@ class Driven:
     @property
     def nbytes(self) -> int:
         """Bytes of what the loop made."""
-        moved: list[FloatArray] = [getattr(self.motion, name) for name in DRIVEN]
-        return sum(array.nbytes for array in (self.torque, self.q, *moved))
-
-    def with_runs(self, runs: IntArray, other: Driven) -> Driven:
-        """Return the same with what was done in some of the runs.
-
-        Parameters
-        ----------
-        runs : (k,) int array
-        other : Driven, of k runs; its tips' forces are left out of account
-        """
-        mine, new = ([d.torque, d.q, *(getattr(d.motion, name) for name in DRIVEN)] for d in (self, other))
-        torque, q, *moved = (a.copy() for a in mine)
-        for whole, part in zip((torque, q, *moved), new, strict=True):
-            whole[:, runs] = part
-        return Driven(replace(self.motion, **dict(zip(DRIVEN, moved, strict=True))), torque, q)
+        made = self.motion
+        arrays = (self.torque, self.q, made.position, made.velocity, made.load, made.gravity_load)
+        return sum(array.nbytes for array in arrays)
 
 
 def run(machine: Machine, plan: Plan, passes: int | None = None) -> Outcome:
@@ -121,7 +107,7 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
     plan, clock = command.plan, command.clock
     body, drive = machine.actual_body(machine.payload(plan)), machine.actual_drive
     if (late := drive.latency) is not machine.drive.latency:
-        command = replace(Command.of(machine, plan, late, command.whole), begun=command.begun)
+        command = replace(Command.of(machine, plan, late), begun=command.begun)
     believed, known, fed = machine.believed_body(machine.payload(plan)), command.nominal_load, command.feedforward
     if believed is not None:
         known = link_load(believed, command.desired)
@@ -129,7 +115,7 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
         fed = feedforward(drive, command.desired, known)
     mass = command.mass
     if not machine.has_nominal_body:
-        mass = mean_inertia(machine.actual_body(machine.payload(command.whole)), command.whole.q)
+        mass = mean_inertia(body, plan.q)
     path, load = _first_guess(machine, body, command, drive, fed)
     motors = path.q if command.begun is None else command.begun.motion.position
     usual = PASSES if drive.kv is None else LAGGING_PASSES
@@ -250,8 +236,6 @@ class Command:
     nominal_load : LinkLoad, of the nominal arm along the desired path
     feedforward : (n, N, dof) array, torque that the controller adds, at the log's samples
     mass : (dof,) array, mean inertia of the nominal links at each joint
-    whole : Plan
-        Over which that mean is taken: the plan, or that of which it is a part, so that both run alike.
     begun : Driven or None
         A run of it, with other effects, to begin with in place of a guess: from there one pass is enough to say what a
         difference in effects changes, to the few per cent of that by which it changes its own load.
@@ -267,11 +251,10 @@ class Command:
     nominal_load: LinkLoad
     feedforward: FloatArray
     mass: FloatArray
-    whole: Plan
     begun: Driven | None = None
 
     @classmethod
-    def of(cls, machine: Machine, plan: Plan, latency: FloatArray | None = None, whole: Plan | None = None) -> Command:
+    def of(cls, machine: Machine, plan: Plan, latency: FloatArray | None = None) -> Command:
         """Compute it for the arm and the drive of a machine.
 
         Parameters
@@ -280,7 +263,6 @@ class Command:
         plan : Plan
         latency : (dof,) array, optional
             Seconds that it is late, not at all by default; before a run begins it goes on as it begins.
-        whole : Plan, optional, of which `plan` is a part
         """
         late = np.zeros(len(machine.body.joints)) if latency is None else latency
         clock, spline = Clock.of(machine.drive.rate_hz, plan.rate_hz), plan.spline()
@@ -294,9 +276,8 @@ class Command:
         position, velocity = (
             np.ascontiguousarray(_late(spline, steps, late, order).swapaxes(0, 1)) for order in (0, 1)
         )
-        whole = whole or plan
-        mass = mean_inertia(machine.nominal_body(machine.payload(whole)), whole.q)
-        return cls(plan, body, machine.drive, clock, desired, position, velocity, load, fed, mass, whole)
+        mass = mean_inertia(body, plan.q)
+        return cls(plan, body, machine.drive, clock, desired, position, velocity, load, fed, mass)
 
     @cached_property
     def guess(self) -> JointPath:

@@ -74,8 +74,8 @@ def test_a_tangent_at_a_bound_is_taken_to_where_there_is_room(u: float) -> None:
 def test_a_copy_of_a_memory_is_empty() -> None:
     """So are those in other processes, which begin with nothing."""
     memory = ReplayMemory()
-    memory.more_loads.keep("motion", np.zeros(1))
-    assert copy.deepcopy(memory).more_loads.get("motion") is None
+    memory.pull = np.zeros(1)
+    assert copy.deepcopy(memory).pull is None
 
 
 def test_an_effect_that_is_no_machine_at_any_size_is_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -59,7 +59,7 @@ def names(laws: Sequence[tuple[Law, float]]) -> list[str]:
         channel=np.zeros(BLOCKS * ROWS, dtype=int),
         whiten_columns=lambda columns, shown: columns[:, 0, :],
     )
-    state = SimpleNamespace(whitener=whitener, discovered=residual)
+    state = SimpleNamespace(whitener=whitener, residual=residual)
     beyond = SimpleNamespace(fitted=(), z=residual(())[:, 0], slopes=np.zeros((BLOCKS * ROWS, 0)))
     leaders = [Ranked(law, nats, np.ones(1)) for law, nats in laws]  # type: ignore[arg-type]
     return [r.candidate.name for r in _ranked_there(state, beyond, leaders)]  # type: ignore[arg-type]

@@ -21,7 +21,6 @@ from gpcorrect.sim.effects import (
     CableCoupling,
     CableStretch,
     CoulombFriction,
-    Creep,
     Effect,
     GainError,
     HomingOffset,
@@ -31,15 +30,18 @@ from gpcorrect.sim.effects import (
 TWO_JOINTS = {"arm": "joints", "joints": [1, 2], "joint_types": "RR"}
 
 
-def test_the_oldest_are_forgotten_and_the_newest_stays() -> None:
+def test_what_was_not_asked_for_longest_is_forgotten_and_the_newest_stays() -> None:
     arrays = [np.full(10, float(i)) for i in range(5)]
     few = Remembered[np.ndarray](3 * arrays[0].nbytes)
     for i, array in enumerate(arrays):
         assert few.keep(i, array) is array
     assert [few.get(i) is not None for i in range(5)] == [False, False, True, True, True]
+    assert few.get(2) is arrays[2]
+    few.keep(5, np.full(10, 5.0))
+    assert [few.get(i) is not None for i in range(6)] == [False, False, True, False, True, True]
     large = few.keep("large", np.zeros(1000))
     assert few.get("large") is large
-    assert all(few.get(i) is None for i in range(5))
+    assert all(few.get(i) is None for i in range(6))
     assert copy.deepcopy(few).get("large") is None
 
 
@@ -62,7 +64,7 @@ def test_threads_see_what_one_would_though_nothing_is_remembered_for_long() -> N
         for size in rng.normal(scale=0.01, size=120)
     ]
     alone = [prepared.dataset.predict(effects) for effects in sets]
-    short = ReplayMemory(loops=Remembered(1), more_loads=Remembered(1))
+    short = ReplayMemory(loops=Remembered(1))
     scene = replace(prepared.dataset.scene, memory=short)
     dataset = replace(prepared.dataset, scene=scene, memory=Remembered(1))
     with ThreadPoolExecutor(8) as threads:
@@ -100,24 +102,21 @@ def raven() -> Dataset:
         ((GainError(1, 0.1, 0.1),), (GainError(1, 0.12, 0.1),)),
     ],
 )
-@pytest.mark.parametrize("of_discovery", [False, True])
 def test_what_differs_little_from_a_set_is_seen_in_one_pass(
     raven: Dataset,
     base: tuple[Effect, ...],
     moved: tuple[Effect, ...],
-    of_discovery: bool,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     runs: list[int] = []
     follow = plant.follow
     monkeypatch.setattr(plant, "follow", lambda *given: runs.append(1) or follow(*given))
     dataset = replace(raven, scene=replace(raven.scene, memory=ReplayMemory()), memory=Remembered(REMEMBERED_BYTES))
-    dataset = dataset.of_discovery if of_discovery else dataset
-    rows, there = dataset.discovery, dataset.predict(base, near=base)
+    there = dataset.predict(base, near=base)
     runs.clear()
-    change = (dataset.predict(moved, near=base) - there)[rows]
+    change = dataset.predict(moved, near=base) - there
     in_one_pass = len(runs)
-    exact = (dataset.predict(moved) - dataset.predict(base))[rows]
+    exact = dataset.predict(moved) - dataset.predict(base)
     assert len(runs) - in_one_pass >= 2 * in_one_pass
     assert np.linalg.norm(change - exact) < 0.05 * np.linalg.norm(exact)
 
@@ -145,26 +144,3 @@ def test_a_tracker_sees_in_one_pass_what_differs_little_from_a_set() -> None:
     exact = (dataset.predict(moved) - dataset.predict(base))[:, seen]
     assert seen.any()
     assert 0 < np.linalg.norm(change - exact) < 0.05 * np.linalg.norm(exact)
-
-
-def test_what_is_simulated_for_discovery_alone_is_what_is_simulated_of_all(raven: Dataset) -> None:
-    """Effects in the loop, behind it, and across pauses; of other motions nothing is predicted."""
-    dataset = raven
-    focused, rows = dataset.of_discovery, dataset.discovery
-    assert dataset.scene.plan is not None
-    assert 0 < len(dataset.scene.first) < 10
-    sets: list[tuple[Effect, ...]] = [
-        (),
-        (CoulombFriction(2, torque=0.2),),
-        (CoulombFriction(1, torque=0.1), CableStretch(2, 300.0), HomingOffset(3, 1e-3)),
-        (Payload("all", 0.1), Creep(3, 1e-5, 2.0)),
-    ]
-    for effects in sets:
-        alone, whole = focused.predict(effects), dataset.predict(effects)
-        np.testing.assert_array_equal(alone[rows], whole[rows])
-        assert np.isfinite(whole).all()
-        assert np.isnan(alone[dataset.part == 2]).all()
-    unfocused = replace(
-        dataset, scene=replace(dataset.scene, first=(), memory=ReplayMemory()), memory=Remembered(REMEMBERED_BYTES)
-    )
-    np.testing.assert_array_equal(unfocused.predict(sets[2]), dataset.predict(sets[2]))

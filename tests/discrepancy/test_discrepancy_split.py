@@ -26,6 +26,15 @@ def test_parts_hold_whole_trajectories() -> None:
     assert np.bincount(parts[:, 0]).tolist() == [12, 4, 4]
 
 
+def test_blocks_are_numbered_as_they_stand() -> None:
+    """Whatever number a log gives its trajectories."""
+    for n in (20, 4):  # whole trajectories, and pieces of a few
+        number, session = table(n)
+        split, renamed = (split_rows(t, session, np.random.default_rng(0)) for t in (number, 7 * number.max() - number))
+        assert (split.block == renamed.block).all()
+        assert (split.part == renamed.part).all()
+
+
 def test_the_seed_alone_deals() -> None:
     """The same seed gives the same parts, another one others."""
     number, session = table(20)

@@ -19,8 +19,8 @@ DEAD = 1e-12  # of the largest energy: columns with less have none
 class Grams:
     """Sums of products of p whitened columns over each of b blocks, which is what least squares needs of them."""
 
-    gram: FloatArray  # (b, p, p) with each other
-    moment: FloatArray  # (b, p) with the whitened residual, or (b, p, r) with r of them
+    gram: FloatArray  # (b, p, p) with each other; (b, s, p, p) of s sets of columns
+    moment: FloatArray  # (b, p) with the whitened residual, (b, p, r) with r of them; (b, s, p) of s sets
 
 
 def grams(columns: FloatArray, residual: FloatArray, block: IntArray, n_blocks: int | None = None) -> Grams:
@@ -84,8 +84,6 @@ class Apart:
 class Beside:
     """Least squares on known columns, and what further ones gain beside them, held out: many sets of them at once.
 
-    The normal equations of the known columns are solved once for all sets, each of which then has its Schur complement.
-
     Parameters
     ----------
     columns : (n, p) array, whitened
@@ -110,50 +108,27 @@ class Beside:
         new : (r, s, k) array, s sets of k columns, whitened, in the r rows where they are anything
         rows : (n,) bool array, which ones those are
         """
-        parts = self._products(new, rows)
-        whole = tuple(a.sum(axis=0) for a in parts)
-        factors, nats = self._solved(*whole)[1], np.full(new.shape[1], -self._nats)
-        for i in range(len(self._sums.gram)):
-            known, beta = self._solved(*(a - part[i] for a, part in zip(whole, parts, strict=True)))
-            gram, moment, cross, own, right = (part[i] for part in parts)
-            nats += moment @ known - 0.5 * np.einsum("ps,ps->s", known, gram @ known)
-            left = right - np.einsum("psk,ps->sk", cross, known) - 0.5 * np.einsum("skl,sl->sk", own, beta)
-            nats += np.einsum("sk,sk->s", beta, left)
-        return factors, nats
+        data = self._with(new, rows)
+        factors = solve(data.gram.sum(axis=0), data.moment.sum(axis=0))[:, -new.shape[2] :]
+        return factors, held_out_nats(data, np.arange(len(data.gram))).sum(axis=0) - self._nats
 
-    def _products(self, new: FloatArray, rows: BoolArray) -> tuple[FloatArray, ...]:
-        """Sum over each fold: products of the known columns, of both, of each set's own, and with the residual."""
-        (_, s, k), n_folds = new.shape, len(self._sums.gram)
+    def _with(self, new: FloatArray, rows: BoolArray) -> Grams:
+        """Return sums of products over f folds, of the known columns and each set's own, `(f, s, p + k, p + k)`."""
+        (_, s, k), (n_folds, p) = new.shape, self._sums.moment.shape
         fold, columns, residual = self._fold[rows], self._known[rows], self._residual[rows]
-        cross, own = np.empty((n_folds, columns.shape[1], s, k)), np.empty((n_folds, s, k, k))
-        right = np.empty((n_folds, s, k))
+        gram, moment = np.empty((n_folds, s, p + k, p + k)), np.empty((n_folds, s, p + k))
+        gram[:, :, :p, :p], moment[:, :, :p] = self._sums.gram[:, None], self._sums.moment[:, None]
         for i in range(n_folds):
             part = fold == i
             x = new[part]
-            cross[i] = (columns[part].T @ x.reshape(-1, s * k)).reshape(-1, s, k)
-            own[i] = np.einsum("nsk,nsl->skl", x, x)
+            cross = (columns[part].T @ x.reshape(-1, s * k)).reshape(p, s, k)
+            gram[i, :, :p, p:], gram[i, :, p:, :p] = cross.swapaxes(0, 1), cross.transpose(1, 2, 0)
+            gram[i, :, p:, p:] = np.einsum("nsk,nsl->skl", x, x)
             if i in self._taken:  # from the others' products it is gone already
                 off = np.einsum("nr,nsk->rsk", self._taken[i][rows[self._fold == i]], x)
-                own[i] -= np.einsum("rsk,rsl->skl", off, off)
-            right[i] = (residual[part] @ x.reshape(-1, s * k)).reshape(s, k)
-        return self._sums.gram, self._sums.moment, cross, own, right
-
-    def _solved(
-        self, gram: FloatArray, moment: FloatArray, cross: FloatArray, own: FloatArray, right: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Factors of the known columns `(p, s)` beside each set, and of the set's own `(s, k)`."""
-        p, s, k = cross.shape
-        found = solve(gram, np.concatenate([moment[:, None], cross.reshape(p, s * k)], axis=1))
-        alone, taken = found[:, 0], found[:, 1:].reshape(p, s, k)
-        energy = np.diagonal(own, axis1=1, axis2=2)
-        dead = energy <= DEAD * max(float(np.diagonal(gram).max(initial=0.0)), 1e-300)
-        left = own - np.einsum("psk,psl->skl", cross, taken)
-        left[:, np.arange(k), np.arange(k)] += np.where(dead, 1.0, RIDGE * energy)
-        off = dead[:, :, None] | dead[:, None, :]
-        left = np.where(off & ~np.eye(k, dtype=np.bool_), 0.0, left)
-        asked = np.where(dead, 0.0, right - np.einsum("psk,p->sk", cross, alone))
-        beta: FloatArray = np.linalg.solve(left, asked[:, :, None])[:, :, 0]
-        return alone[:, None] - np.einsum("psk,sk->ps", taken, beta), beta
+                gram[i, :, p:, p:] -= np.einsum("rsk,rsl->skl", off, off)
+            moment[i, :, p:] = (residual[part] @ x.reshape(-1, s * k)).reshape(s, k)
+        return Grams(gram, moment)
 
 
 def fold_of(n_blocks: int) -> IntArray:
@@ -193,7 +168,7 @@ def solve(gram: FloatArray, moment: FloatArray, ridge: float = RIDGE) -> FloatAr
 def held_out_nats(
     data: Grams, fold: IntArray, prior_precision: float | FloatArray = 0.0, ridge: float = RIDGE
 ) -> FloatArray:
-    """Gain in nats of each block `(b,)` (or `(b, r)`), its coefficients fitted to the other folds' blocks.
+    """Gain in nats of each block `(b,)` (`(b, r)`, `(b, s)`), its coefficients fitted to the other folds' blocks.
 
     Parameters
     ----------
@@ -206,8 +181,9 @@ def held_out_nats(
     numbers, place = np.unique(fold, return_inverse=True)
     gram = data.gram.sum(axis=0) - np.stack([data.gram[fold == k].sum(axis=0) for k in numbers])
     moment = data.moment.sum(axis=0) - np.stack([data.moment[fold == k].sum(axis=0) for k in numbers])
-    gram[:, np.arange(gram.shape[1]), np.arange(gram.shape[1])] += prior_precision
+    diagonal, single = np.arange(gram.shape[-1]), moment.ndim < gram.ndim
+    gram[..., diagonal, diagonal] += prior_precision
     beta = solve(gram, moment, ridge)[place]
-    half = data.gram @ beta if beta.ndim == 3 else (data.gram @ beta[..., None])[..., 0]
-    gains: FloatArray = (beta * (data.moment - 0.5 * half)).sum(axis=1)
+    half = (data.gram @ beta[..., None])[..., 0] if single else data.gram @ beta
+    gains: FloatArray = (beta * (data.moment - 0.5 * half)).sum(axis=-1 if single else -2)
     return gains

@@ -34,12 +34,6 @@ class DatasetWhitener:
         """Channel index `(M,)` of each stacked row."""
         return np.concatenate([np.full((b >= 0).sum(), i) for i, b in enumerate(self.blocks)])
 
-    @cached_property
-    def simulated(self) -> Dataset:
-        """The dataset, of which no more is simulated than these rows ask for."""
-        used = np.logical_or.reduce([block >= 0 for block in self.blocks])
-        return self.dataset if (used & ~self.dataset.discovery).any() else self.dataset.of_discovery
-
     def of_channels(self, wanted: BoolArray) -> DatasetWhitener:
         """Return the whitener of some channels alone.
 

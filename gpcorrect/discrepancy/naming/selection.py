@@ -302,5 +302,5 @@ def _only_there(trace: Trace, cut: PreparedData, bursts: Sequence[Burst]) -> boo
     there = trace.change.columns[:, trace.touched[trace.change.shown]]
     shown: BoolArray = np.array([c in {b.channel for b in bursts} for c in dataset.scene.channels]) & trace.touched
     rows = np.isin(dataset.trajectory, [t for b in bursts for t in b.trajectories])
-    energy = np.nan_to_num(np.square(there)).sum(axis=(1, 2))
+    energy = np.square(there).sum(axis=(1, 2))
     return bool(shown.any() and energy[rows].sum() > BURSTS.there * energy.sum())

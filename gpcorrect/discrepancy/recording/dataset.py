@@ -64,10 +64,9 @@ class Dataset:
         ----------
         values : (n, ...) array, of the log's rows
         """
-        used, index, count = self._grouping
-        flat = values[used].reshape(len(index), -1)
-        sums = np.stack([np.bincount(index, weights=column, minlength=len(self)) for column in flat.T], axis=1)
-        return np.asarray((sums / count[:, None]).reshape(len(self), *values.shape[1:]))
+        used, first, count = self._grouping
+        sums = np.add.reduceat(values[used], first, axis=0)
+        return np.asarray(sums / count.reshape(-1, *[1] * (values.ndim - 1)))
 
     @property
     def samples_a_row(self) -> int:
@@ -76,9 +75,9 @@ class Dataset:
 
     @cached_property
     def _grouping(self) -> tuple[IntArray, IntArray, IntArray]:
-        """Log rows that are used, the condensed row of each, and how many go into one."""
+        """Log rows that are used, where among them each condensed row begins, and how many go into it."""
         used = np.flatnonzero(self.group >= 0)
-        return used, self.group[used], np.bincount(self.group[used], minlength=len(self))
+        return used, np.flatnonzero(np.diff(self.group[used], prepend=-1)), np.bincount(self.group[used])
 
     def residual(self, effects: Sequence[Effect] = ()) -> FloatArray:
         """Return the mean of measured minus simulated `(m, c)` over the good samples; NaN where a channel has none.
@@ -112,19 +111,7 @@ class Dataset:
         if (channels := self.memory.get(key)) is None:
             channels = self.memory.keep(key, self.means(scene.predict(effects)))
             channels.flags.writeable = False
-        return np.where(self._of_first[:, None], channels, np.nan) if self.scene.only_first else channels
-
-    @cached_property
-    def of_discovery(self) -> Dataset:
-        """The same where no more than discovery needs is simulated: what is predicted of other motions is NaN."""
-        if not self.scene.first:
-            return self
-        return replace(self, scene=replace(self.scene, only_first=True), memory=Remembered(REMEMBERED_BYTES))
-
-    @cached_property
-    def _of_first(self) -> BoolArray:
-        """(m,) rows of motions of which closed loops are run where only the first are."""
-        return np.isin(self.scene.run_of_row()[self._first_sample], self.scene.first)
+        return channels
 
     def changes(self, effects: Sequence[Effect]) -> FloatArray:
         """Return the change of the channels `(m, c, k)` by each of k effects alone.
@@ -178,13 +165,8 @@ class Dataset:
     @cached_property
     def trajectory(self) -> IntArray:
         """(m,) trajectory of each condensed row, as the log numbers them."""
-        return self.scene.trajectory[self._first_sample]
-
-    @property
-    def _first_sample(self) -> IntArray:
-        """(m,) row of the log that is the first of each condensed row."""
-        used, index, _ = self._grouping
-        return np.asarray(used[np.unique(index, return_index=True)[1]])
+        used, first, _ = self._grouping
+        return self.scene.trajectory[used[first]]
 
 
 def build_dataset(scene: Scene, split: Split, max_rows: int) -> Dataset:
@@ -209,8 +191,6 @@ def build_dataset(scene: Scene, split: Split, max_rows: int) -> Dataset:
     spikes = np.stack([outliers(column, split.block) for column in error.T], axis=1)
     motor = scene.motor_path()
     still = (np.abs(np.diff(motor, axis=0, prepend=np.nan)) < STILL * np.ptp(motor, axis=0)).all(axis=1)
-    if scene.plan is not None and scene.tracker is None:  # a tracker is registered on all that it sees
-        scene = replace(scene, first=tuple(np.unique(scene.run_of_row()[used & (split.part == 0)])))
     return Dataset(
         scene=scene,
         group=group,

@@ -1,4 +1,4 @@
-"""What replays of one recording have in common: values computed once, the oldest of them forgotten for the newest."""
+"""What replays of one recording have in common: values computed once, those not asked for longest forgotten."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ from typing import Any, Generic, TypeVar
 from gpcorrect.sim.plant import Command, Driven
 from gpcorrect.types import FloatArray
 
-# Of closed-loop runs, of them at the plan's samples, and of loads: memory only, no result depends on it.
-LOOP_BYTES, RECENT_BYTES, LOAD_BYTES = 1_000_000_000, 200_000_000, 120_000_000
+LOOP_BYTES = 1_000_000_000  # of closed-loop runs: memory only, no result depends on it
 BEGUN = 4  # commands that begin with the runs of others
 Value = TypeVar("Value")
 
 
 class Remembered(Generic[Value]):
-    """What was computed last, by key, for several threads: the oldest are forgotten, and no result depends on it.
+    """What was asked for last, by key, for several threads: the others are forgotten, and no result depends on it.
 
     All values together cost no more than `most`: an array its bytes, anything else one.
     """
@@ -38,7 +37,10 @@ class Remembered(Generic[Value]):
         ----------
         key : hashable
         """
-        return self._known.get(key)
+        with self._lock:
+            if key in self._known:
+                self._known[key] = self._known.pop(key)  # the last to be forgotten
+            return self._known.get(key)
 
     def keep(self, key: Hashable, value: Value) -> Value:
         """Remember a value, and return it; the newest stays whatever it costs.
@@ -61,12 +63,9 @@ class Remembered(Generic[Value]):
 class ReplayMemory:
     """What was simulated so far, by the effects that it was simulated with."""
 
-    commands: dict[Hashable, Command] = field(default_factory=dict)  # by the runs that they are of
+    command: Command | None = None  # of the closed loop
     begun: Remembered[Command] = field(default_factory=partial(Remembered, BEGUN))  # the same from others' runs
-    recent: Remembered[Driven] = field(default_factory=partial(Remembered, RECENT_BYTES))
-    own: Driven | None = None  # the closed loop with the model's own effects alone
     loops: Remembered[Driven] = field(default_factory=partial(Remembered, LOOP_BYTES))
-    more_loads: Remembered[FloatArray] = field(default_factory=partial(Remembered, LOAD_BYTES))
     pull: FloatArray | None = None  # of each joint's load at rest for each joint's position
 
     def __reduce__(self) -> tuple[Any, ...]:

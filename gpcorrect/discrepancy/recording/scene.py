@@ -69,8 +69,6 @@ class Scene:
     measured: bool = True  # else the motors' path is what the closed loop makes of the commands, where it runs
     slack: Slack | None = None  # the part of the tracker's residual that is left out of account
     remarks: tuple[str, ...] = ()  # what had to be assumed
-    first: tuple[int, ...] = ()  # runs of which closed loops are asked more often than of all; all when empty
-    only_first: bool = False  # whether effects act in the loops of those alone, and in the others nothing
     begun: tuple[Effect, ...] | None = None  # of a set those inside the loop: from its run loops take one further pass
     moved: tuple[Effect, ...] = ()  # of that set those that move the links in no loop: no others change the load there
     memory: ReplayMemory = field(default_factory=ReplayMemory, repr=False)
@@ -109,7 +107,7 @@ class Scene:
 
     def load(self) -> FloatArray:
         """Load `(n, k)` of each joint of the nominal model at the log's rows, N m or N."""
-        return self.layout.gather(self._replay(self._machine(())).load)
+        return self.layout.gather(self._replay(self._machine(()))[0].load)
 
     def peak_torque(self) -> FloatArray | None:
         """Largest torque `(k,)` that the controllers ask for, N m or N; None where the closed loop cannot be run.
@@ -134,12 +132,13 @@ class Scene:
             An effect does not fit the machine.
         """
         machine = self._machine(effects)
-        loop, replay = self._loop(machine), self._replay(machine)
-        motors = self.motion.position if loop is None else loop.motion.position - self._yielded(machine)
-        paths = {"external_jp": self._joint_path(machine, replay), "measured_jp": motors}
-        found = [self.layout.gather(paths[c.signal][..., c.index, None]) for c in self.channels if c.joint]
+        replayed, motors = self._replay(machine)
+        found = []
+        for signal in dict.fromkeys(c.signal for c in self.channels if c.joint):  # of all joints, in their order
+            path = motors if signal == "measured_jp" else self._joint_path(machine, replayed)
+            found.append(self.layout.gather(path))
         if self.tracker is not None:
-            predicted = self.tracker.predicted(self.marker_poses(effects))
+            predicted = self.tracker.predicted(self._poses(machine, replayed))
             left_out = 0.0 if self.slack is None else self.slack.part(self.tracker.observed - predicted)
             found.append(predicted + left_out)
         return np.concatenate(found, axis=1)
@@ -152,9 +151,11 @@ class Scene:
         effects : sequence of Effect, beyond the model's own, on an arm whose kinematics are known
         """
         machine = self._machine(effects)
-        replay = self._replay(machine)
-        q = self._joint_path(machine, replay, tracker=True)
-        tip = tip_path(machine.effects, machine.actual_body(self.payload).forward(q), replay)
+        return self._poses(machine, self._replay(machine)[0])
+
+    def _poses(self, machine: Machine, replayed: Motion) -> FloatArray:
+        q = self._joint_path(machine, replayed, tracker=True)
+        tip = tip_path(machine.effects, machine.actual_body(self.payload).forward(q), replayed)
         assert tip is not None
         return self.layout.gather(se3.compose(machine.T_tracker_base, tip, machine.T_tip_marker))
 
@@ -189,64 +190,49 @@ class Scene:
     def _machine(self, effects: Sequence[Effect]) -> Machine:
         return self.machine.with_effects(*in_order((*self.model.effects, *effects)))
 
-    def _replay(self, machine: Machine) -> Motion:
-        """Motion and load of the motors, as measured where they are; without a loop the load of the measured path."""
-        loop = self._loop(machine)
-        if loop is not None:
-            made, more = loop.motion, self._more_load(machine)
-            load, gravity = made.load + more, made.gravity_load + more
-            motion = replace(self.motion, load=load, gravity_load=gravity, tip_force=made.tip_force)
-            return motion if self.measured else replace(motion, position=made.position, velocity=made.velocity)
-        body = machine.actual_body(self.payload)
-        carried = link_load(body, JointPath(self.motion.position, self.motion.velocity, self.acceleration))
-        return replace(self.motion, load=carried.total, gravity_load=carried.gravity, tip_force=body.tip_force)
+    def _replay(self, machine: Machine) -> tuple[Motion, FloatArray]:
+        """Motion and load of the motors, as measured where they are, and their path `(n, N, k)` as it should have been.
+
+        Without a loop that is the measured one, and the load is that of it.
+        """
+        loop, motion = self._loop(machine), self.motion
+        if loop is None:
+            body = machine.actual_body(self.payload)
+            carried = link_load(body, JointPath(motion.position, motion.velocity, self.acceleration))
+            motion = replace(motion, load=carried.total, gravity_load=carried.gravity, tip_force=body.tip_force)
+            return motion, motion.position
+        made, more, drive = loop.motion, self._more_load(machine, loop), machine.actual_drive
+        load, gravity = made.load + more, made.gravity_load + more
+        motion = replace(motion, load=load, gravity_load=gravity, tip_force=made.tip_force)
+        if not self.measured:
+            motion = replace(motion, position=made.position, velocity=made.velocity)
+        # Controllers let motors go under more load, but for those that sum errors.
+        return motion, made.position - more / drive.kp * (drive.ki is None or np.asarray(drive.ki) == 0.0)
 
     def _loop(self, machine: Machine) -> Driven | None:
-        """Closed-loop run with the effects inside the loop; where the first runs are enough, the others without."""
-        if self.plan is None:
-            return None
-        inside, memory, every = self._inside(machine), self.memory, tuple(range(len(self.payload)))
-        if self.begun is None and inside == self._inside(self._machine(())):
-            memory.own = memory.own or self._followed(machine, inside, every)
-            return memory.own
-        carried = any(e.about.carries_over for e in machine.effects)  # from run to run, whichever it is
-        asked = self.first if self.only_first and not carried else every
-        key = inside, asked, self.begun
-        if (known := memory.loops.get(key)) is not None:
+        """Closed-loop run with the effects inside the loop, at the log's samples."""
+        return None if self.plan is None else self._run(self._inside(machine))
+
+    def _run(self, inside: tuple[Effect, ...]) -> Driven:
+        """Return the same with these effects inside; at the plan's samples where the log's have no stamps of theirs."""
+        key, loops = (inside, self.begun, self.stamps is None), self.memory.loops
+        if (known := loops.get(key)) is not None:
             return known
-        driven = self._followed(machine, inside, asked)
-        if self.begun is None and asked == every:
-            return memory.loops.keep(key, driven)
-        beside = self._machine(()) if self.begun is None else self.machine.with_effects(*self.begun)
-        others = replace(self, begun=None)._loop(beside)
-        assert others is not None
-        return memory.loops.keep(key, others.with_runs(np.array(asked), driven))
+        if self.stamps is not None:
+            return loops.keep(key, self.stamps.read(replace(self, stamps=None)._run(inside)))
+        return loops.keep(key, follow_command(self.machine.with_effects(*inside), self._command()))
 
-    def _followed(self, machine: Machine, inside: tuple[Effect, ...], runs: tuple[int, ...]) -> Driven:
-        """Closed-loop run of some of the runs."""
-        driven = self._run(machine, inside, runs)
-        return driven if self.stamps is None else self.stamps.of_runs(np.array(runs)).read(driven)
-
-    def _run(self, machine: Machine, inside: tuple[Effect, ...], runs: tuple[int, ...]) -> Driven:
-        """Return the same at the plan's samples."""
-        recent = self.memory.recent
-        if self.begun is None and (known := recent.get((inside, runs))) is not None:
-            return known
-        driven = follow_command(machine.with_effects(*inside), self._command(machine, runs))
-        return driven if self.begun is not None else recent.keep((inside, runs), driven)
-
-    def _command(self, machine: Machine, runs: tuple[int, ...]) -> Command:
-        """Commands of some of the runs."""
+    def _command(self) -> Command:
+        """Commands of the closed loop, from the run of a set where one is begun from."""
         assert self.plan is not None
         memory = self.memory
-        if runs not in memory.commands:
-            part = self.plan if len(runs) == len(self.payload) else self.plan.of_runs(np.array(runs))
-            memory.commands[runs] = Command.of(machine.with_effects(), part, whole=self.plan)
+        if memory.command is None:
+            memory.command = Command.of(self.machine, self.plan)
         if self.begun is None:
-            return memory.commands[runs]
-        if (known := memory.begun.get((self.begun, runs))) is None:
-            driven = replace(self, begun=None)._run(self.machine, self.begun, runs)
-            known = memory.begun.keep((self.begun, runs), replace(memory.commands[runs], begun=driven))
+            return memory.command
+        if (known := memory.begun.get(self.begun)) is None:
+            driven = replace(self, begun=None)._run(self.begun)
+            known = memory.begun.keep(self.begun, replace(memory.command, begun=driven))
         return known
 
     def _inside(self, machine: Machine) -> tuple[Effect, ...]:
@@ -263,41 +249,29 @@ class Scene:
             return self.moved
         inside = self._inside(machine)
         moves = tuple(e for e in machine.effects if e.stage < Stage.CLOCK and e not in inside)
-        return moves if moves and self.plan is not None and self._weighs else ()
+        return moves if moves and self.plan is not None and self._pull().any() else ()  # links may weigh nothing
 
-    def _pull(self, loop: Driven) -> FloatArray:
+    def _pull(self) -> FloatArray:
         """Change `(n, N, k, k)` of each joint's load at rest for each joint's position, along the loop of the model."""
         if self.memory.pull is None:
-            body, still = self._machine(()).actual_body(self.payload), np.zeros(loop.q.shape)
+            nominal = self._machine(())
+            loop = self._loop(nominal)
+            assert loop is not None
+            body, still = nominal.actual_body(self.payload), np.zeros(loop.q.shape)
             moved = (np.zeros(len(self.joints)), *(NUDGE * np.eye(len(self.joints))))
             at, *beside = (link_load(body, JointPath(loop.q + by, still, still)).gravity for by in moved)
             self.memory.pull = np.stack([(load - at) / NUDGE for load in beside], axis=-1)
         return self.memory.pull
 
-    @cached_property
-    def _weighs(self) -> bool:
-        """Whether the links of the model weigh anything."""
-        own = self._loop(self._machine(()))
-        return own is not None and bool(self._pull(own).any())
-
-    def _more_load(self, machine: Machine) -> FloatArray:
+    def _more_load(self, machine: Machine, loop: Driven) -> FloatArray:
         """Load `(n, N, k)` that the joints have more where effects move the links that act in no loop."""
-        loop, moves = self._loop(machine), self._moves(machine)
-        if loop is None or not moves:
+        if not (moves := self._moves(machine)):
             return np.zeros(1)
-        key = self._inside(machine), moves, self.only_first, self.begun
-        if (known := self.memory.more_loads.get(key)) is not None:
-            return known
         motion = self.motion if self.measured else loop.motion
         motion = replace(motion, load=loop.motion.load, gravity_load=loop.motion.gravity_load)
         own = [e for e in mechanical(machine) if e in self.model.effects]
         moved = joint_path(in_order((*own, *moves)), motion) - joint_path(own, motion)
-        return self.memory.more_loads.keep(key, np.einsum("nNij,nNj->nNi", self._pull(loop), moved))
-
-    def _yielded(self, machine: Machine) -> FloatArray:
-        """How far `(n, N, k)` controllers let the motors go under that load: those that sum errors not at all."""
-        drive = machine.actual_drive
-        return self._more_load(machine) / drive.kp * (drive.ki is None or np.asarray(drive.ki) == 0.0)
+        return np.asarray(np.einsum("nNij,nNj->nNi", self._pull(), moved))
 
     def _joint_path(self, machine: Machine, motion: Motion, *, tracker: bool = False) -> FloatArray:
         """Return the true path `(n, N, k)` of the joints when the encoders, or the tracker, see it."""

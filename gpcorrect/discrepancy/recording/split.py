@@ -96,16 +96,18 @@ def _spread(parts: IntArray, session: IntArray, rng: np.random.Generator) -> Int
 
 
 def _blocks(trajectory: IntArray) -> tuple[IntArray, str]:
-    """Whole trajectories, or pieces of a few long ones with gaps between them, and words on it."""
-    numbers, inverse, counts = np.unique(trajectory, return_inverse=True, return_counts=True)
+    """Whole trajectories, or pieces of a few long ones with gaps between them, numbered as they stand; words on it."""
+    numbers, first, inverse, counts = np.unique(trajectory, return_index=True, return_inverse=True, return_counts=True)
+    order = np.argsort(first)
+    inverse, counts = np.argsort(order)[inverse], counts[order]
     if len(numbers) >= SPLIT.min_units:
         return inverse.astype(np.int64), f"split by trajectory ({len(numbers)} trajectories)"
     pieces = np.maximum(1, np.round(counts / counts.sum() * 2 * SPLIT.min_units)).astype(np.int64)
-    block, first = np.full(len(trajectory), NOT_USED), 0
+    block, n_blocks = np.full(len(trajectory), NOT_USED), 0
     for number, count in enumerate(pieces):
         for piece in np.array_split(np.flatnonzero(inverse == number), count):
             guard = int(np.ceil(SPLIT.guard * len(piece))) if count > 1 else 0
-            block[piece[: len(piece) - guard]] = first
-            first += 1
-    blocks = f"{first} contiguous blocks with {100 * SPLIT.guard:.0f} % guard gaps"
+            block[piece[: len(piece) - guard]] = n_blocks
+            n_blocks += 1
+    blocks = f"{n_blocks} contiguous blocks with {100 * SPLIT.guard:.0f} % guard gaps"
     return block, f"only {len(numbers)} trajectories: cut into {blocks}"

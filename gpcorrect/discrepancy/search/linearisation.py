@@ -99,7 +99,7 @@ def refine(
     DataError
         The set is no machine that can be simulated, nor is it with smaller sizes of the free effects.
     """
-    dataset, seen = whitener.simulated, np.ones(len(whitener.noises), dtype=np.bool_) if channels is None else channels
+    dataset, seen = whitener.dataset, np.ones(len(whitener.noises), dtype=np.bool_) if channels is None else channels
     whitener, elsewhere = whitener.of_channels(seen), whitener.of_channels(~seen)
     free = _with_instants(whitener, fixed, free)
     coordinates = [c for f in free for c in f.candidate.coordinates]
@@ -229,7 +229,7 @@ def linearise(
     whitener : DatasetWhitener, data, and the rows and noise to take them with
     free, fixed : sequences of FittedEffect, the set; the fixed ones' numbers stay
     """
-    at, slopes = _tangents(whitener.simulated, fixed, free)
+    at, slopes = _tangents(whitener.dataset, fixed, free)
     residual = whitener.whiten(whitener.dataset.observed - at)
     return Linearisation((*fixed, *free), residual, whitener.whiten_columns(slopes))
 

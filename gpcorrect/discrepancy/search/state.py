@@ -31,7 +31,7 @@ class Change:
     @classmethod
     def of(cls, whole: FloatArray) -> Self:
         """Return the change of channels that is `(m, c, a)` in all of them."""
-        shown = np.asarray(np.nan_to_num(whole).any(axis=(0, 2)))
+        shown = np.asarray(whole.any(axis=(0, 2)))
         return cls(shown, whole[:, shown])
 
 
@@ -81,16 +81,6 @@ class Search:
         fitted : sequence of FittedEffect
         """
         return self.dataset.observed - self.dataset.predict([f.effect for f in fitted])
-
-    def discovered(self, fitted: Sequence[FittedEffect]) -> FloatArray:
-        """Return the same `(m, c)` for the discovery part alone; NaN elsewhere, where nothing need be simulated.
-
-        Parameters
-        ----------
-        fitted : sequence of FittedEffect
-        """
-        simulated = self.whitener.simulated
-        return self.dataset.observed - simulated.predict([f.effect for f in fitted])
 
     def touched(self, candidate: Candidate) -> BoolArray:
         """Return the mask `(c,)` of the channels in which a candidate leaves a trace.
@@ -208,12 +198,12 @@ class Search:
         ----------
         fitted : sequence of FittedEffect
         """
-        z = self.whitener.whiten(self.discovered(fitted))
+        z = self.whitener.whiten(self.residual(fitted))
         return 0.5 * float(z @ z)
 
     def refreshed(self) -> Search:
         """Estimate the noise anew from what the set leaves, and whiten with that."""
-        residual = self.discovered(self.fitted)
+        residual = self.residual(self.fitted)
         whitener = whitener_on(self.dataset, residual, self.dataset.discovery)
         return replace(self, whitener=whitener, whitened_by=self.fitted)
 
@@ -251,14 +241,13 @@ def start_search(dataset: Dataset, candidates: Iterable[Candidate], progress: Pr
     """
     whitener = whitener_on(dataset, dataset.residual(), dataset.discovery)
     todo = list(candidates)
-    simulated = whitener.simulated
-    changes = each(partial(signature, simulated, simulated.predict(near=())), todo, progress, "signatures")
+    changes = each(partial(signature, dataset, dataset.predict(near=())), todo, progress, "signatures")
     traces: list[Trace] = []
     silent: dict[str, Candidate] = {}
     for candidate, change in zip(todo, changes, strict=True):
         touched = np.zeros(len(whitener.noises), dtype=np.bool_)
-        if change is not None and np.isfinite(change[dataset.discovery]).all():
-            touched = np.sqrt(np.nanmean(change**2, axis=(0, 2))) > SEARCH.trace * whitener.std
+        if change is not None and np.isfinite(change).all():
+            touched = np.sqrt(np.mean(change**2, axis=(0, 2))) > SEARCH.trace * whitener.std
         if change is not None and touched.any():
             traces.append(Trace(candidate, Change.of(change), touched))
         else:

@@ -215,11 +215,11 @@ def _ranked_there(state: Search, linearised: Linearisation, leaders: Sequence[Ra
     What does not grow as a line, such as a capstan's friction, may be far better than it looked; what is no machine at
     the size that its line asks for is none of them.
     """
-    residual = state.discovered(linearised.fitted)
+    residual = state.residual(linearised.fitted)
 
     def left_by(leader: Ranked) -> FloatArray | None:
         try:
-            return state.discovered((*linearised.fitted, leader.fit))
+            return state.residual((*linearised.fitted, leader.fit))
         except DataError:  # no machine
             return None
 
@@ -273,7 +273,7 @@ def _merged(state: Search, threshold: float) -> Search:
         pair = _gain_over(state, bare, state.fitted, b, both)
         touched = state.touched(a.candidate)
         worth = state.misfit(state.fitted) + threshold * state.overdispersion(
-            state.whitener.whiten(state.discovered(state.fitted)), touched
+            state.whitener.whiten(state.residual(state.fitted)), touched
         )
         others = rank(state, bare, [a.candidate, b.candidate], touched)[:1] if one_joint else []
         fuller = rank(state, bare, channels=touched, beyond=[a.candidate, b.candidate])[: SEARCH.refined]
