@@ -118,8 +118,7 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
         mass = mean_inertia(body, plan.q)
     path, load = _first_guess(machine, body, command, drive, fed)
     motors = path.q if command.begun is None else command.begun.motion.position
-    usual = PASSES if drive.kv is None else LAGGING_PASSES
-    fewest = passes or (usual if command.begun is None else PASSES_BEYOND)
+    fewest = passes or command.passes or (PASSES if drive.kv is None else LAGGING_PASSES)
     for number in range(fewest if passes or command.begun is not None else MOST_PASSES):
         load = link_load(body, path) if number or load is None else load
         beyond_inertia = load.total - mass * path.acceleration
@@ -237,8 +236,11 @@ class Command:
     feedforward : (n, N, dof) array, torque that the controller adds, at the log's samples
     mass : (dof,) array, mean inertia of the nominal links at each joint
     begun : Driven or None
-        A run of it, with other effects, to begin with in place of a guess: from there one pass is enough to say what a
-        difference in effects changes, to the few per cent of that by which it changes its own load.
+        A run of it, with other effects, to begin with in place of a guess. As many passes are taken from there whatever
+        the effects, so that what they do is smooth in their numbers.
+    passes : int or None
+        How many; where None as many as from a guess at least. `PASSES_BEYOND`, one, is enough to say what a difference
+        in effects changes, to the few per cent of that by which it changes its own load.
     """
 
     plan: Plan
@@ -252,6 +254,7 @@ class Command:
     feedforward: FloatArray
     mass: FloatArray
     begun: Driven | None = None
+    passes: int | None = None
 
     @classmethod
     def of(cls, machine: Machine, plan: Plan, latency: FloatArray | None = None) -> Command:

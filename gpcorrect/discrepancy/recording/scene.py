@@ -28,7 +28,7 @@ from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan
-from gpcorrect.sim.plant import Command, Driven, follow_command, joint_path, mechanical, tip_path
+from gpcorrect.sim.plant import PASSES_BEYOND, Command, Driven, follow_command, joint_path, mechanical, tip_path
 from gpcorrect.types import FloatArray, IntArray
 
 LOOP_STAGES = (Stage.LOAD, Stage.CHAIN, Stage.TORQUE, Stage.FRICTION)
@@ -220,19 +220,20 @@ class Scene:
             return known
         if self.stamps is not None:
             return loops.keep(key, self.stamps.read(replace(self, stamps=None)._run(inside)))
-        return loops.keep(key, follow_command(self.machine.with_effects(*inside), self._command()))
+        return loops.keep(key, follow_command(self.machine.with_effects(*inside), self._command(inside)))
 
-    def _command(self) -> Command:
-        """Commands of the closed loop, from the run of a set where one is begun from."""
+    def _command(self, inside: tuple[Effect, ...]) -> Command:
+        """Commands of the closed loop with these effects: from the run of the model, or of a set that is begun from."""
         assert self.plan is not None
-        memory = self.memory
+        memory, own = self.memory, self._inside(self._machine(()))
         if memory.command is None:
             memory.command = Command.of(self.machine, self.plan)
-        if self.begun is None:
+        if self.begun is None and inside == own:
             return memory.command
-        if (known := memory.begun.get(self.begun)) is None:
-            driven = replace(self, begun=None)._run(self.begun)
-            known = memory.begun.keep(self.begun, replace(memory.command, begun=driven))
+        before, passes = (own, None) if self.begun is None else (self.begun, PASSES_BEYOND)
+        if (known := memory.begun.get((before, passes))) is None:
+            driven = replace(self, begun=None)._run(before)
+            known = memory.begun.keep((before, passes), replace(memory.command, begun=driven, passes=passes))
         return known
 
     def _inside(self, machine: Machine) -> tuple[Effect, ...]:
