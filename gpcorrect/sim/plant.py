@@ -61,11 +61,13 @@ class Driven:
     ----------
     motion : Motion
     torque, q : (n, N, dof) arrays, commanded torque; joint path behind every mechanical effect
+    passes : int, in which load and path were computed from each other
     """
 
     motion: Motion
     torque: FloatArray
     q: FloatArray
+    passes: int = 0
 
     @property
     def nbytes(self) -> int:
@@ -107,7 +109,7 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
     plan, clock = command.plan, command.clock
     body, drive = machine.actual_body(machine.payload(plan)), machine.actual_drive
     if (late := drive.latency) is not machine.drive.latency:
-        command = replace(Command.of(machine, plan, late), begun=command.begun)
+        command = replace(Command.of(machine, plan, late), begun=command.begun, passes=command.passes)
     believed, known, fed = machine.believed_body(machine.payload(plan)), command.nominal_load, command.feedforward
     if believed is not None:
         known = link_load(believed, command.desired)
@@ -118,8 +120,11 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
         mass = mean_inertia(body, plan.q)
     path, load = _first_guess(machine, body, command, drive, fed)
     motors = path.q if command.begun is None else command.begun.motion.position
-    fewest = passes or command.passes or (PASSES if drive.kv is None else LAGGING_PASSES)
-    for number in range(fewest if passes or command.begun is not None else MOST_PASSES):
+    fewest, begun = PASSES if drive.kv is None else LAGGING_PASSES, command.begun
+    if begun is not None:
+        fewest = command.passes or max(fewest, begun.passes // 2)
+    fewest = passes or fewest
+    for number in range(MOST_PASSES if begun is None and passes is None else fewest):
         load = link_load(body, path) if number or load is None else load
         beyond_inertia = load.total - mass * path.acceleration
         inertia = drive.motor_inertia + mass
@@ -137,7 +142,7 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
         away = motors - command.desired.q
         if number + 1 >= fewest and ((changed**2).mean((0, 1)) <= SETTLED**2 * (away**2).mean((0, 1))).all():
             break
-    return Driven(motion, servo.torque, q)
+    return Driven(motion, servo.torque, q, number + 1)
 
 
 def _moved_gravity(body: Body, load: LinkLoad, motors: FloatArray) -> FloatArray:
@@ -239,8 +244,9 @@ class Command:
         A run of it, with other effects, to begin with in place of a guess. As many passes are taken from there whatever
         the effects, so that what they do is smooth in their numbers.
     passes : int or None
-        How many; where None as many as from a guess at least. `PASSES_BEYOND`, one, is enough to say what a difference
-        in effects changes, to the few per cent of that by which it changes its own load.
+        How many; where None half of those that the run took, and as many as from a guess at least. `PASSES_BEYOND`,
+        one, is enough to say what a difference in effects changes, to the few per cent of that by which it changes its
+        own load.
     """
 
     plan: Plan
