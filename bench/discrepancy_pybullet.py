@@ -64,7 +64,7 @@ class Case:
     away: Law = nothing  # from motor to joint
 
 
-# Away from its motor is joint 1 alone, whose axis is upright: PyBullet's arm does not follow, and its weight would tell.
+# Away from its motor is joint 1 alone, whose axis is upright: PyBullet's arm does not follow, and weight would tell.
 CASES = {
     "nothing": Case(""),
     "coulomb": Case("coulomb_friction", 2, torque=lambda q, v, tau: on(2, -4.0 * np.tanh(v / BRAKE))),
@@ -78,7 +78,7 @@ CASES = {
         "capstan_friction", 2, torque=lambda q, v, tau: on(2, -0.08 * np.abs(tau) * np.tanh(v / BRAKE))
     ),
     "cross talk": Case(
-        "?", 3, away=lambda q, v, tau: on(3, 0.003 * np.tanh(3.0 * q[1]) * np.sin(2.0 * q[5]) * np.ones(7))
+        "?", 1, away=lambda q, v, tau: on(1, 0.003 * np.tanh(3.0 * q[1]) * np.sin(2.0 * q[5]) * np.ones(7))
     ),
 }
 
