@@ -76,7 +76,9 @@ def test_a_public_arm_from_download_to_a_named_effect(tmp_path: Path) -> None:
     promised = re.search(r"`(Joint 2: coulomb friction[^`]*)`", text)
     assert promised is not None
     assert promised[1].rstrip(".") in " ".join(named.printed.split())
-    assert 'frictionloss="6"' in (tmp_path / "study" / "model.xml").read_text()
+    written = re.search(r'frictionloss="([^"]*)"', (tmp_path / "study" / "model.xml").read_text())
+    assert written is not None
+    assert float(written[1]) == pytest.approx(6.0, rel=1e-3)
     assert not read_model(tmp_path / "study" / "model.toml").effects
     (effect,) = json.loads((tmp_path / "study" / "report.json").read_text())["verdict"]["effects"]
     assert (effect["name"], effect["joint"]) == ("coulomb_friction", 2)

@@ -251,7 +251,7 @@ def test_millimetres_for_metres_are_recognised(names):
     found = findings(replace(log, **changes), "position_unit")
     assert {f.severity for f in found} == {"error"}
     assert {f.signal for f in found} == set(names)
-    assert {f.hint for f in found} == {f"Set position_scale = 0.001 under [{n}] in the mapping file." for n in names}
+    assert {f.hint for f in found} == {f"Set position_scale = 1e-3 under [{n}] in the mapping file." for n in names}
 
 
 @pytest.mark.parametrize("metres", [0.01, 0.0254])

@@ -26,7 +26,7 @@ WIDEST = 5.0  # m; no arm here reaches so far, and 5 mm is less than any workspa
 MIN_SPREAD = 1e-4  # m or rad; narrower signals are noise and their ratios mean nothing
 DEGREES = 180 / np.pi  # in a radian
 RATIOS = ((1000.0, 2.0), (DEGREES, 1.4))  # a unit's factor, and how far calibration errors may move the ratio
-LENGTHS = ((1e-3, "millimetres"), (1e-2, "centimetres"), (0.0254, "inches"))  # metres in one of each
+LENGTHS = (("1e-3", "millimetres"), ("0.01", "centimetres"), ("0.0254", "inches"))  # metres in one of each
 OTHER_UNIT = 20.0  # times as large as the same motion elsewhere; an inch, the least unit, is 39
 OTHER_SCALE = 2.0  # more than a robot errs, less than the foot's 3.3
 UNLIKE = 0.5  # correlation of a joint with itself, below which it may be another one; in real recordings 0.85 and more
@@ -51,7 +51,7 @@ def _position_unit(evidence: Evidence) -> Iterator[Finding]:
     for name in wide:
         metres, unit = _length(evidence, name, wide)
         what = f"it spans {extent(evidence.positions[name]):.4g} m: it looks like {unit}."
-        hint = f"Set position_scale = {metres:g} under [{name}] in the mapping file."
+        hint = f"Set position_scale = {metres} under [{name}] in the mapping file."
         yield Finding("error", "position_unit", name, what, hint, len(evidence.log))
     for name, other in evidence.both(POSITION_PAIRS):
         sizes = spread(evidence.positions[name]), spread(evidence.positions[other])
@@ -69,13 +69,13 @@ def _position_unit(evidence: Evidence) -> Iterator[Finding]:
         yield Finding(severity, "position_unit", name, what, "Check position_scale.", len(evidence.log))
 
 
-def _length(evidence: Evidence, name: str, wide: Sequence[str]) -> tuple[float, str]:
+def _length(evidence: Evidence, name: str, wide: Sequence[str]) -> tuple[str, str]:
     """Return the unit of positions that are too wide for metres: as a signal in metres has it, else millimetres."""
     metres = [spread(evidence.positions[n]) for n in evidence.log.POSES if n in evidence.present and n not in wide]
     if max(metres, default=0.0) < MIN_SPREAD:
         return LENGTHS[0]
     times = spread(evidence.positions[name]) / max(metres)
-    return min(LENGTHS, key=lambda unit: abs(np.log(max(unit[0] * times, np.finfo(float).tiny))))
+    return min(LENGTHS, key=lambda unit: abs(np.log(max(float(unit[0]) * times, np.finfo(float).tiny))))
 
 
 @check
