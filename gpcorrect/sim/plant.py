@@ -30,7 +30,9 @@ PASSES, MOST_PASSES = 2, 12
 have most of the inertia. Where links have, and turn one another, it halves it: there are more until one changes next to
 nothing (`SETTLED`). An iiwa without rotors, its errors of 2.4 to 3.8 mrad: 2 passes leave 12 to 61 urad, 8 leave 1 to
 10."""
-SETTLED = 2e-3  # of how far a joint is from where it should be, root mean square; likewise
+SETTLED = 2e-3
+"""Of how far a joint is from where it should be, root mean square; chosen by hand. On that iiwa half of it takes 12
+passes in place of 11, and double 8; residuals of a recording by PyBullet differ by 0.4 urad at most."""
 PASSES_BEYOND = 1  # after a run that differs by little, for what that changes of the load
 LAGGING_PASSES = 3  # where `kv` lets the motors lag behind: on a UR5e 5e-7 rad from the limit (2 passes: 2e-5)
 
@@ -120,11 +122,12 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
         mass = mean_inertia(body, plan.q)
     path, load = _first_guess(machine, body, command, drive, fed)
     motors = path.q if command.begun is None else command.begun.motion.position
-    fewest, begun = PASSES if drive.kv is None else LAGGING_PASSES, command.begun
-    if begun is not None:
-        fewest = command.passes or max(fewest, begun.passes // 2)
-    fewest = passes or fewest
-    for number in range(MOST_PASSES if begun is None and passes is None else fewest):
+    fewest, most = PASSES if drive.kv is None else LAGGING_PASSES, MOST_PASSES
+    if command.begun is not None:
+        fewest = most = command.passes or max(fewest, command.begun.passes // 2)
+    if passes is not None:
+        fewest = most = passes
+    for number in range(most):
         load = link_load(body, path) if number or load is None else load
         beyond_inertia = load.total - mass * path.acceleration
         inertia = drive.motor_inertia + mass

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -61,3 +63,20 @@ def findings(log: CalibrationLog, code: str) -> list[Finding]:
 def codes(report: ValidationReport, *severities: str) -> set[str]:
     """Codes of the findings of these severities."""
     return {f.code for f in report.findings if f.severity in severities}
+
+
+def pose(
+    signal: PoseSignal,
+    change_position: Callable[[FloatArray], FloatArray] = lambda p: p,
+    change_quaternion: Callable[[FloatArray], FloatArray] = lambda q: q,
+) -> PoseSignal:
+    """Return a pose signal with copies of its parts put through functions."""
+    assert signal.quaternion is not None
+    return PoseSignal(change_position(signal.position.copy()), change_quaternion(signal.quaternion.copy()))
+
+
+def scaled_joint(name: str, joint: int, factor: float) -> CalibrationLog:
+    """Return the clean log with one joint of one signal multiplied."""
+    table = getattr(clean_log(), name).copy()
+    table[:, joint] *= factor
+    return replace(clean_log(), **{name: table})
