@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from gpcorrect.calibration.arm_kinematics import with_outside_joints, with_poses
     from gpcorrect.calibration.cartesian import CommandCorrector
     from gpcorrect.calibration.dataset import HoldOut, folds_of
-    from gpcorrect.calibration.drift import Ageing, Detection, detect, estimate_ageing
+    from gpcorrect.calibration.drift import Ageing, Detection, chance_of_larger, detect, estimate_ageing
     from gpcorrect.calibration.evaluate import (
         COMPONENTS,
         Evaluation,
@@ -64,7 +64,7 @@ __getattr__ = imported_on_demand(
         "arm_kinematics": "with_outside_joints with_poses",
         "cartesian": "CommandCorrector",
         "dataset": "HoldOut folds_of",
-        "drift": "Ageing Detection detect estimate_ageing",
+        "drift": "Ageing Detection chance_of_larger detect estimate_ageing",
         "evaluate": "COMPONENTS Evaluation Experiment evaluate_model part_errors position_reductions run_experiment",
         "excitation": "DIRECTIONS Direction TimedPath direction_named random_sinusoids random_sweeps timed zigzag",
         "explore": "Proposal propose",
@@ -122,6 +122,7 @@ __all__ = [
     "ToolStream",
     "Update",
     "Use",
+    "chance_of_larger",
     "command_line",
     "commands_apart",
     "compare",

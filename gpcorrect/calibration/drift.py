@@ -5,6 +5,9 @@ its rank among all scores before it, those of the training's left-out trajectori
 p-values are independent and uniform, whatever the distribution of the errors (Vovk et al. 2005). Each is turned into an
 e-value, mean at most 1, and these are accumulated as in CUSUM, `C = max(C, 1) e`; an alarm at `C >= A` comes once in A
 trajectories or more seldom (e-detectors: Shin, Ramdas and Rinaldo 2024, Sec. 2), with no threshold to be simulated.
+
+Ranks among few scores bet little, and an arm that changed between two days may show eight motions: a recording as a
+whole is also compared with the fit, by the ranks of its scores among all (Mann and Whitney 1947).
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import stdtrit
+from scipy.stats import mannwhitneyu
 
 from gpcorrect.calibration.metrics import Z95
 from gpcorrect.errors import DataError
@@ -72,6 +76,19 @@ def detect(baseline: FloatArray, scores: FloatArray, threshold: float, rng: np.r
         evidence[i] = level
     reached = np.flatnonzero(evidence >= threshold)
     return Detection(scores, evidence, threshold, int(reached[0]) if reached.size else None)
+
+
+def chance_of_larger(baseline: FloatArray, scores: FloatArray) -> float:
+    """Return how probable ranks as high as those of one recording's scores are where nothing changed, one-sided.
+
+    Parameters
+    ----------
+    baseline : (b,) array, scores of the training's left-out trajectories
+    scores : (n,) array, scores of one recording; 1 where there are none
+    """
+    if not scores.size:
+        return 1.0
+    return float(mannwhitneyu(scores, baseline, alternative="greater").pvalue)
 
 
 def _conformal_p_values(baseline: FloatArray, scores: FloatArray, rng: np.random.Generator) -> FloatArray:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Self
 
 import typer
 
@@ -17,8 +18,8 @@ from gpcorrect.cli.reading import Reading, read_logs
 from gpcorrect.errors import DataError, LogError
 
 if TYPE_CHECKING:
-    from gpcorrect.calibration import Ageing, Detection, Proposal, Update
-    from gpcorrect.types import IntArray
+    from gpcorrect.calibration import Ageing, Detection, Measured, Proposal, Update
+    from gpcorrect.types import FloatArray, IntArray
 
 NOT_WRITTEN = 1  # exit status, as of a check that fails
 UNSEEN = 0.2  # fraction of new samples that the model's points see too little of to learn there; chosen by hand
@@ -139,7 +140,7 @@ def drift(
     _require_ages(age, logs)
     corrector = load_any(model)
     baseline = np.asarray(corrector.summary.get("baseline", ()), dtype=np.float64)
-    parts, ages, recorded = [], [], 0.0
+    parts, beside, ages, recorded = [], [], [], 0.0
     of_joints = isinstance(corrector, JointCorrector)
     recordings = [reading.joint_log([path]) if of_joints else reading.log([path]) for path in logs]
     refuse_twice(recordings)
@@ -151,7 +152,10 @@ def drift(
             note(f"{path}: left out")
             parts.append(np.empty(0))
         else:
-            parts.append(corrector.measure(matched, corrector.clean_afresh(matched).keep).scores)
+            measured = corrector.measure(matched, corrector.clean_afresh(matched).keep)
+            parts.append(measured.scores)
+            if measured.scores.size:
+                beside.append(_Beside.of(path, baseline, measured))
         recorded += sum(float(np.ptp(log.time[rows])) for _, rows in log.trajectories()) / 3600
         ages.append(recorded if age is None else age[i])
     scores = np.concatenate(parts)
@@ -163,33 +167,60 @@ def drift(
         )
     rng = np.random.default_rng(seed)
     found = detect(baseline, scores, false_alarms, rng)
+    larger = [one for one in beside if one.chance * len(beside) * false_alarms <= 1]
     counts = [len(part) for part in parts]
     where = np.repeat(np.arange(len(logs)), counts)
     ageing = estimate_ageing(baseline, scores, np.repeat(ages, counts), where, worn_out, rng)
     unit = "hours recorded" if age is None else "days"
-    words = (_drift_verdict(found, where, logs), _ageing_words(ageing, unit))
+    lines = [f"at the fit: {baseline.size} trajectories, score {baseline.mean():.2f}", *map(str, beside)]
+    words = (_drift_verdict(found, where, logs, larger), _ageing_words(ageing, unit))
     if page is not None:
         from gpcorrect.report import write_drift_report  # the report's libraries are an extra
 
-        write_drift_report(baseline, found, ageing, [logs[i].name for i in where], words, page)
+        write_drift_report(baseline, found, ageing, [logs[i].name for i in where], (*words, *lines), page)
     if json:
+        first = larger[0].log if larger else None
         print_json(
             {
-                "alarm": found.alarm is not None,
-                "alarm_log": None if found.alarm is None else str(logs[int(where[found.alarm])]),
+                "alarm": found.alarm is not None or bool(larger),
+                "alarm_log": first if found.alarm is None else str(logs[int(where[found.alarm])]),
                 "alarm_trajectory": found.alarm,
+                "recordings": [asdict(one) for one in beside],
                 **{name: getattr(found, name) for name in ("evidence", "threshold", "scores")},
                 "unit": unit,
                 **{n: getattr(ageing, n) for n in ("ageing", "slope", "slope95", "remaining", "remaining95")},
             }
         )
         return
-    for i, path in enumerate(logs):
-        own = found.scores[where == i]
-        size = f"score {own.mean():.2f}" if own.size else "of the training, or outside its region"
-        out.print(f"{path}: {own.size} trajectories, {size}")
-    out.print(styled((words[0], "" if found.alarm is None else "bold red")))
+    for line in lines:
+        out.print(line)
+    out.print(styled((words[0], "" if found.alarm is None and not larger else "bold red")))
     out.print(words[1])
+
+
+@dataclass(frozen=True)
+class _Beside:
+    """Trajectories of one recording beside those left out of the fit."""
+
+    log: str
+    trajectories: int
+    score: float  # mean
+    coverage95: float  # of all components' errors
+    coverage95_worst: float  # of the component that is held most seldom
+    chance: float  # of ranks as high where nothing changed
+
+    @classmethod
+    def of(cls, path: Path, baseline: FloatArray, measured: Measured) -> Self:
+        from gpcorrect.calibration import chance_of_larger
+
+        scores, worst = measured.scores, min(share for share in measured.coverage95 if share == share)
+        chance = chance_of_larger(baseline, scores)
+        return cls(str(path), scores.size, float(scores.mean()), measured.share_held, float(worst), chance)
+
+    def __str__(self) -> str:
+        """Return a line: how large its errors are beside the model's intervals."""
+        covers = f"95 % intervals cover {100 * self.coverage95:.0f} %, of the worst component {100 * self.coverage95_worst:.0f} %"
+        return f"{self.log}: {self.trajectories} trajectories, score {self.score:.2f}, {covers}"
 
 
 def _require_ages(age: list[float] | None, logs: list[Path]) -> None:
@@ -203,7 +234,12 @@ def _require_ages(age: list[float] | None, logs: list[Path]) -> None:
         raise DataError(f"the ages of logs rise from one to the next, got {', '.join(map(str, age))}.", hint=hint)
 
 
-def _drift_verdict(found: Detection, where: IntArray, logs: list[Path]) -> str:
+def _drift_verdict(found: Detection, where: IntArray, logs: list[Path], larger: list[_Beside]) -> str:
+    if found.alarm is None and larger:
+        return (
+            f"drift: errors larger than at the fit in {' and '.join(one.log for one in larger)}"
+            f"; where nothing changed ranks are as high once in {1 / max(one.chance for one in larger):.2g} recordings"
+        )
     if found.alarm is None:
         return f"no alarm: evidence of drift reached {found.evidence.max():.3g} of {found.threshold:g}"
     return (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gpcorrect.calibration import detect, estimate_ageing
+from gpcorrect.calibration import chance_of_larger, detect, estimate_ageing
 from gpcorrect.calibration.drift import _conformal_p_values, _e_values
 from gpcorrect.errors import DataError
 
@@ -61,6 +61,25 @@ def test_few_scores_at_the_fit_are_enough(factor: float, least: float) -> None:
         rng = np.random.default_rng(seed)
         found += detect(rng.gamma(20, 0.05, 29), factor * rng.gamma(20, 0.05, 16), 1000.0, rng).alarm is not None
     assert found >= 100 * least
+
+
+@pytest.mark.parametrize("shape", ["gamma", "ties"])
+def test_a_recording_is_rarely_called_larger_by_chance(shape: str) -> None:
+    """Of 4,000 unchanged recordings of eight trajectories a hundredth, or fewer, have a chance below a hundredth."""
+    rng = np.random.default_rng(3)
+    draw = {"gamma": lambda n: rng.gamma(5, 1, n), "ties": lambda n: rng.integers(1, 6, n).astype(float)}[shape]
+    chances = np.array([chance_of_larger(draw(29), draw(8)) for _ in range(4000)])
+    assert 0.001 < (chances <= 0.01).mean() < 0.0145  # three standard deviations above
+
+
+def test_eight_trajectories_are_enough_for_a_recording() -> None:
+    """Beside 29 scores at the fit, eight that are 1.7 times as large are told at one in 1000; none is told of none."""
+    found = 0
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        found += chance_of_larger(rng.gamma(20, 0.05, 29), 1.7 * rng.gamma(20, 0.05, 8)) < 1e-3
+    assert found >= 95
+    assert chance_of_larger(np.ones(29), np.empty(0)) == 1.0
 
 
 def history(rng: np.random.Generator, growth: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from command_line import CommandLine, assert_refused, written
 from support import small_log
@@ -59,6 +60,25 @@ def test_drift_draws_and_answers(gpcorrect: CommandLine, model: Path, days: list
     assert page.count('class="chart"') == 1
     assert "trajectories" in gpcorrect("drift", model, *days).out
     assert result.json["ageing"] is None  # two days make no line
+
+
+def test_drift_tells_an_arm_that_changed_by_one_short_day(
+    gpcorrect: CommandLine, model: Path, days: list[Path], tmp_path: Path
+) -> None:
+    """Six motions of an arm that errs by more are too few for the sequence; as one recording they raise the alarm."""
+    log = small_log(3, 6, samples=40)
+    assert log.tracker_cp is not None
+    bent = log.tracker_cp.position + 0.002 * np.cos(40 * log.tracker_cp.position[:, [2, 0, 1]])
+    changed = written(replace(log, tracker_cp=replace(log.tracker_cp, position=bent)), tmp_path / "changed.csv")
+    result = gpcorrect("drift", model, days[0], changed, "--json")
+    assert result.code == 0, result.err
+    healthy, worse = result.json["recordings"]
+    assert result.json["alarm"] is True
+    assert worse["chance"] < 1e-4 < healthy["chance"]
+    assert worse["coverage95_worst"] <= worse["coverage95"] < healthy["coverage95"]
+    said = gpcorrect("drift", model, changed).out
+    assert "larger than at the fit in" in said
+    assert "changed.csv: 6 trajectories" in said
 
 
 def test_drift_leaves_the_training_out(gpcorrect: CommandLine, model: Path, days: list[Path], tmp_path: Path) -> None:
