@@ -219,8 +219,10 @@ class _Beside:
 
     def __str__(self) -> str:
         """Return a line: how large its errors are beside the model's intervals."""
-        covers = f"95 % intervals cover {100 * self.coverage95:.0f} %, of the worst component {100 * self.coverage95_worst:.0f} %"
-        return f"{self.log}: {self.trajectories} trajectories, score {self.score:.2f}, {covers}"
+        return (
+            f"{self.log}: {self.trajectories} trajectories, score {self.score:.2f}, 95 % intervals cover"
+            f" {100 * self.coverage95:.0f} %, of the worst component {100 * self.coverage95_worst:.0f} %"
+        )
 
 
 def _require_ages(age: list[float] | None, logs: list[Path]) -> None:
