@@ -1,7 +1,7 @@
 """Boosted trees, after a linear law where the task has one: what jumps and thresholds a smooth field cannot follow.
 
-The linear law goes on where trees stop: at a load above all that was recorded, on the spindle of docs/joint.md, trees
-alone were twice as wrong as after it.
+The linear law goes on where trees stop: at a load above all that was recorded, on the spindle of
+docs/joint-measured.md, trees alone were twice as wrong as after it.
 
 scikit-learn grows them (histogram gradient boosting, after Ke et al. 2017); what is stored and asked is a table of
 their nodes, so that a model file holds numbers only and an answer needs no scikit-learn.
