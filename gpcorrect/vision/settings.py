@@ -34,7 +34,7 @@ class BallSettings:
     harmonics: int = 8  # of the rim's errors, from the second on, that show how large the first is
     # Standard deviation that systematic errors leave of any centre whose rim is blurred by 1 px; as shading and a gamma
     # that is not quite right have it, it grows with the square of the blur. With it 95 % ellipsoids hold for cameras
-    # that code with powers of 1.8 to 2.6, taken for 2.2, and for colours that JPEG blurs (docs/vision.md, measured).
+    # that code with powers of 1.8 to 2.6, taken for 2.2, and for colours that JPEG blurs (docs/vision-measured.md).
     floor_px: float = 0.06
 
     # Circles: Peng et al. 2020, Sec. III-A: Canny edges in the enlarged colour mask, bisected Hough threshold.
