@@ -56,7 +56,7 @@ def rows_of(name: str, reaches: int, paths: int) -> list[list[Any]]:
         told = {"as desired": path.setpoint_cp}
         for way, model in models.items():
             answer = model.correct_path(asked, path.time - path.time[0])
-            told[way] = PoseSignal(answer.position, answer.quaternion)
+            told[way] = answer.poses
         for way, commands in told.items():
             found[way].append(pose_residual(seen(machine, arrived(name, machine, commands, path)), wanted))
     how = "in its joints" if corrector.route is not None else "without joints"

@@ -30,7 +30,7 @@ from gpcorrect.calibration.memory import MemoryMap, steps
 from gpcorrect.calibration.poses import Steps, rotations_of
 from gpcorrect.logs import read_log
 from gpcorrect.rigid import pose_residual
-from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray
 from gpcorrect.velocity import segment_labels, twists
 
 REAL = "dvrk_random.csv"
@@ -108,7 +108,7 @@ def closed_loop(name: str) -> list[list[Any]]:
     commands = {"as desired": told}
     for way, model in {"pose and velocity": replace(recalling, memory=None), "and memory": recalling}.items():
         answer = model.correct_path(np.hstack([wanted.position, wanted.quaternion]), time)
-        commands[way] = PoseSignal(answer.position, answer.quaternion)
+        commands[way] = answer.poses
     return [row(way, pose_residual(arrived(name, sent), wanted)[counted])[:3] for way, sent in commands.items()]
 
 

@@ -78,7 +78,7 @@ def late_rows_of(name: str, log: CalibrationLog) -> list[list[object]]:
         forward.FOLLOW_STEPS = steps
         path = reached_path(model, log.setpoint_cp.table[held], log.time[held])
         answer = path[np.searchsorted(np.flatnonzero(held), rows)]
-        left = pose_residual(PoseSignal(answer.position, answer.quaternion), log.tracker_cp[rows])[:, :3]
+        left = pose_residual(answer.poses, log.tracker_cp[rows])[:, :3]
         known = answer.in_domain
         cover = 100 * (np.abs(left) <= answer.interval95[:, :3])[known].mean(axis=0)
         size = 1e3 * np.sqrt(np.mean(np.sum(left[known] ** 2, axis=1)))
@@ -105,7 +105,7 @@ def rows_of(name: str, log: CalibrationLog) -> list[list[object]]:
     trees = boosted(log, registered, np.flatnonzero(~held), rows)
     found.append([f"{name}: and boosted trees", *rms(pose_residual(trees, seen)), ""])
     for way, answer in answers.items():
-        left = pose_residual(PoseSignal(answer.position, answer.quaternion), seen)
+        left = pose_residual(answer.poses, seen)
         cover = 100 * (np.abs(left) <= answer.interval95).mean(axis=0)
         found.append([f"{name}: {way}", *rms(left), f"{cover.mean():.1f} ({cover.min():.0f} to {cover.max():.0f})"])
     covered = f"{100 * float(usual.coverage95.mean()):.1f}"

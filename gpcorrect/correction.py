@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from gpcorrect.types import BoolArray, FloatArray, IntArray
+from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal
 
 
 class Status(StrEnum):
@@ -101,6 +101,12 @@ class Correction:
     std: FloatArray
     interval95: FloatArray
     reasons: Reason | IntArray
+
+    @property
+    def poses(self) -> PoseSignal:
+        """Poses of n answers that are no joints."""
+        assert self.position is not None
+        return PoseSignal(self.position, self.quaternion)
 
     @property
     def in_domain(self) -> Any:

@@ -11,7 +11,7 @@ import numpy as np
 from gpcorrect.calibration.arm_kinematics import ArmKinematics
 from gpcorrect.calibration.dataset import Layout, Samples, folds_of, path_starts
 from gpcorrect.calibration.domain import Bounds
-from gpcorrect.calibration.held_orientation import HeldOrientation, hardly_turns, register_held
+from gpcorrect.calibration.held_orientation import HeldOrientation, hardly_turns, lever_note, register_held
 from gpcorrect.calibration.joint_route import JointRoute
 from gpcorrect.calibration.memory import Memory, MemoryMap, choose_memory
 from gpcorrect.calibration.metrics import error_table
@@ -32,7 +32,6 @@ from gpcorrect.calibration.sessions import sessions_apart
 from gpcorrect.calibration.settings import JOINTS, LIMITS, MEMORY, FitSettings
 from gpcorrect.calibration.task import LearnLaw, Measured, Outcome
 from gpcorrect.calibration.training_motion import MotionLimits, TrainingMotion
-from gpcorrect.calibration.unseen_lever import lever_note
 from gpcorrect.cleaning import POSES, FittedCleaner, Pair
 from gpcorrect.correction import Correction
 from gpcorrect.errors import DataError, GpCorrectError, LogError
@@ -87,7 +86,7 @@ class CommandCorrector(PoseAnswers):
         features = features.fit(reference.position, rotations_of(reference), moved)
         samples = _samples_of_poses(pairs, log, rigid, features, None)
         law, left_out = learn_law(samples, _pose_layout(features, None))
-        held = None if turns is None else turns.held(samples)
+        held = None if turns is None else HeldOrientation.of(*turns, samples)
         remarks = [f"registration: {registration.reason}", *_not_corrected(features, held)]
         remarks += lever_note(log, pairs.rows, reference.position, pairs.command.position - reference.position)
         used = [kind for kind in kinds if kind not in (MEMORY, JOINTS)]
@@ -137,7 +136,7 @@ class CommandCorrector(PoseAnswers):
         remarks += sessions_apart(log, samples.rows, alone.left_out.errors, missed, parts, wide=wide)
         left_out, intervals = best.left_out, best.intervals
         if turns is not None and held is not None:
-            left_out, intervals = held.beside(left_out, intervals, turns.reference, turns.command)
+            left_out, intervals = held.beside(left_out, intervals, *turns)
         low, high = pairs.observed.position.min(axis=0), pairs.observed.position.max(axis=0)
         report = {
             "frames": {"input": "tracker", "output": "base"},
@@ -155,8 +154,8 @@ class CommandCorrector(PoseAnswers):
         if self.held is None or pose_pair(log)[0].quaternion is None:
             return changed
         pairs = PosePairs.of(log, keep, self.velocity_steps)
-        turns = _Turns(self.rigid.apply(pairs.observed), pairs.command)
-        return replace(changed, held=self.held.joined(turns.held(self.samples(log, keep))))
+        seen = HeldOrientation.of(self.rigid.apply(pairs.observed), pairs.command, self.samples(log, keep))
+        return replace(changed, held=self.held.joined(seen))
 
     def cautions(self, log: CalibrationLog) -> tuple[str, ...]:
         """See :class:`Corrector`."""
@@ -204,11 +203,10 @@ class CommandCorrector(PoseAnswers):
             known = self.rigid.apply(possible[path])
             in_joints = self.route.correct(known, log.time[path], log.session[path], self.law.bounds)
             answer = self.joined(in_joints[np.isin(np.flatnonzero(path), rows)], answer)
-        assert answer.position is not None
         return Measured(
             raw=pose_residual(observed, commanded),
             registered=pose_residual(self.rigid.apply(observed), commanded),
-            corrected=pose_residual(PoseSignal(answer.position, answer.quaternion), commanded),
+            corrected=pose_residual(answer.poses, commanded),
             interval95=answer.interval95,
             in_domain=answer.in_domain,
             speed=np.linalg.norm(twist[:, :3], axis=1),
@@ -237,36 +235,26 @@ class CommandCorrector(PoseAnswers):
         return np.vstack(found)
 
 
-@dataclass(frozen=True, eq=False)
-class _Turns:
-    """Registered observations and commands of a log whose orientations are not learned from."""
-
-    reference: PoseSignal
-    command: PoseSignal
-
-    def held(self, samples: Samples) -> HeldOrientation:
-        """Return what is known of rotations, where positions are learned from these samples."""
-        return HeldOrientation.of(self.reference, self.command, samples.trajectory[samples.rows], samples.widening)
-
-
 def _registered(
     pairs: PosePairs, log: CalibrationLog, settings: FitSettings
-) -> tuple[PosePairs, Registration, _Turns | None]:
-    """Return the samples as they are learned from, their registration, and orientations that are not learned from."""
+) -> tuple[PosePairs, Registration, tuple[PoseSignal, PoseSignal] | None]:
+    """Return the samples as they are learned from, and their registration.
+
+    And last registered observations and commands with orientations, where these are not learned from.
+    """
     registration = pairs.register(log, settings)
     reference = registration.model.apply(pairs.observed)
     if not settings.rigid or not hardly_turns(reference, pairs.command):
         return pairs, registration, None
     rows = log.trajectory[pairs.rows]
     registration = register_held(registration, pairs.observed, pairs.command, rows, settings.marker)
-    turns = _Turns(registration.model.apply(pairs.observed), pairs.command)
     if JOINTS in settings.features:
         raise LogError(
             "the commanded orientations vary less than the robot misses them, and joints follow from whole poses.",
             hint="Leave joints out of --features, or record commands that turn the tool.",
             path=log.name,
         )
-    return pairs.positions, registration, turns
+    return pairs.positions, registration, (registration.model.apply(pairs.observed), pairs.command)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,6 @@ import numpy as np
 from scipy.special import stdtrit
 
 from gpcorrect.calibration.cartesian import CommandCorrector
-from gpcorrect.calibration.changed_arm import CAUTION, OTHER_FRAME, clean_changed
 from gpcorrect.calibration.dataset import HoldOut, held_out
 from gpcorrect.calibration.fit import FitResult, fit_model
 from gpcorrect.calibration.history import HeldOut, PartErrors
@@ -22,6 +21,7 @@ from gpcorrect.calibration.metrics import spread
 from gpcorrect.calibration.sessions import sessions_apart
 from gpcorrect.calibration.settings import LIMITS, FitSettings
 from gpcorrect.calibration.task import Corrector, Measured
+from gpcorrect.calibration.unlike_training import CAUTION, OTHER_FRAME, clean_changed
 from gpcorrect.cleaning import CleaningReport, Reason, require_segments
 from gpcorrect.logs.copies import LEAST, marks_of
 from gpcorrect.one_thread import on_one_thread

@@ -18,7 +18,7 @@ from gpcorrect.calibration.learners import GPMap
 from gpcorrect.calibration.poses import inverse_reference_twists
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import SharedPredictor
-from gpcorrect.types import FloatArray, IntArray, PoseSignal
+from gpcorrect.types import FloatArray, PoseSignal
 
 CANDIDATES = 1500  # bounds the covariance of candidates and so the time of a proposal; chosen by hand
 TASK_POINTS = 400  # likewise
@@ -137,10 +137,8 @@ class _Covariance:
 
 def _candidates(corrector: CommandCorrector, known: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Poses near those of training and task with velocities from elsewhere among them, inside each feature's range."""
-    groups = corrector.features.groups
     drawn = np.empty((CANDIDATES, known.shape[1]))
-    for group in groups:
-        columns: IntArray = np.array(group)
-        drawn[:, columns] = known[rng.integers(len(known), size=CANDIDATES)][:, columns]
+    for group in corrector.features.groups:
+        drawn[:, group] = known[rng.integers(len(known), size=CANDIDATES)][:, group]
     drawn += JITTER * rng.standard_normal(drawn.shape)
     return np.clip(drawn, known.min(axis=0), known.max(axis=0))

@@ -70,8 +70,7 @@ def reached(corrector: CommandCorrector, commands: ArrayLike, twist: ArrayLike |
         raise DataError(cause, hint="Give commands in metres, in the base frame.") from error
     for _ in range(STEPS):
         answer = corrector.correct_observed(poses, inverse_reference_twists(rigid, poses, moving))
-        assert answer.position is not None
-        missed = pose_residual(PoseSignal(answer.position, answer.quaternion), target)
+        missed = pose_residual(answer.poses, target)
         left = np.nanmax(np.abs(missed), axis=1)
         if (left < SOLVED).all():
             break
@@ -114,9 +113,8 @@ def reached_path(corrector: CommandCorrector, commands: ArrayLike, times: ArrayL
     found = None if corrector.route is None else corrector.route.reached(target, seconds, one)
     if found is None:
         return alone
-    assert found.position is not None
     rigid, known = corrector.rigid, np.asarray(np.isfinite(found.std).all(axis=1))
-    poses = rigid.inverse(PoseSignal(found.position, found.quaternion))
+    poses = rigid.inverse(found.poses)
     std, width = (_observed_std(rigid, poses, values) for values in (found.std, found.interval95))
     answer = Correction(poses.position, poses.quaternion, None, std, width, found.reasons)
     return answer if known.all() else answer.at(known, alone.because(Reason.OUTSIDE))
@@ -131,9 +129,8 @@ def _followed(corrector: CommandCorrector, commands: FloatArray, seconds: FloatA
     """
     answer, left = reached(corrector, commands, moving), np.inf
     for _ in range(FOLLOW_STEPS if corrector.features.uses_velocity else 0):
-        assert answer.position is not None
         known = np.flatnonzero(answer.in_domain)
-        poses = corrector.rigid.apply(PoseSignal(answer.position, answer.quaternion))[known]
+        poses = corrector.rigid.apply(answer.poses)[known]
         runs = segment_labels(seconds, np.zeros(len(seconds), dtype=np.int64), answer.in_domain)[known]
         change = np.nan_to_num(twists(seconds[known], poses.position, rotations_of(poses), runs) - moving[known])
         size = float(np.sqrt(np.mean(change[:, :3] ** 2))) if known.size else 0.0

@@ -1,4 +1,6 @@
-"""Orientations that hardly vary among the commands of a log: they are registered, and nothing is learned of them.
+"""Orientations that are not learned from: those that hardly vary among the commands, and those that no tracker saw.
+
+Held ones are registered; of unseen ones, what positions show of the lever arm from the marker to the tool tip is said.
 
 A regression from observed to commanded rotations is one with errors in its regressor (Fuller 1987, Sec. 1.1). With
 commands of spread c that the robot misses by m, it passes on the share `k = c^2 / (c^2 + m^2)` of a tilt that is asked
@@ -14,14 +16,14 @@ from typing import Self
 import numpy as np
 
 from gpcorrect import se3
-from gpcorrect.calibration.dataset import folds_of
+from gpcorrect.calibration.dataset import Samples, folds_of
 from gpcorrect.calibration.metrics import Z95
 from gpcorrect.calibration.settings import LIMITS
 from gpcorrect.errors import DataError, DegenerateError
 from gpcorrect.gpr import IntervalCalibration, LeftOut
 from gpcorrect.rigid import Registration, RigidModel, pose_residual, register
 from gpcorrect.rigid.select import MarkerOption
-from gpcorrect.types import BoolArray, FloatArray, IntArray, PoseSignal, frozen_array
+from gpcorrect.types import BoolArray, CalibrationLog, FloatArray, IntArray, PoseSignal, frozen_array
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,21 +59,21 @@ class HeldOrientation:
             raise DataError("spreads of a held orientation are at least 0.")
 
     @classmethod
-    def of(cls, reference: PoseSignal, command: PoseSignal, trajectory: IntArray, widening: float) -> Self:
+    def of(cls, reference: PoseSignal, command: PoseSignal, samples: Samples) -> Self:
         """Return what n samples say of it.
 
         Parameters
         ----------
         reference, command : PoseSignal, n registered observations and their commands, with orientations
-        trajectory : (n,) int array, what errs together
-        widening : float, by which intervals from so few motions are too narrow
+        samples : Samples, the same, of which positions are learned
         """
+        trajectory = samples.trajectory[samples.rows]
         R_mean, left = se3.rotation_mean(_rotations(reference)), pose_residual(reference, command)[:, 3:]
         std = np.maximum(np.sqrt(np.mean(left**2, axis=0)), np.finfo(float).tiny)
         intervals = IntervalCalibration.fit(left, np.broadcast_to(std, left.shape), trajectory, folds_of(trajectory))
         commanded, missed = _spreads(reference, command)
         widest = commanded + float(np.percentile(np.linalg.norm(left, axis=1), LIMITS.range_quantiles[1]))
-        return cls(R_mean, widest, std, intervals.widened(widening).interval95(std), commanded, missed)
+        return cls(R_mean, widest, std, intervals.widened(samples.widening).interval95(std), commanded, missed)
 
     def joined(self, other: Self) -> Self:
         """Return what is known after another log: no narrower than before.
@@ -214,3 +216,47 @@ def register_held(
         "separate", frames.R_position, frames.t, R_left=frames.R_position, R_right=se3.rotation_mean(left)
     )
     return replace(found, model=model, reason=f"{found.reason}; orientations by their mean turn")
+
+
+def lever_note(log: CalibrationLog, rows: IntArray, reference: FloatArray, left: FloatArray) -> tuple[str, ...]:
+    """Return a note where a marker away from the tip explains much of what a registration of positions leaves.
+
+    A marker at `a` in the tool's frame shows `u + R_cmd a`, so residuals hold `-R_cmd a`. That is fitted beside a small
+    turn and shift of the frames to one half of the trajectories, and measured on the other, both ways.
+
+    Parameters
+    ----------
+    log : CalibrationLog, n samples; nothing is returned where the tracker has orientations, or commands have none
+    rows : (k,) int array, samples that were registered
+    reference, left : (k, 3) arrays, registered positions, and commands minus these, m
+    """
+    tracker, command = log.tracker_cp, log.setpoint_cp
+    if tracker is None or command is None or tracker.quaternion is not None or command.quaternion is None:
+        return ()
+    ok = np.isfinite(command.quaternion[rows]).all(axis=1)
+    R, reference, left = se3.matrix_from_quaternion(command.quaternion[rows][ok]), reference[ok], left[ok]
+    frames = np.concatenate([np.broadcast_to(np.eye(3), R.shape), se3.hat(reference - reference.mean(axis=0))], axis=2)
+    design, y = np.concatenate([frames, -R], axis=2), left[:, :, None]
+    trajectory = log.trajectory[rows][ok]
+    first = trajectory <= np.median(np.unique(trajectory))
+    if first.all():
+        return ()
+    before, after = (
+        sum(_misfit(x[half], y[half], x[~half], y[~half]) for half in (first, ~first)) for x in (frames, design)
+    )
+    if not after < (1.0 - LIMITS.lever_explains) * before:
+        return ()
+    a = np.linalg.lstsq(design.reshape(-1, 9), y.reshape(-1), rcond=None)[0][6:]
+    where = ", ".join(f"{1e3 * length:.0f}" for length in a)
+    return (
+        f"the tracker reports positions only, of a marker that seems to be {1e3 * np.linalg.norm(a):.0f} mm from the "
+        f"commanded point ({where} mm in the commanded tool's frame), which explains {1 - after / before:.0%} of what "
+        "registration leaves and follows from orientations, that are not learned from here. Track the orientation too; "
+        "or record and ask for the marker's position: setpoint_cp plus these millimetres, turned by its orientation",
+    )
+
+
+def _misfit(x: FloatArray, y: FloatArray, other_x: FloatArray, other_y: FloatArray) -> float:
+    """Return the sum of squares that a fit to some samples leaves of others."""
+    found = np.linalg.lstsq(x.reshape(-1, x.shape[2]), y.reshape(-1), rcond=None)[0]
+    return float(((other_y[:, :, 0] - other_x @ found) ** 2).sum())

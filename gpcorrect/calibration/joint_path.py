@@ -26,6 +26,7 @@ class JointPath:
     velocity: FloatArray  # (n, d) of `q`, from the sample before: what a stream knows too
     effort: FloatArray | None  # (n, d) reported efforts, N m or N
     state: FloatArray | None  # (n, k) all that the log holds of the robot at each moment
+    state_names: tuple[str, ...] = ()  # (k,) of its columns
 
 
 def joint_path(
@@ -75,8 +76,9 @@ def logged_path(
     extra : sequence of str, optional, see :func:`state_columns`
     """
     effort = efforts_of(log, q.shape[1], moving) if efforts else None
-    state = state_columns(log, extra)[1] if "state" in kinds else None
+    names, state = state_columns(log, extra) if "state" in kinds else ((), None)
     path = joint_path(log.time, log.session, q if moving is None else q[:, moving], effort, state)
+    path = replace(path, state_names=names)
     if not log.static:
         return path
     return replace(path, new=np.ones(len(log), dtype=bool), velocity=np.zeros(path.q.shape))

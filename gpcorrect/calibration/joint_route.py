@@ -186,8 +186,7 @@ class JointRoute:
         answers: FloatArray = np.where(np.isfinite(left_out.errors).all(axis=1, keepdims=True), found[rows], np.nan)
         in_joints = Correction(None, None, answers, std, np.full(std.shape, np.nan), np.zeros(len(rows), np.int64))
         answer = self._as_poses(joints.reference[rows], joints.wanted[rows], in_joints, self.intervals)
-        assert answer.position is not None
-        errors = pose_residual(PoseSignal(answer.position, answer.quaternion), joints.command[rows])
+        errors = pose_residual(answer.poses, joints.command[rows])
         known = np.isfinite(errors).all(axis=1)
         trajectory = samples.trajectory[rows][known]
         intervals = IntervalCalibration.fit(errors[known], answer.std[known], trajectory, samples.folds[known])

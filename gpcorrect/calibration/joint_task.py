@@ -9,7 +9,7 @@ import numpy as np
 
 from gpcorrect.calibration.dataset import Layout, Samples
 from gpcorrect.calibration.joint_features import JointFeatures
-from gpcorrect.calibration.joint_path import effort_kind, state_columns, usual_steps
+from gpcorrect.calibration.joint_path import effort_kind, usual_steps
 from gpcorrect.calibration.joint_view import JointView, directed, joint_layout, path_and_error
 from gpcorrect.calibration.settings import LIMITS, FitSettings, InputSignal
 from gpcorrect.calibration.stops import Stops
@@ -83,7 +83,7 @@ class JointTask:
             features=features,
             end_to_end=settings.end_to_end and settings.method != "ukf",
             stops=stops,
-            state_names=state_columns(log)[0] if "state" in kinds else (),
+            state_names=path.state_names,
             missed=np.percentile(missed, LIMITS.range_quantiles[1], axis=0),
         )
         samples = replace(view.samples(path, log.trajectory, error, keep), session=log.session)

@@ -16,7 +16,6 @@ from gpcorrect.calibration.joint_path import (
     joint_path,
     logged_path,
     refuse_other_columns,
-    state_columns,
     without_faults,
 )
 from gpcorrect.calibration.law import Prediction
@@ -129,10 +128,10 @@ class JointView(PathView):
         source, truth = directed(log, self.input_signal, self.direction, needs_truth=needs_truth)
         if source.shape[1] != len(self.types):
             raise DataError(f"the model knows {len(self.types)} joints, the log has {source.shape[1]}.")
-        if self.state_names:
-            refuse_other_columns(state_columns(log)[0], self.state_names)
         kinds = self.features.kinds
         path, error = path_and_error(log, source, truth, keep, self.stops, self.moving, self.direction, kinds)
+        if self.state_names:
+            refuse_other_columns(path.state_names, self.state_names)
         return source, self.samples(path, log.trajectory, error, keep)
 
     def samples(self, path: JointPath, trajectory: IntArray, error: FloatArray, keep: BoolArray) -> Samples:

@@ -67,7 +67,8 @@ class Loads:
         if not (layout.efforts.size and layout.place.size and len(np.unique(folds)) > 1):
             return None
         usual = np.maximum(np.sqrt((X[:, layout.velocities] ** 2).mean(axis=0)), TINY)
-        motion = _motion(X, layout.place, layout.velocities, usual)
+        speed = X[:, layout.velocities] / usual
+        motion = np.hstack([X[:, layout.place], speed, np.tanh(FRICTION * speed)])
         wanted, left = X[:, layout.efforts], np.empty((len(X), layout.efforts.size))
         for fold in np.unique(folds):
             out = folds == fold
@@ -104,12 +105,6 @@ class Loads:
         """
         off = self.off(X[np.isfinite(X).all(axis=1)])
         return self.efforts[np.abs(np.median(off, axis=0)) > OTHER] if len(off) else self.efforts[:0]
-
-
-def _motion(X: FloatArray, place: IntArray, velocities: IntArray, usual: FloatArray) -> FloatArray:
-    """Return what efforts are explained by: places, velocities and their signs."""
-    speed = X[:, velocities] / usual
-    return np.hstack([X[:, place], speed, np.tanh(FRICTION * speed)])
 
 
 @njit(cache=True, nogil=True)

@@ -13,7 +13,7 @@ from gpcorrect.calibration.held_orientation import HeldOrientation
 from gpcorrect.calibration.joint_route import JointRoute
 from gpcorrect.calibration.memory import Memory, advance, steps
 from gpcorrect.calibration.one_pose import Frame, command, frame, inputs
-from gpcorrect.calibration.poses import Steps, reference_twists, rotations_of, without_orientation
+from gpcorrect.calibration.poses import Steps, reference_twists, rotations_of
 from gpcorrect.calibration.queries import POSE, POSITION, TWIST
 from gpcorrect.calibration.task import Corrector
 from gpcorrect.calibration.training_motion import MotionLimits, StreamGuard
@@ -225,7 +225,7 @@ class PoseAnswers(Corrector):
         X = self.features.transform(reference.position, rotations_of(reference), moved)
         law = self.law
         if self.memory is not None and commands is not None and new is not None:
-            past = [p if self.has_orientation else without_orientation(p) for p in (commands, reference)]
+            past = [p if self.has_orientation else PoseSignal(p.position) for p in (commands, reference)]
             states = self.memory.states.transform(past[0], past[1], np.cumsum(new, dtype=np.int64))
             X, law = np.hstack([X, states]), self.memory.law
         prediction, rotations = law.predict_rows(X), rotations_of(reference)

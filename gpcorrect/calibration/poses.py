@@ -44,16 +44,6 @@ def rotations_of(signal: PoseSignal) -> FloatArray | None:
     return None if signal.quaternion is None else se3.matrix_from_quaternion(signal.quaternion)
 
 
-def without_orientation(signal: PoseSignal) -> PoseSignal:
-    """Return the positions of a signal alone.
-
-    Parameters
-    ----------
-    signal : PoseSignal, n poses
-    """
-    return PoseSignal(signal.position)
-
-
 def observed_twists(log: CalibrationLog, signal: PoseSignal, keep: BoolArray, velocity_steps: Steps) -> FloatArray:
     """Return twists of an observed path, never across a rejected sample or a gap; static poses are at rest.
 
@@ -229,7 +219,7 @@ class PosePairs:
     @property
     def positions(self) -> Self:
         """The same samples without their orientations."""
-        return replace(self, observed=without_orientation(self.observed), command=without_orientation(self.command))
+        return replace(self, observed=PoseSignal(self.observed.position), command=PoseSignal(self.command.position))
 
     @property
     def check_queries(self) -> FloatArray:

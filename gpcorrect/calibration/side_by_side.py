@@ -258,6 +258,5 @@ def _commands(model: CommandCorrector, queries: FloatArray, *, paths: bool) -> P
         answers.append(model.joined(in_joints, answers[0]))
     elif paths:
         answers *= 2
-    commands = [PoseSignal(a.position, a.quaternion) for a in answers if a.position is not None]
-    quaternions = [c.quaternion for c in commands if c.quaternion is not None and model.has_orientation]
-    return PoseSignal(np.vstack([c.position for c in commands]), np.vstack(quaternions) if quaternions else None)
+    commands = PoseSignal.of(np.vstack([answer.poses.table for answer in answers]))
+    return commands if model.has_orientation else PoseSignal(commands.position)

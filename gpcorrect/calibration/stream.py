@@ -204,14 +204,9 @@ class JointStream(_ViewStream):
         DataError
             The numbers do not fit the model, or time does not advance; the past stays.
         """
-        view, law = self._corrector.view, self._corrector.law
-        joints, efforts, rest = self._checked(q, effort, state)
-        leap, moving = self._arrive(time, joints), view.reached(joints)[view.moving]
-        if not np.isfinite(moving).all():
-            self._begin()
-            return view.answer(joints[None], law.unknown())[0]
-        sample = _Sample(time, moving, efforts, rest, moving if along is None else along[view.moving])
-        return view.answer(joints[None], self._predict(sample, leap))[0]
+        joints, sample, leap = self._arrived(time, q, effort, state, along)
+        prediction = self._corrector.law.unknown() if sample is None else self._predict(sample, leap)
+        return self._corrector.view.answer(joints[None], prediction)[0]
 
     def follow(
         self, time: float, q: ArrayLike, effort: ArrayLike | None = None, state: ArrayLike | None = None
@@ -220,24 +215,27 @@ class JointStream(_ViewStream):
 
         Parameters and errors are those of :meth:`correct`, of whose work this is a third.
         """
-        view = self._corrector.view
-        joints, efforts, rest = self._checked(q, effort, state)
-        leap, moving = self._arrive(time, joints), view.reached(joints)[view.moving]
-        if not np.isfinite(moving).all():
-            self._begin()
-        elif not leap:
+        _, sample, leap = self._arrived(time, q, effort, state, None)
+        if sample is not None and not leap:
             filters = isinstance(self._corrector.law.learned, CableModel)
-            (self._next if filters else self._inputs)(_Sample(time, moving, efforts, rest, moving))
+            (self._next if filters else self._inputs)(sample)
 
-    def _checked(
-        self, q: ArrayLike, effort: ArrayLike | None, state: ArrayLike | None
-    ) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
-        """Return the joints (d,), and of the moving ones the efforts, and the state; a DataError for other numbers."""
+    def _arrived(
+        self, time: float, q: ArrayLike, effort: ArrayLike | None, state: ArrayLike | None, along: FloatArray | None
+    ) -> tuple[FloatArray, _Sample | None, bool]:
+        """Return the joints (d,), those that move as a sample, and whether it is a leap; a DataError for other numbers.
+
+        There is no sample where a number of these is missing: the path begins anew.
+        """
         view = self._corrector.view
         joints = _numbers(q, len(view.types), "joints")
         efforts = None if effort is None else _numbers(effort, len(view.types), "efforts")[view.moving]
         rest = None if state is None else _numbers(state, view.features.n_state, "state columns")
-        return joints, efforts, rest
+        leap, moving = self._arrive(time, joints), view.reached(joints)[view.moving]
+        if not np.isfinite(moving).all():
+            self._begin()
+            return joints, None, leap
+        return joints, _Sample(time, moving, efforts, rest, moving if along is None else along[view.moving]), leap
 
     def _next(self, sample: _Sample) -> Prediction:
         """See :class:`_ViewStream`; a learner that filters the path follows it."""

@@ -17,9 +17,9 @@ from gpcorrect.calibration.dataset import Layout, Samples, pieces
 from gpcorrect.calibration.history import Step
 from gpcorrect.calibration.law import Law
 from gpcorrect.calibration.metrics import Z95, coverage
-from gpcorrect.calibration.other_clock import beside_training
 from gpcorrect.calibration.settings import FitSettings
 from gpcorrect.calibration.training_motion import UNITS, TrainingMotion
+from gpcorrect.calibration.unlike_training import beside_training
 from gpcorrect.cleaning import CleaningReport, FittedCleaner, Pair, clean_with, fit_cleaner
 from gpcorrect.errors import DataError, LogError
 from gpcorrect.gpr import IntervalCalibration, LeftOut

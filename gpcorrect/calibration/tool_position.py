@@ -10,7 +10,7 @@ import numpy as np
 from gpcorrect import se3
 from gpcorrect.calibration.dataset import Samples
 from gpcorrect.calibration.joint_features import JointFeatures
-from gpcorrect.calibration.joint_path import effort_kind, logged_path, refuse_other_columns, state_columns, usual_steps
+from gpcorrect.calibration.joint_path import effort_kind, logged_path, refuse_other_columns, usual_steps
 from gpcorrect.calibration.joint_view import PathView, ViewCorrector, joint_layout
 from gpcorrect.calibration.law import Prediction
 from gpcorrect.calibration.settings import LIMITS, FitSettings
@@ -39,8 +39,7 @@ class ToolView(PathView):
     def of_log(self, log: CalibrationLog, keep: BoolArray, *, needs_truth: bool = True) -> tuple[FloatArray, Samples]:
         """See :class:`PathView`."""
         path = logged_path(log, _reported_joints(log), self.features.kinds, extra=self.extra)
-        if "state" in self.features.kinds:
-            refuse_other_columns(state_columns(log, self.extra)[0], self.state_names)
+        refuse_other_columns(path.state_names, self.state_names)
         reported, seen = _positions(log, needs_truth=needs_truth)
         error = np.full(reported.shape, np.nan)
         if seen is not None:
@@ -154,11 +153,10 @@ class PositionEstimator(ViewCorrector):
         registration = _stated_frame(log) or rigid
         error = registration.apply(PoseSignal(seen)).position - reported
         features = JointFeatures.learn(kinds, path, error, rows)
-        names = state_columns(log, settings.extra)[0] if "state" in kinds else ()
         view = ToolView(
             registration=registration,
             features=features,
-            state_names=names,
+            state_names=path.state_names,
             extra=settings.extra,
             reported=TrainingMotion.of(reported, log, keep, joints=False),
         )

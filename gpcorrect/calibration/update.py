@@ -18,7 +18,6 @@ import numpy as np
 from scipy.special import stdtrit
 
 from gpcorrect.calibration.cartesian import CommandCorrector
-from gpcorrect.calibration.changed_arm import OTHER_OR_MOVED, clean_changed
 from gpcorrect.calibration.dataset import Samples, folds_of, held_out
 from gpcorrect.calibration.domain import Bounds, Domain
 from gpcorrect.calibration.evaluate import Evaluation, evaluate_model
@@ -30,6 +29,7 @@ from gpcorrect.calibration.learners.gp import CLEARLY
 from gpcorrect.calibration.pose_joints import PoseJoints
 from gpcorrect.calibration.poses import PosePairs
 from gpcorrect.calibration.task import Corrector, Measured, Part, recording_entry
+from gpcorrect.calibration.unlike_training import OTHER_OR_MOVED, clean_changed
 from gpcorrect.errors import DataError
 from gpcorrect.gpr import IntervalCalibration, LeftOut, Statistics
 from gpcorrect.gpr.statistics import Points, collected, resting_on

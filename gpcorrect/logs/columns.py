@@ -59,8 +59,7 @@ class PoseColumns(_Section):
     @property
     def orientation(self) -> tuple[str, tuple[Column, ...]] | None:
         """Form and columns of the orientation, None when the source measures positions only."""
-        forms = ((name, getattr(self, name)) for name in CONVERTERS)
-        return next(((name, columns) for name, columns in forms if columns is not None), None)
+        return next(((name, columns) for name in CONVERTERS if (columns := getattr(self, name)) is not None), None)
 
 
 class ArrayColumns(_Section):
@@ -170,16 +169,14 @@ class ColumnMap(_Section):
     @property
     def scales(self) -> dict[str, float]:
         """Scale of each pose of which nothing else is said."""
-        sections = {name: getattr(self, name) for name in type(self).model_fields}
-        poses = {name: section for name, section in sections.items() if isinstance(section, PoseColumns)}
-        return {name: pose.position_scale for name, pose in poses.items() if pose.position is None}
+        poses = ((name, section) for name, section in self if isinstance(section, PoseColumns))
+        return {name: pose.position_scale for name, pose in poses if pose.position is None}
 
     @property
     def used(self) -> tuple[Column, ...]:
         """All columns that are named."""
-        sections = [getattr(self, name) for name in type(self).model_fields]
         named = [*self.times, *(c for c in (self.trajectory, self.session) if c is not None)]
-        for section in sections:
+        for _, section in self:
             if isinstance(section, ArrayColumns):
                 named += section.columns
             elif isinstance(section, PoseColumns):

@@ -17,7 +17,7 @@ import numpy as np
 
 from gpcorrect.errors import LogError
 from gpcorrect.logs.order import by_stamp
-from gpcorrect.logs.orientation import CONVERTERS, unit_quaternions
+from gpcorrect.logs.orientation import CONVERTERS, quaternions_of
 from gpcorrect.logs.streams import Stream
 from gpcorrect.types import FloatArray, IntArray, LogMeta, PoseSignal
 
@@ -193,9 +193,7 @@ def _pose_streams(name: str, recorded: Recorded, stamp: FloatArray, rows: IntArr
             f"{recorded.topic} holds poses of several bodies or in several frames: {', '.join(held)}.", hint=hint
         )
     table = np.array(recorded.rows, dtype=np.float64)[rows]
-    quaternion = unit_quaternions(table[:, 3:])
-    bad = int((np.isfinite(table[:, 3:]).all(axis=1) & np.isnan(quaternion).any(axis=1)).sum())
-    remarks = [f"{bad} samples of {name} have no valid rotation; it counts as missing."] if bad else []
+    quaternion, remarks = quaternions_of(name, "quat_wxyz", table[:, 3:])
     pose = PoseSignal(table[:, :3], None if np.isnan(table[:, 3:]).all() else quaternion)
     return [Stream(name, stamp, pose, recorded.topic)], remarks
 

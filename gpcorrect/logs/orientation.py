@@ -55,8 +55,10 @@ def _nearest_rotations(flat: FloatArray) -> FloatArray:
     return result
 
 
-def refuse_degrees(signal: str, form: str, values: FloatArray) -> None:
-    """Refuse, with a LogError, angles in radians of which most are more than a full turn.
+def quaternions_of(signal: str, form: str, values: FloatArray) -> tuple[FloatArray, list[str]]:
+    """Return the orientations of a signal as unit quaternions wxyz `(n, 4)`, and a remark on those that are none.
+
+    Angles in radians of which most are more than a full turn are refused, with a LogError: they are degrees.
 
     Parameters
     ----------
@@ -64,20 +66,21 @@ def refuse_degrees(signal: str, form: str, values: FloatArray) -> None:
     form : str, a key of :data:`CONVERTERS`
     values : (n, k) array, as they came
     """
-    known = values[np.isfinite(values).all(axis=1)]
-    if form not in ("rotvec", "rpy") or not len(known):
-        return
-    with np.errstate(over="ignore"):
-        size = float(np.median(np.linalg.norm(known, axis=1)))
-    if size > FULL_TURN:
-        hint = (
-            "rpy_deg takes angles in degrees."
-            if form == "rpy"
-            else "Rotation vectors are in radians: divide by 57.2958."
-        )
-        raise LogError(
-            f"{signal}: its {form} is {size:.3g} rad long in most samples: it looks like degrees.", hint=hint
-        )
+    known = np.asarray(np.isfinite(values).all(axis=1))
+    if form in ("rotvec", "rpy") and known.any():
+        with np.errstate(over="ignore"):
+            size = float(np.median(np.linalg.norm(values[known], axis=1)))
+        if size > FULL_TURN:
+            mend = {
+                "rpy": "rpy_deg takes angles in degrees.",
+                "rotvec": "Rotation vectors are in radians: divide by 57.2958.",
+            }
+            raise LogError(
+                f"{signal}: its {form} is {size:.3g} rad long in most samples: it looks like degrees.", hint=mend[form]
+            )
+    quaternion = CONVERTERS[form](values)
+    bad = int((known & np.isnan(quaternion).any(axis=1)).sum())
+    return quaternion, [f"{bad} samples of {signal} have no valid rotation; it counts as missing."] if bad else []
 
 
 CONVERTERS: Mapping[str, Callable[[FloatArray], FloatArray]] = {

@@ -13,7 +13,7 @@ import numpy as np
 from gpcorrect.errors import LogError
 from gpcorrect.logs.columns import ArrayColumns, Column, ColumnMap, PoseColumns
 from gpcorrect.logs.order import Disorder, check_order
-from gpcorrect.logs.orientation import CONVERTERS, refuse_degrees
+from gpcorrect.logs.orientation import quaternions_of
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray, PoseSignal
 
 INDEX = ("time", "trajectory", "session")
@@ -117,11 +117,7 @@ def _signal(table: Table, name: str, columns: PoseColumns | ArrayColumns | None)
     if columns.orientation is None:
         return PoseSignal(position), []
     form, names = columns.orientation
-    values = table.stack(names)
-    refuse_degrees(name, form, values)
-    quaternion = CONVERTERS[form](values)
-    bad = int((np.isfinite(values).all(axis=1) & np.isnan(quaternion).any(axis=1)).sum())  # given, but no rotation
-    remarks = [f"{bad} samples of {name} have no valid rotation; it counts as missing."] if bad else []
+    quaternion, remarks = quaternions_of(name, form, table.stack(names))
     return PoseSignal(position, quaternion), remarks
 
 
@@ -143,7 +139,7 @@ def _extra(table: Table, found: ColumnMap) -> tuple[dict[str, FloatArray], list[
     """Columns that became no signal, but none that a written log would take for part of one."""
     used = {table.name(column) for column in found.used}
     rest = {name: values for name, values in table.columns.items() if name not in used}
-    present = [*(s for s in type(found).model_fields if getattr(found, s) is not None)]
+    present = [name for name, value in found if value is not None]
     clash = [name for name in rest if _signal_of(name) in present]
     remarks = [f"columns without numbers are left out: {', '.join(table.left_out)}."] if table.left_out else []
     if clash:

@@ -50,12 +50,12 @@ def learn_mixture(samples: Samples, layout: Layout, settings: FitSettings, progr
 
     Of joints, whose learners have a law first: trees without it, and a Gaussian process without the past for the line.
     """
-    members: list[Learner] = [learn_gp, learn_trees]
+    members: list[tuple[Learner, Layout]] = [(learn_gp, layout), (learn_trees, layout)]
     if layout.penalties is None:
-        members.append(partial(learn_polynomial, 1))
+        members.append((partial(learn_polynomial, 1), layout))
     else:
-        members += [_learn_without_past, partial(learn_trees, after_law=False)]
-    gp, *others = (learn(samples, layout, settings, progress) for learn in members)
+        members += [(learn_gp, _without_past(layout)), (learn_trees, replace(layout, penalties=None))]
+    gp, *others = (learn(samples, own, settings, progress) for learn, own in members)
     errors = [part.left_out.errors for part in (gp, *others)]
     weights = _stacking_weights(errors)
     left_out = LeftOut(_sum(weights, errors), gp.left_out.std, gp.left_out.novelty)
@@ -66,18 +66,17 @@ def learn_mixture(samples: Samples, layout: Layout, settings: FitSettings, progr
     return Fitted(MixedMap(gp.learned, tuple(part.learned for part in others), weights), left_out, zero, foretold)
 
 
-def _learn_without_past(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
-    """Learn a :class:`GPMap` with a law of positions and efforts and a field of positions.
+def _without_past(layout: Layout) -> Layout:
+    """Return the layout of a law of positions and efforts and a field of positions.
 
     An error that goes by the pose alone: slacks, lags and velocities, which say nothing of it, keep the samples of a
     few trajectories apart in the field, and the law finds chance in them. A field of efforts would end at a load above
     all that was recorded.
     """
     assert layout.penalties is not None
-    past = np.setdiff1d(np.arange(len(layout.penalties)), layout.present)
     penalties = layout.penalties.copy()
-    penalties[past] = UNSEEN
-    return learn_gp(samples, replace(layout, smooth=layout.place, penalties=penalties), settings, progress)
+    penalties[np.setdiff1d(np.arange(len(penalties)), layout.present)] = UNSEEN
+    return replace(layout, smooth=layout.place, penalties=penalties)
 
 
 def _stacking_weights(errors: list[FloatArray]) -> FloatArray:

@@ -147,16 +147,7 @@ def _add_leaves(
             mean[i, target[t]] += value[at]
 
 
-def learn_trees(
-    samples: Samples, layout: Layout, settings: FitSettings, progress: Progress, *, after_law: bool = True
-) -> Fitted:
-    """Learn a :class:`TreesMap`.
-
-    Parameters
-    ----------
-    samples, layout, settings, progress
-        See :data:`Learner`.
-    after_law : bool, whether the trees take what the task's linear law leaves
-    """
-    penalties = layout.penalties if after_law else None
-    return fitted(lambda part: TreesMap.fit(*part.learnable(), settings.seed, penalties), samples, LIMITS.folds)
+def learn_trees(samples: Samples, layout: Layout, settings: FitSettings, progress: Progress) -> Fitted:
+    """Learn a :class:`TreesMap`."""
+    seed, penalties = settings.seed, layout.penalties
+    return fitted(lambda part: TreesMap.fit(*part.learnable(), seed, penalties), samples, LIMITS.folds)

@@ -189,22 +189,17 @@ def _holds(evidence: Evidence, name: str, reference: str) -> tuple[BoolArray, Bo
     """Rows that repeat the one before, those in which the robot moves, and the usual number of repeats; 0 for none."""
     same = _repeats(evidence, name)
     moves = ~_repeats(evidence, reference) & np.isfinite(evidence.steps) & evidence.known[reference]
-    regular = moves.any() and same[moves].mean() > HELD_SHARE
-    return same, moves, _usual_hold(runs(same)) if regular else 0.0
+    lengths = np.diff(runs(same), axis=1)[:, 0]
+    if len(lengths) < HELD_RUNS or not moves.any() or same[moves].mean() <= HELD_SHARE:
+        return same, moves, 0.0
+    usual = float(np.median(lengths))
+    return same, moves, usual if np.percentile(lengths, 90) <= HELD_SPREAD * usual else 0.0
 
 
 def _repeats(evidence: Evidence, name: str) -> BoolArray:
     """(n,) mask of rows that equal the row before in the same trajectory to the last bit."""
     table = evidence.tables[name]
     return np.asarray((evidence.previous >= 0) & (table == table[evidence.previous]).all(axis=1))
-
-
-def _usual_hold(repeated: IntArray) -> float:
-    """Usual number of repeats where they come regularly, 0 where they do not."""
-    lengths = np.diff(repeated, axis=1)[:, 0]
-    usual = float(np.median(lengths))
-    regular = len(lengths) >= HELD_RUNS and np.percentile(lengths, 90) <= HELD_SPREAD * usual
-    return usual if regular else 0.0
 
 
 def _displaced(evidence: Evidence, reference: str, run: IntArray) -> bool:
