@@ -208,9 +208,9 @@ def _judge(names: _Names, rng: np.random.Generator, progress: Progress, *, only_
     progress.step("test set", 1.0)
     closes = closed_where_they_show(state, fitted, gap, left)
     closed = {i: replace(e, closes=c) for (i, e), c in zip(found.items(), closes, strict=True)}
-    scene = dataset.scene  # what is a matter of the servo's steps stays in the model, and has no name
+    scene = dataset.scene  # what is a matter of the servo's steps, or may be, stays in the model, and has no name
     steps = [f.effect.is_a_matter_of_steps(scene.machine.drive, scene.joints) for f in fitted]
-    of_steps = {i: e for i, e in closed.items() if steps[i]}
+    of_steps = {i: e for i, e in closed.items() if steps[i] or named[i].like_steps}
     lasting = sorted((e for i, e in closed.items() if i not in of_steps), key=lambda e: -e.nats)
     effects, alike = ([e for e in lasting if e.is_a_name is named_so] for named_so in (True, False))
     effects += [NamedEffect.of(e.named, e.parameters) for e in sure]

@@ -80,6 +80,7 @@ class Named:
     reasons: tuple[str, ...]  # why it is not EXACT
     spread: float = 0.0  # by how much its size differs between trajectories beyond noise, as a part of the size
     undetermined: tuple[str, ...] = ()  # numbers of its shape that these data leave open
+    like_steps: bool = False  # whether an effect that cannot be ruled out is a matter of the servo's steps
 
     @property
     def may_be_named(self) -> bool:
@@ -209,7 +210,14 @@ def name_effect(view: View, fit: FittedEffect, own: Own) -> tuple[Named, Weighed
     level, more = _level(alternatives, doubts, _partial(view, fit, own, cost, spread))
     ordered = tuple(sorted(alternatives, key=lambda a: -a.probability))
     nats = own.nats / own.overdispersion
-    return Named(fit, level, alternatives[0].probability, nats, ordered, (*doubts, *more), spread, undecided), weighed
+    named = Named(fit, level, alternatives[0].probability, nats, ordered, (*doubts, *more), spread, undecided)
+    scene, instead = view.search.dataset.scene, {rival.label for rival in named.rivals}
+    like_steps = any(
+        r.fit.effect.is_a_matter_of_steps(scene.machine.drive, scene.joints)
+        for r in weighed.rivals
+        if r.candidate.label in instead
+    )
+    return replace(named, like_steps=like_steps), weighed
 
 
 def _doubts_of_evidence(weighed: Weighed, cost: float) -> list[str]:

@@ -156,7 +156,8 @@ def _named_of(stored: dict[str, Any], candidates: Sequence[Candidate]) -> Named:
     alternatives, reasons = ALTERNATIVES.validate_python(stored["alternatives"]), tuple(stored["reasons"])
     fit, level = _fit_of(stored["fit"], candidates), Level(stored["level"])
     probability, nats, spread = stored["probability"], stored["nats"], stored["spread"]
-    return Named(fit, level, probability, nats, alternatives, reasons, spread, tuple(stored["undetermined"]))
+    undetermined, like_steps = tuple(stored["undetermined"]), stored.get("like_steps", False)
+    return Named(fit, level, probability, nats, alternatives, reasons, spread, undetermined, like_steps)
 
 
 def _plain_fit(fit: FittedEffect, candidates: Sequence[Candidate]) -> dict[str, Any]:

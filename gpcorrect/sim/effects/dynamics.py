@@ -223,8 +223,15 @@ class VelocityFilter(DriveEffect):
     )
 
     def is_a_matter_of_steps(self, drive: Drive, joints: tuple[int, ...]) -> bool:
-        """Up to a step: half by a difference of positions, half by when in a step they are read."""
-        return self.time_constant <= 1.0 / drive.rate_hz
+        """Up to a step: half by a difference of positions, half by when in a step they are read.
+
+        And by half a step of viscous damping that acts by the speed before it, which is as if the motor had that much
+        less inertia (:meth:`InertiaError.is_a_matter_of_steps`): a link without a rotor has no other words for it.
+        """
+        damping = 0.0 if drive.damping is None else drive.damping
+        most = KNOWN_TO * (1.0 + 0.5 * damping / np.maximum(drive.kd, np.finfo(float).tiny)) / drive.rate_hz
+        most = np.broadcast_to(most, drive.kd.shape)
+        return bool(self.time_constant <= (most.min() if self.joint == "all" else most[self.column(joints)]))
 
     def act(self, drive: Drive, joints: tuple[int, ...]) -> Drive:
         """Filter the speeds; a filter that was there already has its time constant added."""
