@@ -9,6 +9,8 @@ import pytest
 from discrepancy_core import EVERY, IN_SERVO, SERVO_MODEL, fine
 
 from gpcorrect.discrepancy import find_discrepancy
+from gpcorrect.discrepancy.naming.posterior import Alternative, Level, Named, like_steps
+from gpcorrect.discrepancy.naming.weigh import Own, Rival, Weighed
 from gpcorrect.discrepancy.outcome.sentences import verdict_sentences
 from gpcorrect.discrepancy.recording import scene as scene_module
 from gpcorrect.discrepancy.recording.build import build_scene
@@ -261,6 +263,23 @@ def test_a_filter_of_half_a_step_is_a_matter_of_steps() -> None:
     noise = np.random.default_rng(6).normal(0.0, [1e-4, 1e-4, 1e-5], log.external_jp.shape)
     found = find_discrepancy(SERVO_MODEL, replace(log, external_jp=log.external_jp + noise, tracker_cp=None))
     assert (found.level in ("NONE", "INCONCLUSIVE"), found.effects) == (True, ())
+
+
+@pytest.mark.parametrize(
+    ("seconds", "probability", "like"), [(5e-4, 0.4, True), (5e-4, 1e-4, False), (5e-3, 0.4, False)]
+)
+def test_what_may_as_well_be_the_steps_is_like_them(seconds: float, probability: float, like: bool) -> None:
+    """A gain error that cannot be told from a filter of half a step; neither one that can, nor from five steps."""
+    built, nothing = scene(fine((), runs=12, hz=50.0)), np.zeros(1)
+    known = {c.name: c for c in all_candidates(built) if c.joint == 2}
+    gain, lag = known["gain_error"], known["velocity_filter"]
+    rival = Rival(FittedEffect(lag, np.array([lag.coordinates[0].coordinate(seconds)])), 0.0, 0.0)
+    own = Own((), (nothing, nothing), nothing, nothing, 1.0)
+    weighed = Weighed(own, 0.0, np.ones(1, dtype=np.bool_), (rival,), 0.0, 0.0)
+    alternatives = (Alternative.of(gain, 1.0 - probability), Alternative.of(lag, probability))
+    fit = FittedEffect(gain, np.array(gain.start))
+    named = Named(fit, Level.CLASS, 1.0 - probability, 50.0, alternatives, ())
+    assert like_steps(named, weighed, built.machine.drive, built.joints) is like
 
 
 @pytest.mark.parametrize("hidden", [CommandDelay(2, 0.0015), ViscousFriction(2, damping=0.18)])

@@ -14,6 +14,7 @@ from gpcorrect.discrepancy.naming.weigh import Own, Weighed, between_effects, we
 from gpcorrect.discrepancy.search.candidates import Candidate, FittedEffect
 from gpcorrect.discrepancy.search.state import Search, View, penalty
 from gpcorrect.discrepancy.settings import NAMING
+from gpcorrect.sim.body import Drive
 
 
 class Level(StrEnum):
@@ -211,13 +212,25 @@ def name_effect(view: View, fit: FittedEffect, own: Own) -> tuple[Named, Weighed
     ordered = tuple(sorted(alternatives, key=lambda a: -a.probability))
     nats = own.nats / own.overdispersion
     named = Named(fit, level, alternatives[0].probability, nats, ordered, (*doubts, *more), spread, undecided)
-    scene, instead = view.search.dataset.scene, {rival.label for rival in named.rivals}
-    like_steps = any(
-        r.fit.effect.is_a_matter_of_steps(scene.machine.drive, scene.joints)
-        for r in weighed.rivals
-        if r.candidate.label in instead
-    )
-    return replace(named, like_steps=like_steps), weighed
+    scene = view.search.dataset.scene
+    return replace(named, like_steps=like_steps(named, weighed, scene.machine.drive, scene.joints)), weighed
+
+
+def like_steps(named: Named, weighed: Weighed, drive: Drive, joints: tuple[int, ...]) -> bool:
+    """Return whether an effect that cannot be ruled out in a name's place is a matter of the servo's steps.
+
+    Two programs surely step a servo in two ways, and a machine seldom lacks an effect that looks the same.
+
+    Parameters
+    ----------
+    named : Named
+    weighed : Weighed, the effect beside its rivals
+    drive : Drive, the nominal one
+    joints : tuple of int, numbers of its columns
+    """
+    instead = {rival.label for rival in named.rivals}
+    fits = [r.fit for r in weighed.rivals if r.candidate.label in instead]
+    return any(fit.effect.is_a_matter_of_steps(drive, joints) for fit in fits)
 
 
 def _doubts_of_evidence(weighed: Weighed, cost: float) -> list[str]:
