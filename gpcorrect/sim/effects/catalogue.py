@@ -110,6 +110,11 @@ class Scope:
     kinematics: bool = True
     torques: FloatArray | None = None
 
+    @property
+    def is_loaded(self) -> bool:
+        """Whether controllers are known to carry the links."""
+        return self.kinematics and self.torques is not None
+
     def _type_of(self, joint: int | str) -> str:
         """Return "R" or "P"; what belongs to no joint counts in metres."""
         return self.types[self.joints.index(joint)] if isinstance(joint, int) else "P"
@@ -170,6 +175,8 @@ def candidates(scope: Scope) -> Iterator[Candidate]:
         fields_of_choice = [[(field, value) for value in values] for field, values in kind.about.choices]
         for site in kind.about.sites:
             for place, choice in product(_of_site(site, scope), product(*fields_of_choice)):
+                if kind.about.loaded in choice and not scope.is_loaded:
+                    continue
                 yield from _shapes(kind, place | dict(choice), scope)
 
 

@@ -232,6 +232,7 @@ class Description:
         Whether it remembers what happened in pauses between runs, which no log holds, so that the same machine may show
         more or less of it in one run than in another.
     turned_load : bool, whether it is told from an offset only where the joint's load changes sign
+    loaded : (field, value) or empty, a choice that shows only where controllers carry links that weigh something
     """
 
     name: str
@@ -248,3 +249,4 @@ class Description:
     remote_centre: bool = False
     carries_over: bool = False
     turned_load: bool = False
+    loaded: tuple[str, ...] = ()

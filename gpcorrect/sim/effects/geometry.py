@@ -12,7 +12,7 @@ from gpcorrect.arms import Chain, Joint
 from gpcorrect.arms.chain import Convention
 from gpcorrect.arms.robot_path import PARALLEL
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.base import ChainEffect, JointEffect, Stage, TipEffect
+from gpcorrect.sim.effects.base import ChainEffect, JointEffect, Stage, TipEffect, with_column
 from gpcorrect.sim.effects.description import PHASE, Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory, play, upright
 from gpcorrect.sim.motion import Motion
@@ -62,12 +62,20 @@ class HomingOffset(JointEffect):
         return q[..., j] - (offsets[motion.session] if len(offsets) > 1 else offsets[0])
 
 
+OF = ("reading", "gear")
+
+
 @dataclass(frozen=True)
 class TransmissionRatio(JointEffect):
-    """The motion since homing is reported `1 + error` times as large as it is."""
+    """The motion since homing is reported `1 + error` times as large as it is.
+
+    Of the reading alone, as where an encoder's counts are wrong; or of the gear, which then also makes `1 + error`
+    times as much of the motor's torque, for what goes in as work comes out as work.
+    """
 
     error: float
     home: float = 0.0
+    of: str = "reading"
 
     about = Description(
         name="transmission_ratio",
@@ -88,7 +96,16 @@ class TransmissionRatio(JointEffect):
         ),
         neighbours=("gravity_sag",),
         separating_runs=(Run.POSE_SPREAD, Run.LOAD_SWAP),
+        choices=(("of", OF),),
+        loaded=("of", "gear"),
     )
+
+    def on_motors(self, load: FloatArray, joints: tuple[int, ...]) -> FloatArray:
+        """Return the joint's load, of which a gear hands its part to the motor."""
+        if self.of != "gear":
+            return load
+        j = self.column(joints)
+        return with_column(load, j, load[..., j] / (1.0 + self.error))
 
     def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
         return (q[..., j] + self.error * self.home) / (1.0 + self.error)
@@ -100,6 +117,8 @@ class CableCoupling(JointEffect):
 
     A cable that is wound by friction first sticks to the source's motion and lets go of it at a reversal: this part is
     the source less its play, which follows the last bit of motion after a reversal and no more.
+
+    Of the reading alone, or of the gear: then the source's motor carries `coefficient` times this joint's load less.
     """
 
     source: int  # number of the joint whose motion causes it
@@ -107,6 +126,7 @@ class CableCoupling(JointEffect):
     drag: float = 0.0
     drag_radius: float = 0.0
     home: float = 0.0
+    of: str = "reading"
 
     about = Description(
         name="cable_coupling",
@@ -145,6 +165,8 @@ class CableCoupling(JointEffect):
         neighbours=("gravity_sag", "backlash"),
         separating_runs=(Run.ONE_JOINT, Run.AMPLITUDES),
         sites=(Site.PAIR,),
+        choices=(("of", OF),),
+        loaded=("of", "gear"),
     )
 
     def __post_init__(self) -> None:
@@ -163,6 +185,13 @@ class CableCoupling(JointEffect):
     def forgets_after(self) -> dict[int, float]:
         """Return the way over which the drag turns round."""
         return {self.source: 2.0 * self.drag_radius} if self.drag else {}
+
+    def on_motors(self, load: FloatArray, joints: tuple[int, ...]) -> FloatArray:
+        """Return the loads, with what the joint's cable asks of the source's motor."""
+        if self.of != "gear":
+            return load
+        j, k = self.column(joints), self.column(joints, self.source)
+        return with_column(load, k, load[..., k] - self.coefficient * load[..., j])
 
     def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
         k = self.column(motion.joints, self.source)
