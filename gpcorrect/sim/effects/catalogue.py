@@ -195,7 +195,7 @@ def _of_site(site: Site, scope: Scope) -> list[dict[str, Any]]:
 
 def _shapes(kind: type[Effect], place: dict[str, Any], scope: Scope) -> Iterator[Candidate]:
     """Candidates at every combination of the ladders' rungs; amplitudes that a shape makes void are left out."""
-    there = [p for p in kind.about.parameters if p.only is None or place[p.only[0]] == p.only[1]]
+    there = [p for p in kind.about.parameters if p.only is None or place[p.only[0]] in p.only[1:]]
     shaped = [p for p in there if p.ladder is not None]
     absent = {f.name: f.default for f in fields(kind) if f.default is not MISSING}
     for values in product(*(dict.fromkeys(_rungs(p, place, scope, absent.get(p.name))) for p in shaped)):

@@ -304,7 +304,7 @@ _length = partial(Parameter, revolute=_LENGTH, positive=False)
 _angle = partial(Parameter, revolute=_ANGLE, positive=False)
 
 
-FORMS = ("table", "parallel")
+FORMS = ("table", "parallel", "tool")
 
 
 @dataclass(frozen=True)
@@ -312,28 +312,31 @@ class DhError(ChainEffect):
     """Small errors of one row of the Denavit-Hartenberg table, or of the tool: a further row behind the last link.
 
     A table has no small number for the turn by which two axes that ought to be parallel are not, about what is across
-    them and their common normal: the form "parallel" has it.
+    them and their common normal: the form "parallel" has it. Four numbers say where an axis is, while a tip may be off
+    along all three axes of the last link: the form "tool" has these, and no turn.
     """
 
-    a: float
-    alpha: float
-    d: float
-    theta: float
+    a: float = 0.0
+    alpha: float = 0.0
+    d: float = 0.0
+    theta: float = 0.0
     beta: float = 0.0
+    b: float = 0.0
     form: str = "table"
 
     about = Description(
         name="dh_error",
         number=6,
         family=Family.GEOMETRY,
-        equation="true row = Ry(beta) (nominal row + (a, alpha, d, theta))",
+        equation="true row = Ty(b) Ry(beta) (nominal row + (a, alpha, d, theta))",
         source="Mooring, Roth, Driels 1991, Fundamentals of Manipulator Calibration, Ch. 2; beta: Hayati 1983",
         parameters=(
             _length("a", "true minus nominal link length"),
-            _angle("alpha", "true minus nominal twist"),
+            _angle("alpha", "true minus nominal twist", only=("form", "table", "parallel")),
             _length("d", "true minus nominal offset along the joint's axis"),
-            _angle("theta", "true minus nominal angle about the joint's axis"),
+            _angle("theta", "true minus nominal angle about the axis", only=("form", "table", "parallel")),
             _angle("beta", "turn about the y axis of the link before", only=("form", "parallel")),
+            _length("b", "shift along the y axis of the link before", only=("form", "tool")),
         ),
         needs=("tracker_cp",),
         neighbours=("registration_error", "homing_offset", "gravity_sag"),
@@ -346,6 +349,11 @@ class DhError(ChainEffect):
         """See :class:`ChainEffect`: the joint is one of the arm's, and what is called parallel is."""
         if isinstance(self.joint, int) and self.joint > chain.dof:
             raise DataError(f"effect dh_error acts on joint {self.joint}, the arm has {chain.dof}.")
+        if (self.form == "tool" and isinstance(self.joint, int)) or (self.b and self.form != "tool"):
+            raise DataError(
+                'effect dh_error: the form "tool" is of the tool alone, and `b` of that form.',
+                hint="Leave `form` and `b` out: four numbers say all of an axis.",
+            )
         if self.form == "parallel" and not self._is_parallel(chain):
             raise DataError(
                 f'effect dh_error: the form "parallel" is of a joint whose axis is parallel to that before, in a table '
@@ -379,7 +387,7 @@ class DhError(ChainEffect):
         return self._askew() @ Chain((row,), convention).forward([0.0])
 
     def _askew(self) -> FloatArray:
-        return se3.pose(se3.matrix_from_rotvec(np.array([0.0, self.beta, 0.0])), np.zeros(3))
+        return se3.pose(se3.matrix_from_rotvec(np.array([0.0, self.beta, 0.0])), np.array([0.0, self.b, 0.0]))
 
     def _is_parallel(self, chain: Chain) -> bool:
         if chain.convention != "modified" or not isinstance(self.joint, int) or self.joint < 2:
