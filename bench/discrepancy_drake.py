@@ -34,7 +34,11 @@ try:
 except ImportError:
     raise SystemExit("skipped: Drake is not installed (pip install drake)") from None
 
-LOG_HZ, BRAKE, WALL = 50, 0.002, 2e5  # BRAKE: rad/s at which dry friction has most of its torque; WALL: N m/rad of a gap
+LOG_HZ, BRAKE, WALL = (
+    50,
+    0.002,
+    5e4,
+)  # BRAKE: rad/s at which dry friction has most of its torque; WALL: N m/rad of a gap
 ENCODER, OUTSIDE = 2e-5, 1e-4  # rad, white noise of motor encoders and outside ones; of a slide a fifth, in m
 TRACKER, TURNED = 1e-4, 5e-4  # m and rad, white noise of a tracker
 TRACKER_BASE = RigidTransform(RollPitchYaw(0.3, -0.4, 1.1), [0.8, -1.2, 0.5])
@@ -127,14 +131,20 @@ CASES: dict[str, tuple[Arm, Case]] = {
     "six gravity": (SIX, Case("feedforward_error 3", fed=(3, -0.3))),
     "six ratio": (SIX, Case("transmission_ratio 3", ratio=(3, 0.004))),
     "six spring": (SIX, Case("cable_stretch 2", real=lambda arm: replace(arm, flexible=2, spring=25000.0))),
-    "six gap": (SIX, Case("loaded_backlash 4", real=lambda arm: replace(arm, flexible=4), gap=0.0015, steps=16)),
+    "six gap": (
+        SIX,
+        Case("loaded_backlash 1", real=lambda arm: replace(arm, flexible=1, spring_damping=40.0), gap=0.0015, steps=8),
+    ),
     "six payload": (SIX, Case("payload", real=lambda arm: replace(arm, payload=0.7))),
     "six rotor": (SIX, Case("inertia_error 1", real=lambda arm: arm.but(1, rotor=1.35e-4))),
     "six late": (SIX, Case("command_delay", late=8)),
     "six cogging": (SIX, Case("?", torque=cogging(2, 8.0), steps=4)),
     "six homing": (SIX, Case("homing_offset 4", off=np.array([0, 0, 0, 0.003, 0, 0]))),
     "six tilt": (SIX, Case("gravity_error", real=lambda arm: replace(arm, gravity=(0.3, 0.2, -9.8)))),
-    "six tool": (SIX, Case("dh_error tool", real=lambda arm: replace(arm, flange=(0.003, -0.002, 0.074)), tracked=True)),
+    "six tool": (
+        SIX,
+        Case("dh_error tool", real=lambda arm: replace(arm, flange=(0.003, -0.002, 0.074)), tracked=True),
+    ),
     "six table": (SIX, Case("registration_error", placed=SKEW, tracked=True)),
     "insertion coulomb": (INSERTION, Case("coulomb_friction 3", torque=dry(3, 6.0), steps=8)),
     "insertion viscous": (INSERTION, Case("viscous_friction 1", real=lambda arm: arm.but(1, damping=0.8))),
@@ -216,7 +226,9 @@ def questions(folder: Path, options: argparse.Namespace) -> Iterator[Question]:
         arm, case = CASES[name]
         known = case.knows(arm)
         rng = np.random.default_rng(options.seed)
-        runs = [waves(rng, arm.home, arm.reach, options.seconds, known.rate_hz, case.waves) for _ in range(options.motions)]
+        runs = [
+            waves(rng, arm.home, arm.reach, options.seconds, known.rate_hz, case.waves) for _ in range(options.motions)
+        ]
         log = recording(known, case, runs, rng)
         yield name, case.name, nominal(known, folder, tracked=case.tracked), log
 
@@ -241,7 +253,9 @@ def nominal(arm: Arm, folder: Path, *, tracked: bool = False) -> Model:
     if tracked:
         keys["T_tracker_base"] = {
             "translation": TRACKER_BASE.translation().tolist(),
-            "rotvec": (TRACKER_BASE.rotation().ToAngleAxis().angle() * TRACKER_BASE.rotation().ToAngleAxis().axis()).tolist(),
+            "rotvec": (
+                TRACKER_BASE.rotation().ToAngleAxis().angle() * TRACKER_BASE.rotation().ToAngleAxis().axis()
+            ).tolist(),
         }
     return model_from_dict(keys, folder=folder)
 
@@ -306,17 +320,20 @@ def followed(known: Arm, case: Case, wanted: FloatArray) -> tuple[FloatArray, ..
         torque = gains * (known.kp * (desired[0] - q) + known.kd * (desired[1] - v))
         summed = summed + step * known.ki * (desired[0] - q)
         torque = torque + summed + share * fed_by(model, known, q, desired)
-        past = [*past[-case.seen_late :], (real.joints(), real.pose().GetAsMatrix4())] if case.seen_late else [(real.joints(), real.pose().GetAsMatrix4())]
+        past = (
+            [*past[-case.seen_late :], (real.joints(), real.pose().GetAsMatrix4())]
+            if case.seen_late
+            else [(real.joints(), real.pose().GetAsMatrix4())]
+        )
         if k >= 0 and k % (known.rate_hz // LOG_HZ) == 0:
             rows.append((wanted[k], q, past[0][0], torque, past[0][1]))
-        for n in range(case.steps):
+        for _ in range(case.steps):
             turned, speed = real.motor_state()
             actuation.FixValue(real.context, ratio.T @ torque + case.torque(turned, speed, torque))
             if real.arm.flexible:
                 applied.FixValue(real.context, in_flex(real, case))
             real.simulator.AdvanceTo(real.context.get_time() + step / case.steps)
-    made = tuple(np.array(part) for part in zip(*rows, strict=True))
-    return made
+    return tuple(np.array(part) for part in zip(*rows, strict=True))
 
 
 def fed_by(model: Machine, known: Arm, q: FloatArray, desired: tuple[FloatArray, ...]) -> FloatArray:

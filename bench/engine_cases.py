@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 from support import print_table, save_results
@@ -44,7 +44,7 @@ def stamps(motions: int, rows: int, seconds: float, log_hz: float) -> tuple[Floa
     return np.tile(np.arange(rows) / log_hz, motions) + motion * (seconds + LATER), motion, np.zeros_like(motion)
 
 
-def ask(name: str, questions: Iterable[Question], head: Sequence[str] = ()) -> None:
+def ask(name: str, questions: Iterable[Question]) -> None:
     """Ask the workflow about each recording (what is hidden, its name, model, log), and print and keep what it says."""
     rows = []
     for hidden, right, model, log in questions:
