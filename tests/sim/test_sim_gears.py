@@ -9,6 +9,7 @@ from sim_machines import drive, hold, raven
 from gpcorrect.sim import run
 from gpcorrect.sim.dynamics import posture_at
 from gpcorrect.sim.effects import CableCoupling, Effect, TransmissionRatio
+from gpcorrect.sim.live import LiveArm
 from gpcorrect.types import FloatArray
 
 PLACE = np.array([0.6, 1.5, 0.36])
@@ -58,3 +59,11 @@ def test_what_motors_put_in_links_take_up(gears: tuple[Effect, ...]) -> None:
         by_motors = beside.motion.position[-1, 0] - outcome.motion.position[-1, 0]
         by_links = beside.q[-1, 0] - outcome.q[-1, 0]
         np.testing.assert_allclose(motors @ by_motors, links @ by_links, rtol=1e-5)
+
+
+def test_a_live_arm_stands_with_the_torque_of_a_recorded_one() -> None:
+    """What a gear takes off a motor, and what a coupled cable puts on another, is so for an arm that runs live."""
+    machine = raven(TransmissionRatio(2, 0.1, of="gear"), CableCoupling(3, 2, 0.02, of="gear"), drive=drive("gravity"))
+    live = LiveArm(machine, PLACE)
+    stands = live.advance(np.tile(PLACE, (2000, 1)))
+    np.testing.assert_allclose(stands.torque[-1, 0], at_rest(*machine.effects)[0], rtol=1e-5)
