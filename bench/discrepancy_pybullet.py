@@ -12,17 +12,15 @@ from __future__ import annotations
 import argparse
 import re
 import tempfile
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from support import print_load, print_table, save_results
+from engine_cases import Question, ask, on, stamps, waves
+from support import print_load
 
-from gpcorrect.discrepancy import find_discrepancy
-from gpcorrect.discrepancy.outcome.sentences import verdict_sentences
 from gpcorrect.sim import Model, model_from_dict
 from gpcorrect.types import CalibrationLog, FloatArray
 
@@ -44,11 +42,6 @@ Law = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 def nothing(q: FloatArray, v: FloatArray, torque: FloatArray) -> FloatArray:
     """No torque, and no joint away from its motor."""
     return np.zeros(len(q))
-
-
-def on(joint: int, value: FloatArray) -> FloatArray:
-    """Return a value of one joint, and nothing of the others."""
-    return np.where(np.arange(len(value)) == joint - 1, value, 0.0)
 
 
 @dataclass(frozen=True)
@@ -91,21 +84,16 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     print_load()
-    rows = []
     with tempfile.TemporaryDirectory() as folder:
-        file = bare_file(Path(folder))
-        model = nominal(file)
-        for name in options.cases.split(","):
-            log = recording(file, CASES[name], options.motions, options.seconds, options.seed)
-            start = time.process_time()
-            found = find_discrepancy(model, log)
-            said = [f"{e.level} {e.name} {e.joint}" for e in found.effects]
-            rows.append([name, CASES[name].name or "-", str(found.level), "; ".join(said), time.process_time() - start])
-            print(name, "|", *verdict_sentences(found), flush=True)
-    print()
-    head = ["hidden", "name", "level", "named", "processor s"]
-    print_table(head, rows)
-    save_results("discrepancy_pybullet", {"head": head, "rows": rows})
+        ask("discrepancy_pybullet", questions(bare_file(Path(folder)), options))
+
+
+def questions(file: Path, options: argparse.Namespace) -> Iterator[Question]:
+    """Yield what is asked about each case."""
+    model = nominal(file)
+    for name in options.cases.split(","):
+        log = recording(file, CASES[name], options.motions, options.seconds, options.seed)
+        yield name, CASES[name].name, model, log
 
 
 def bare_file(folder: Path) -> Path:
@@ -136,16 +124,15 @@ def recording(file: Path, case: Case, motions: int, seconds: float, seed: int) -
             before, _, inertia, *_ = pybullet.getDynamicsInfo(real, link - 1)
             # A new mass alone takes the link's inertia away, which the workflow said was missing.
             pybullet.changeDynamics(real, link - 1, mass=before + mass, localInertiaDiagonal=inertia)
-        runs = [followed(known, real, case, desired(rng, seconds)) for _ in range(motions)]
+        runs = [followed(known, real, case, waves(rng, HOME, REACH, seconds, RATE_HZ)) for _ in range(motions)]
     finally:
         pybullet.disconnect()
     setpoint, q, away, torque = (np.concatenate(parts) for parts in zip(*runs, strict=True))
-    n = len(q) // motions
-    trajectory = np.repeat(np.arange(motions), n)
+    time, trajectory, session = stamps(motions, len(q) // motions, seconds, LOG_HZ)
     return CalibrationLog(
-        time=np.tile(np.arange(n) / LOG_HZ, motions) + trajectory * (seconds + 10.0),
+        time=time,
         trajectory=trajectory,
-        session=np.zeros(len(trajectory), dtype=np.int64),
+        session=session,
         setpoint_jp=setpoint,
         measured_jp=q + rng.normal(0.0, ENCODER, q.shape),
         measured_jf=torque,
@@ -161,15 +148,6 @@ def loaded(file: Path) -> int:
     for joint in range(7):
         pybullet.setJointMotorControl2(arm, joint, pybullet.VELOCITY_CONTROL, force=0)
     return arm
-
-
-def desired(rng: np.random.Generator, seconds: float) -> FloatArray:
-    """Return joints `(m, 7)` at the controller's steps: waves that begin within a second."""
-    t = np.arange(round(seconds * RATE_HZ) + 1) / RATE_HZ
-    size, phase = rng.uniform(0.1, 0.3, (7, 3)) * REACH[:, None], rng.uniform(0.0, 2.0 * np.pi, (7, 3))
-    waves = size * np.sin(2.0 * np.pi * rng.uniform(0.05, 0.45, (7, 3)) * t[:, None, None] + phase)
-    part = np.clip(t, 0.0, 1.0)
-    return HOME + (part**3 * (10.0 - 15.0 * part + 6.0 * part**2))[:, None] * waves.sum(axis=-1)
 
 
 def followed(known: int, real: int, case: Case, wanted: FloatArray) -> tuple[FloatArray, ...]:

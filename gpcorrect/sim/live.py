@@ -19,7 +19,7 @@ from gpcorrect.sim.dynamics import JointPath, LinkLoad, link_load, mean_inertia
 from gpcorrect.sim.effects import PathEffect, Stage, of_kind
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.motion import Motion
-from gpcorrect.sim.plant import feedforward, tip_path
+from gpcorrect.sim.plant import feedforward, load_on_motors, tip_path
 from gpcorrect.sim.servo import Clock, Loop, Reference
 from gpcorrect.types import FloatArray
 
@@ -131,7 +131,7 @@ class LiveArm:
     def _settle(self) -> None:
         """Let the motors stand where their controllers and the load balance, and forget the past."""
         still = np.zeros(self._desired.shape)
-        torque = self._fed(JointPath(self._desired, still, still)) - self._load().total
+        torque = self._fed(JointPath(self._desired, still, still)) - self._felt(self._load())
         self._state = self._loop.balanced(self._desired[0], torque[0], still[0])
         self._position = self._state.position.copy()[None]
         effects = of_kind(self.machine.effects, PathEffect)
@@ -144,7 +144,7 @@ class LiveArm:
         """Follow `(m + 1, dof)` desired joints, the first of which was followed already."""
         rate, m = np.diff(path, axis=0) / self.step, len(path) - 1
         flat = np.ones((m, 1, 1))
-        last, carried = rate[None, -1:], self._carried.total
+        last, carried = rate[None, -1:], self._felt(self._carried)
         fed = self._fed(JointPath(path[None, -1:], last, (last - self._rate) / (m * self.step)))
         beyond = carried - self._mass * self._acceleration
         inertia = self._drive.motor_inertia + self._mass
@@ -159,6 +159,10 @@ class LiveArm:
     def _load(self) -> LinkLoad:
         """Return what the links ask of the joints as the arm is now."""
         return link_load(self._actual, JointPath(self._q, self._velocity, self._acceleration))
+
+    def _felt(self, load: LinkLoad) -> FloatArray:
+        """Return what the motors feel of it."""
+        return load_on_motors(self.machine.effects, load.total, self._actual.joints)
 
     def _fed(self, desired: JointPath) -> FloatArray:
         """Torque `(1, 1, dof)` that the controller feeds forward."""

@@ -129,14 +129,15 @@ def follow_command(machine: Machine, command: Command, passes: int | None = None
         fewest = most = passes
     for number in range(most):
         load = link_load(body, path) if number or load is None else load
-        beyond_inertia = load.total - mass * path.acceleration
+        felt = load_on_motors(machine.effects, load.total, body.joints)
+        beyond_inertia = felt - mass * path.acceleration
         inertia = drive.motor_inertia + mass
         given = fed
         if drive.is_compensated:
             again = command.begun is not None and not number and believed is None
             moved = command.begun_gravity if again else _moved_gravity(believed or command.body, known, motors)
             given = fed + drive.delivered * moved
-        reference = Reference(command.position, command.velocity, given, beyond_inertia, inertia, load.total)
+        reference = Reference(command.position, command.velocity, given, beyond_inertia, inertia, felt)
         servo = follow(drive, reference, clock, body.joints, machine.effects, plan.begins)
         changed, motors = servo.position - motors, servo.position
         motion = _motion(body, plan, servo, load)
@@ -198,6 +199,20 @@ def tip_path(effects: Sequence[Effect], T_base_tip: FloatArray | None, motion: M
     for effect in of_kind(effects, TipEffect):
         T_base_tip = effect.act(T_base_tip, motion)
     return T_base_tip
+
+
+def load_on_motors(effects: Sequence[Effect], load: FloatArray, joints: tuple[int, ...]) -> FloatArray:
+    """Return the load `(..., dof)` that motors feel of the one at the joints, from the last effect to the first.
+
+    Parameters
+    ----------
+    effects : sequence of Effect, in the order in which they act on the path
+    load : (..., dof) array
+    joints : tuple of int, joint numbers of its columns
+    """
+    for effect in reversed(of_kind(effects, PathEffect)):
+        load = effect.on_motors(load, joints)
+    return load
 
 
 def mechanical(machine: Machine) -> list[Effect]:

@@ -40,7 +40,7 @@ def test_every_effect_is_among_the_candidates():
     count = Counter(c.kind.about.name for c in FOUND if all(v in (0.0, np.inf) for v in c.shape.values()))
     assert count["homing_offset"] == 3
     assert count["cable_coupling"] == 6
-    assert count["dh_error"] == 8  # of four places, in two forms
+    assert count["dh_error"] == 12  # of four places, in three forms
     assert count["coulomb_friction"] == 6
     assert {c.place["joint"] for c in FOUND if Site.TOOL in c.kind.about.sites and len(c.kind.about.sites) == 1} == {
         "tool"

@@ -315,3 +315,19 @@ def test_changed_noise_begins_when_it_says():
     assert (shift[state.time >= 2.0] != 0).all()
     assert shift[state.time >= 2.0].std() == pytest.approx(1e-3, rel=0.1)
     np.testing.assert_array_equal(seen.external_jp, state.position)
+
+
+def test_a_tool_may_be_off_along_all_three_axes_of_its_link():
+    """The tip is where the nominal one is, shifted in the frame of the last link; a joint has no such form."""
+    shift = DhError("tool", a=0.003, b=-0.002, d=0.004, form="tool")
+    chain = raven().body.chain
+    q = np.zeros((1, chain.dof))
+    link = replace(chain, tool=np.eye(4)).forward(q)[0]
+    moved = shift.act(chain).forward(q)[0] - chain.forward(q)[0]
+    if chain.convention == "modified":
+        np.testing.assert_allclose(moved[:3, 3], link[:3, :3] @ [0.003, -0.002, 0.004], atol=1e-12)
+    assert np.linalg.norm(moved[:3, 3]) == pytest.approx(np.linalg.norm([0.003, -0.002, 0.004]))
+    np.testing.assert_allclose(moved[:3, :3], 0.0, atol=1e-12)
+    for effect in (replace(shift, joint=2), replace(shift, form="table")):
+        with pytest.raises(DataError, match="the tool alone"):
+            effect.check(chain)

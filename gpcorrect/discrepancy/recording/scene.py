@@ -28,7 +28,16 @@ from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan
-from gpcorrect.sim.plant import PASSES_BEYOND, Command, Driven, follow_command, joint_path, mechanical, tip_path
+from gpcorrect.sim.plant import (
+    PASSES_BEYOND,
+    Command,
+    Driven,
+    follow_command,
+    joint_path,
+    load_on_motors,
+    mechanical,
+    tip_path,
+)
 from gpcorrect.types import FloatArray, IntArray
 
 LOOP_STAGES = (Stage.LOAD, Stage.CHAIN, Stage.TORQUE, Stage.FRICTION)
@@ -207,6 +216,7 @@ class Scene:
         if not self.measured:
             motion = replace(motion, position=made.position, velocity=made.velocity)
         # Controllers let motors go under more load, but for those that sum errors.
+        more = more + self._geared(machine, load)
         return motion, made.position - more / drive.kp * (drive.ki is None or np.asarray(drive.ki) == 0.0)
 
     def _loop(self, machine: Machine) -> Driven | None:
@@ -273,6 +283,12 @@ class Scene:
         own = [e for e in mechanical(machine) if e in self.model.effects]
         moved = joint_path(in_order((*own, *moves)), motion) - joint_path(own, motion)
         return np.asarray(np.einsum("nNij,nNj->nNi", self._pull(), moved))
+
+    def _geared(self, machine: Machine, load: FloatArray) -> FloatArray:
+        """Load `(n, N, k)` that motors feel more than joints do, by effects that gear them and act in no loop."""
+        inside = self._inside(machine)
+        behind = [e for e in machine.effects if e.stage < Stage.CLOCK and e not in inside]
+        return load_on_motors(behind, load, self.joints) - load
 
     def _joint_path(self, machine: Machine, motion: Motion, *, tracker: bool = False) -> FloatArray:
         """Return the true path `(n, N, k)` of the joints when the encoders, or the tracker, see it."""

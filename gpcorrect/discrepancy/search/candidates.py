@@ -18,7 +18,7 @@ from gpcorrect.sim.effects import Effect, Family, Scope
 from gpcorrect.sim.effects import candidates as shapes
 from gpcorrect.types import FloatArray
 
-DETAILS = ("side", "law", "pause", "rest", "form", "place", "gains")
+DETAILS = ("side", "law", "pause", "rest", "form", "place", "gains", "of")
 HELD = 1e-4  # of a number that is held: a bounded fit needs some room
 
 

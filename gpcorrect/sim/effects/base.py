@@ -276,6 +276,16 @@ class PathEffect(Effect):
         """
         return True
 
+    def on_motors(self, load: FloatArray, joints: tuple[int, ...]) -> FloatArray:
+        """Return what a load `(..., dof)` behind the effect asks for before it: the same, unless it gears the joints.
+
+        Parameters
+        ----------
+        load : (..., dof) array, N m or N
+        joints : tuple of int, joint numbers of its columns
+        """
+        return load
+
     @abstractmethod
     def advance(self, q: FloatArray, motion: Motion, memory: Memory) -> FloatArray:
         """Return the path of a stretch behind the effect, and bring the memory up to the stretch's end.

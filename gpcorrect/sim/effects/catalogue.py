@@ -110,6 +110,11 @@ class Scope:
     kinematics: bool = True
     torques: FloatArray | None = None
 
+    @property
+    def is_loaded(self) -> bool:
+        """Whether controllers are known to carry the links."""
+        return self.kinematics and self.torques is not None
+
     def _type_of(self, joint: int | str) -> str:
         """Return "R" or "P"; what belongs to no joint counts in metres."""
         return self.types[self.joints.index(joint)] if isinstance(joint, int) else "P"
@@ -170,6 +175,8 @@ def candidates(scope: Scope) -> Iterator[Candidate]:
         fields_of_choice = [[(field, value) for value in values] for field, values in kind.about.choices]
         for site in kind.about.sites:
             for place, choice in product(_of_site(site, scope), product(*fields_of_choice)):
+                if kind.about.loaded in choice and not scope.is_loaded:
+                    continue
                 yield from _shapes(kind, place | dict(choice), scope)
 
 
@@ -188,7 +195,7 @@ def _of_site(site: Site, scope: Scope) -> list[dict[str, Any]]:
 
 def _shapes(kind: type[Effect], place: dict[str, Any], scope: Scope) -> Iterator[Candidate]:
     """Candidates at every combination of the ladders' rungs; amplitudes that a shape makes void are left out."""
-    there = [p for p in kind.about.parameters if p.only is None or place[p.only[0]] == p.only[1]]
+    there = [p for p in kind.about.parameters if p.only is None or place[p.only[0]] in p.only[1:]]
     shaped = [p for p in there if p.ladder is not None]
     absent = {f.name: f.default for f in fields(kind) if f.default is not MISSING}
     for values in product(*(dict.fromkeys(_rungs(p, place, scope, absent.get(p.name))) for p in shaped)):

@@ -118,8 +118,8 @@ class Parameter:
     ladder : Ladder or None
         Values to try, for a parameter that shapes the effect's trace; None where the trace grows with the parameter
         (or with its inverse, when it does nothing at infinity).
-    only : pair of str, optional
-        Field and value of the choice for which there is such a parameter; with another it does nothing.
+    only : tuple of str, optional
+        Field and values of the choice for which there is such a parameter; with another it does nothing.
     shaped_by : str, name of the parameter without which this one does nothing; empty when there is none
     change_point : bool
         Whether it is an instant at which something happens: the trace does not change smoothly with it.
@@ -141,7 +141,7 @@ class Parameter:
     identity: float = 0.0
     per_session: bool = False
     ladder: Ladder | None = None
-    only: tuple[str, str] | None = None
+    only: tuple[str, ...] | None = None
     shaped_by: str = ""
     change_point: bool = False
     period: float | None = None
@@ -185,7 +185,7 @@ class Parameter:
         return self.above < number <= self.at_most and (number >= 0 or not self.positive)
 
 
-def axes(meaning: str, span: Range, only: tuple[str, str] | None = None, shaped_by: str = "") -> tuple[Parameter, ...]:
+def axes(meaning: str, span: Range, only: tuple[str, ...] | None = None, shaped_by: str = "") -> tuple[Parameter, ...]:
     """Return the parameters x, y and z of a vector, to either side of nothing.
 
     Parameters
@@ -232,6 +232,7 @@ class Description:
         Whether it remembers what happened in pauses between runs, which no log holds, so that the same machine may show
         more or less of it in one run than in another.
     turned_load : bool, whether it is told from an offset only where the joint's load changes sign
+    loaded : (field, value) or empty, a choice that shows only where controllers carry links that weigh something
     """
 
     name: str
@@ -248,3 +249,4 @@ class Description:
     remote_centre: bool = False
     carries_over: bool = False
     turned_load: bool = False
+    loaded: tuple[str, ...] = ()

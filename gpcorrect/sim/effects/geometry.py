@@ -12,7 +12,7 @@ from gpcorrect.arms import Chain, Joint
 from gpcorrect.arms.chain import Convention
 from gpcorrect.arms.robot_path import PARALLEL
 from gpcorrect.errors import DataError
-from gpcorrect.sim.effects.base import ChainEffect, JointEffect, Stage, TipEffect
+from gpcorrect.sim.effects.base import ChainEffect, JointEffect, Stage, TipEffect, with_column
 from gpcorrect.sim.effects.description import PHASE, Description, Family, Ladder, Parameter, Per, Range, Run, Site
 from gpcorrect.sim.effects.operators import Memory, play, upright
 from gpcorrect.sim.motion import Motion
@@ -62,12 +62,20 @@ class HomingOffset(JointEffect):
         return q[..., j] - (offsets[motion.session] if len(offsets) > 1 else offsets[0])
 
 
+OF = ("reading", "gear")
+
+
 @dataclass(frozen=True)
 class TransmissionRatio(JointEffect):
-    """The motion since homing is reported `1 + error` times as large as it is."""
+    """The motion since homing is reported `1 + error` times as large as it is.
+
+    Of the reading alone, as where an encoder's counts are wrong; or of the gear, which then also makes `1 + error`
+    times as much of the motor's torque, for what goes in as work comes out as work.
+    """
 
     error: float
     home: float = 0.0
+    of: str = "reading"
 
     about = Description(
         name="transmission_ratio",
@@ -88,7 +96,16 @@ class TransmissionRatio(JointEffect):
         ),
         neighbours=("gravity_sag",),
         separating_runs=(Run.POSE_SPREAD, Run.LOAD_SWAP),
+        choices=(("of", OF),),
+        loaded=("of", "gear"),
     )
+
+    def on_motors(self, load: FloatArray, joints: tuple[int, ...]) -> FloatArray:
+        """Return the joint's load, of which a gear hands its part to the motor."""
+        if self.of != "gear":
+            return load
+        j = self.column(joints)
+        return with_column(load, j, load[..., j] / (1.0 + self.error))
 
     def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
         return (q[..., j] + self.error * self.home) / (1.0 + self.error)
@@ -100,6 +117,8 @@ class CableCoupling(JointEffect):
 
     A cable that is wound by friction first sticks to the source's motion and lets go of it at a reversal: this part is
     the source less its play, which follows the last bit of motion after a reversal and no more.
+
+    Of the reading alone, or of the gear: then the source's motor carries `coefficient` times this joint's load less.
     """
 
     source: int  # number of the joint whose motion causes it
@@ -107,6 +126,7 @@ class CableCoupling(JointEffect):
     drag: float = 0.0
     drag_radius: float = 0.0
     home: float = 0.0
+    of: str = "reading"
 
     about = Description(
         name="cable_coupling",
@@ -145,6 +165,8 @@ class CableCoupling(JointEffect):
         neighbours=("gravity_sag", "backlash"),
         separating_runs=(Run.ONE_JOINT, Run.AMPLITUDES),
         sites=(Site.PAIR,),
+        choices=(("of", OF),),
+        loaded=("of", "gear"),
     )
 
     def __post_init__(self) -> None:
@@ -163,6 +185,13 @@ class CableCoupling(JointEffect):
     def forgets_after(self) -> dict[int, float]:
         """Return the way over which the drag turns round."""
         return {self.source: 2.0 * self.drag_radius} if self.drag else {}
+
+    def on_motors(self, load: FloatArray, joints: tuple[int, ...]) -> FloatArray:
+        """Return the loads, with what the joint's cable asks of the source's motor."""
+        if self.of != "gear":
+            return load
+        j, k = self.column(joints), self.column(joints, self.source)
+        return with_column(load, k, load[..., k] - self.coefficient * load[..., j])
 
     def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
         k = self.column(motion.joints, self.source)
@@ -275,7 +304,7 @@ _length = partial(Parameter, revolute=_LENGTH, positive=False)
 _angle = partial(Parameter, revolute=_ANGLE, positive=False)
 
 
-FORMS = ("table", "parallel")
+FORMS = ("table", "parallel", "tool")
 
 
 @dataclass(frozen=True)
@@ -283,28 +312,31 @@ class DhError(ChainEffect):
     """Small errors of one row of the Denavit-Hartenberg table, or of the tool: a further row behind the last link.
 
     A table has no small number for the turn by which two axes that ought to be parallel are not, about what is across
-    them and their common normal: the form "parallel" has it.
+    them and their common normal: the form "parallel" has it. Four numbers say where an axis is, while a tip may be off
+    along all three axes of the last link: the form "tool" has these, and no turn.
     """
 
-    a: float
-    alpha: float
-    d: float
-    theta: float
+    a: float = 0.0
+    alpha: float = 0.0
+    d: float = 0.0
+    theta: float = 0.0
     beta: float = 0.0
+    b: float = 0.0
     form: str = "table"
 
     about = Description(
         name="dh_error",
         number=6,
         family=Family.GEOMETRY,
-        equation="true row = Ry(beta) (nominal row + (a, alpha, d, theta))",
+        equation="true row = Ty(b) Ry(beta) (nominal row + (a, alpha, d, theta))",
         source="Mooring, Roth, Driels 1991, Fundamentals of Manipulator Calibration, Ch. 2; beta: Hayati 1983",
         parameters=(
             _length("a", "true minus nominal link length"),
-            _angle("alpha", "true minus nominal twist"),
+            _angle("alpha", "true minus nominal twist", only=("form", "table", "parallel")),
             _length("d", "true minus nominal offset along the joint's axis"),
-            _angle("theta", "true minus nominal angle about the joint's axis"),
+            _angle("theta", "true minus nominal angle about the axis", only=("form", "table", "parallel")),
             _angle("beta", "turn about the y axis of the link before", only=("form", "parallel")),
+            _length("b", "shift along the y axis of the link before", only=("form", "tool")),
         ),
         needs=("tracker_cp",),
         neighbours=("registration_error", "homing_offset", "gravity_sag"),
@@ -317,6 +349,11 @@ class DhError(ChainEffect):
         """See :class:`ChainEffect`: the joint is one of the arm's, and what is called parallel is."""
         if isinstance(self.joint, int) and self.joint > chain.dof:
             raise DataError(f"effect dh_error acts on joint {self.joint}, the arm has {chain.dof}.")
+        if (self.form == "tool" and isinstance(self.joint, int)) or (self.b and self.form != "tool"):
+            raise DataError(
+                'effect dh_error: the form "tool" is of the tool alone, and `b` of that form.',
+                hint="Leave `form` and `b` out: four numbers say all of an axis.",
+            )
         if self.form == "parallel" and not self._is_parallel(chain):
             raise DataError(
                 f'effect dh_error: the form "parallel" is of a joint whose axis is parallel to that before, in a table '
@@ -350,7 +387,7 @@ class DhError(ChainEffect):
         return self._askew() @ Chain((row,), convention).forward([0.0])
 
     def _askew(self) -> FloatArray:
-        return se3.pose(se3.matrix_from_rotvec(np.array([0.0, self.beta, 0.0])), np.zeros(3))
+        return se3.pose(se3.matrix_from_rotvec(np.array([0.0, self.beta, 0.0])), np.array([0.0, self.b, 0.0]))
 
     def _is_parallel(self, chain: Chain) -> bool:
         if chain.convention != "modified" or not isinstance(self.joint, int) or self.joint < 2:
