@@ -16,10 +16,11 @@ import numpy as np
 from gpcorrect.errors import DataError
 from gpcorrect.sim.body import Body
 from gpcorrect.sim.dynamics import JointPath, LinkLoad, link_load, mean_inertia
+from gpcorrect.sim.effect_paths import load_on_motors, tip_path
 from gpcorrect.sim.effects import PathEffect, Stage, of_kind
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.motion import Motion
-from gpcorrect.sim.plant import feedforward, load_on_motors, tip_path
+from gpcorrect.sim.plant import feedforward
 from gpcorrect.sim.servo import Clock, Loop, Reference
 from gpcorrect.types import FloatArray
 

@@ -8,7 +8,6 @@ at the log's samples and interpolated between them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,7 +17,8 @@ from scipy.interpolate import CubicSpline
 
 from gpcorrect.sim.body import Body, Drive
 from gpcorrect.sim.dynamics import JointPath, LinkLoad, link_load, mean_inertia
-from gpcorrect.sim.effects import Effect, PathEffect, Stage, TipEffect, of_kind
+from gpcorrect.sim.effect_paths import joint_path, load_on_motors, through, tip_path
+from gpcorrect.sim.effects import Effect, PathEffect, Stage, of_kind
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan
@@ -94,7 +94,7 @@ def run(machine: Machine, plan: Plan, passes: int | None = None) -> Outcome:
     driven = follow_command(machine, Command.of(machine, plan), passes)
     motion = driven.motion
     clock = [e for e in of_kind(machine.effects, PathEffect) if e.stage == Stage.CLOCK]
-    seen, tracked = (_through([e for e in clock if e.is_seen_by(tracker=t)], driven.q, motion) for t in (False, True))
+    seen, tracked = (through([e for e in clock if e.is_seen_by(tracker=t)], driven.q, motion) for t in (False, True))
     tip = tip_path(machine.effects, machine.actual_body(machine.payload(plan)).forward(tracked), motion)
     return Outcome(motion, driven.torque, seen, tip)
 
@@ -174,47 +174,6 @@ def _first_guess(
     return JointPath(q, desired.velocity, desired.acceleration), None
 
 
-def joint_path(effects: Sequence[Effect], motion: Motion) -> FloatArray:
-    """Return the true joint path `(n, N, dof)`: the reported motor path through every effect up to the link.
-
-    Parameters
-    ----------
-    effects : sequence of Effect, in the order in which they act
-    motion : Motion
-    """
-    return _through(effects, motion.position, motion)
-
-
-def tip_path(effects: Sequence[Effect], T_base_tip: FloatArray | None, motion: Motion) -> FloatArray | None:
-    """Return the true tool poses `(n, N, 4, 4)`: the kinematics' poses through the effects at tool and base.
-
-    Parameters
-    ----------
-    effects : sequence of Effect, in the order in which they act
-    T_base_tip : (n, N, 4, 4) array or None, poses of the kinematics
-    motion : Motion
-    """
-    if T_base_tip is None:
-        return None
-    for effect in of_kind(effects, TipEffect):
-        T_base_tip = effect.act(T_base_tip, motion)
-    return T_base_tip
-
-
-def load_on_motors(effects: Sequence[Effect], load: FloatArray, joints: tuple[int, ...]) -> FloatArray:
-    """Return the load `(..., dof)` that motors feel of the one at the joints, from the last effect to the first.
-
-    Parameters
-    ----------
-    effects : sequence of Effect, in the order in which they act on the path
-    load : (..., dof) array
-    joints : tuple of int, joint numbers of its columns
-    """
-    for effect in reversed(of_kind(effects, PathEffect)):
-        load = effect.on_motors(load, joints)
-    return load
-
-
 def mechanical(machine: Machine) -> list[Effect]:
     """Return the effects without those of the clock: when the arm is seen changes no load.
 
@@ -223,12 +182,6 @@ def mechanical(machine: Machine) -> list[Effect]:
     machine : Machine
     """
     return [effect for effect in machine.effects if effect.stage != Stage.CLOCK]
-
-
-def _through(effects: Sequence[Effect], q: FloatArray, motion: Motion) -> FloatArray:
-    for effect in of_kind(effects, PathEffect):
-        q = effect.act(q, motion)
-    return q
 
 
 def _motion(body: Body, plan: Plan, servo: ServoPath, load: LinkLoad) -> Motion:

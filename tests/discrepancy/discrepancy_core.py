@@ -9,10 +9,10 @@ import numpy as np
 from scipy.signal import lfilter
 
 from gpcorrect.sim import Model, machine_of, model_from_dict, simulate
+from gpcorrect.sim.effect_paths import joint_path
 from gpcorrect.sim.effects import CoulombFriction, Effect, GainError, in_order
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan, Segment, plan_of
-from gpcorrect.sim.plant import joint_path
 from gpcorrect.types import CalibrationLog, FloatArray, IntArray
 
 RATE_HZ = 20.0

@@ -9,7 +9,8 @@ from sim_machines import INFINITE, drive, motion, moves, raven
 from gpcorrect.errors import DataError
 from gpcorrect.sim import EFFECTS, effect_from_dict, simulate
 from gpcorrect.sim import effects as kinds
-from gpcorrect.sim.effects import in_order
+from gpcorrect.sim.effect_paths import joint_path
+from gpcorrect.sim.effects import PathEffect, in_order
 
 NEUTRAL = (
     kinds.HomingOffset(1, 0.0),
@@ -243,3 +244,35 @@ def test_effects_are_values():
     """Nobody can change an effect that a model holds."""
     with pytest.raises(FrozenInstanceError):
         kinds.Backlash(1, 0.1).radius = 0.2
+
+
+class Kept(dict):
+    """Columns by their keys, and how many were computed."""
+
+    def keep(self, key, value):
+        """Remember a column."""
+        return self.setdefault(key, value)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_what_is_known_of_other_sets_changes_no_path(seed):
+    """Sets that differ in some effects, and two loads: bit for bit the path that is computed afresh."""
+    rng, known = np.random.default_rng(seed), Kept()
+    for k in range(20):
+        effects = in_order([e for e in ACTIVE if isinstance(e, PathEffect) and rng.random() < 0.7])
+        effects = [
+            replace(e, offset=rng.choice([0.01, 0.02])) if isinstance(e, kinds.HomingOffset) else e for e in effects
+        ]
+        heavy = replace(motion(), load=motion().load * (1 + k % 2))
+        np.testing.assert_array_equal(joint_path(effects, heavy, known, k % 2), joint_path(effects, heavy))
+
+
+def test_of_sets_that_differ_in_one_effect_other_joints_are_known():
+    """Of a backlash of joint 3 behind a coupling to joint 1: another offset of joint 2 computes one column more."""
+    known = Kept()
+    rest = [kinds.HomingOffset(1, 0.02), kinds.CableCoupling(3, 1, 0.1), kinds.Backlash(3, 0.01)]
+    for offset, computed in ((0.01, 4), (0.02, 5)):
+        joint_path(in_order([*rest, kinds.HomingOffset(2, offset)]), motion(), known)
+        assert len(known) == computed
+    joint_path(in_order([kinds.HomingOffset(1, 0.03), *rest[1:]]), motion(), known)
+    assert len(known) == 5 + 3  # what it drives comes anew

@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Generic, TypeVar
 
+from gpcorrect.sim.effect_paths import Column
 from gpcorrect.sim.plant import Command, Driven
 from gpcorrect.types import FloatArray
 
 LOOP_BYTES = 1_000_000_000  # of closed-loop runs: memory only, no result depends on it
+COLUMN_BYTES = 200_000_000  # of joints' paths behind some effects: as for loops
 BEGUN = 4  # commands that begin with the runs of others
 Value = TypeVar("Value")
 
@@ -66,6 +68,7 @@ class ReplayMemory:
     command: Command | None = None  # of the closed loop
     begun: Remembered[Command] = field(default_factory=partial(Remembered, BEGUN))  # the same from others' runs
     loops: Remembered[Driven] = field(default_factory=partial(Remembered, LOOP_BYTES))
+    columns: Remembered[Column] = field(default_factory=partial(Remembered, COLUMN_BYTES))  # where no loop is run
     pull: FloatArray | None = None  # of each joint's load at rest for each joint's position
 
     def __reduce__(self) -> tuple[Any, ...]:

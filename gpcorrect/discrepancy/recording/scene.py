@@ -22,22 +22,14 @@ from gpcorrect.discrepancy.recording.servo_clock import Stamps
 from gpcorrect.discrepancy.recording.tracker import Slack, Tracker
 from gpcorrect.discrepancy.settings import CLOCK
 from gpcorrect.sim.dynamics import JointPath, link_load
+from gpcorrect.sim.effect_paths import joint_path, load_on_motors, tip_path
 from gpcorrect.sim.effects import Effect, PathEffect, Stage, in_order, of_kind
 from gpcorrect.sim.effects.base import SIDES, FrictionEffect
 from gpcorrect.sim.machine import Machine
 from gpcorrect.sim.model import Model
 from gpcorrect.sim.motion import Motion
 from gpcorrect.sim.plan import Plan
-from gpcorrect.sim.plant import (
-    PASSES_BEYOND,
-    Command,
-    Driven,
-    follow_command,
-    joint_path,
-    load_on_motors,
-    mechanical,
-    tip_path,
-)
+from gpcorrect.sim.plant import PASSES_BEYOND, Command, Driven, follow_command, mechanical
 from gpcorrect.types import FloatArray, IntArray
 
 LOOP_STAGES = (Stage.LOAD, Stage.CHAIN, Stage.TORQUE, Stage.FRICTION)
@@ -292,4 +284,9 @@ class Scene:
 
     def _joint_path(self, machine: Machine, motion: Motion, *, tracker: bool = False) -> FloatArray:
         """Return the true path `(n, N, k)` of the joints when the encoders, or the tracker, see it."""
-        return joint_path([e for e in of_kind(machine.effects, PathEffect) if e.is_seen_by(tracker=tracker)], motion)
+        effects = [e for e in of_kind(machine.effects, PathEffect) if e.is_seen_by(tracker=tracker)]
+        if self.plan is not None:
+            return joint_path(effects, motion)
+        # Without a loop loads depend on what hangs on the arm alone.
+        hung = tuple(e for e in machine.effects if not isinstance(e, PathEffect))
+        return joint_path(effects, motion, self.memory.columns, hung)

@@ -328,6 +328,15 @@ class JointEffect(PathEffect):
         j = self.column(motion.joints)
         return with_column(q, j, self._behind(q, j, motion, memory))
 
+    def own_path(self, q: FloatArray, motion: Motion) -> FloatArray:
+        """Return the path `(n, N)` of its own joint behind the effect; of `q` it reads the columns of its `joints`.
+
+        Parameters
+        ----------
+        q, motion : see :meth:`PathEffect.act`
+        """
+        return self._behind(q, self.column(motion.joints), motion, {})
+
     @abstractmethod
     def _behind(self, q: FloatArray, j: int, motion: Motion, memory: Memory) -> FloatArray:
         """Return the path `(n, N)` of joint column `j` behind the effect, given all joints' paths `q` before it."""
