@@ -3,7 +3,7 @@
     pip install pybullet
     python bench/discrepancy_pybullet.py [--cases nothing,coulomb --motions 8 --seconds 8]
 
-Nothing of the project makes the recordings: PyBullet integrates the links (16 steps of each of the controller's), its
+Nothing of the project makes the recordings: PyBullet integrates the links (16 steps to each of the controller's, or `--steps`), its
 inverse dynamics hold the arm up, and what is hidden is a number of PyBullet's own or a torque written here.
 """
 
@@ -34,7 +34,7 @@ KP = np.array([800.0, 800.0, 300.0, 300.0, 60.0, 50.0, 12.0])
 KD = np.array([50.0, 50.0, 16.0, 16.0, 2.0, 1.6, 0.3])
 HOME = np.array([0.0, 0.8, 0.0, -1.3, 0.0, 0.8, 0.0])
 REACH = np.array([1.0, 0.6, 1.0, 0.7, 1.0, 0.8, 1.3])  # of the desired waves, joint by joint
-RATE_HZ, STEPS, LOG_HZ, BRAKE = 1000, 16, 50, 0.002  # BRAKE: rad/s at which dry friction has most of its torque
+RATE_HZ, LOG_HZ, BRAKE = 1000, 50, 0.002  # BRAKE: rad/s at which dry friction has most of its torque
 ENCODER, OUTSIDE = 2e-5, 1e-4  # rad, white noise of motor encoders and outside ones
 Law = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
@@ -82,6 +82,7 @@ def main() -> None:
     parser.add_argument("--motions", type=int, default=8)
     parser.add_argument("--seconds", type=float, default=8.0)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--steps", type=int, default=16, help="of PyBullet's to one of the controller's")
     options = parser.parse_args()
     print_load()
     with tempfile.TemporaryDirectory() as folder:
@@ -92,7 +93,7 @@ def questions(file: Path, options: argparse.Namespace) -> Iterator[Question]:
     """Yield what is asked about each case."""
     model = nominal(file)
     for name in options.cases.split(","):
-        log = recording(file, CASES[name], options.motions, options.seconds, options.seed)
+        log = recording(file, CASES[name], options)
         yield name, CASES[name].name, model, log
 
 
@@ -111,20 +112,21 @@ def nominal(file: Path) -> Model:
     return model_from_dict(keys, folder=file.parent)
 
 
-def recording(file: Path, case: Case, motions: int, seconds: float, seed: int) -> CalibrationLog:
+def recording(file: Path, case: Case, options: argparse.Namespace) -> CalibrationLog:
     """Let PyBullet's arm follow waves of three frequencies a joint, from rest, and log it."""
-    rng = np.random.default_rng(seed)
+    rng, motions, seconds = np.random.default_rng(options.seed), options.motions, options.seconds
     pybullet.connect(pybullet.DIRECT)
     try:
         pybullet.setGravity(0, 0, -9.81)
-        pybullet.setPhysicsEngineParameter(fixedTimeStep=1.0 / (RATE_HZ * STEPS))
+        pybullet.setPhysicsEngineParameter(fixedTimeStep=1.0 / (RATE_HZ * options.steps))
         known, real = loaded(file), loaded(file)
         if case.heavier is not None:
             link, mass = case.heavier
             before, _, inertia, *_ = pybullet.getDynamicsInfo(real, link - 1)
             # A new mass alone takes the link's inertia away, which the workflow said was missing.
             pybullet.changeDynamics(real, link - 1, mass=before + mass, localInertiaDiagonal=inertia)
-        runs = [followed(known, real, case, waves(rng, HOME, REACH, seconds, RATE_HZ)) for _ in range(motions)]
+        paths = [waves(rng, HOME, REACH, seconds, RATE_HZ) for _ in range(motions)]
+        runs = [followed(known, real, case, path, options.steps) for path in paths]
     finally:
         pybullet.disconnect()
     setpoint, q, away, torque = (np.concatenate(parts) for parts in zip(*runs, strict=True))
@@ -150,7 +152,7 @@ def loaded(file: Path) -> int:
     return arm
 
 
-def followed(known: int, real: int, case: Case, wanted: FloatArray) -> tuple[FloatArray, ...]:
+def followed(known: int, real: int, case: Case, wanted: FloatArray, steps: int) -> tuple[FloatArray, ...]:
     """Return what was wanted, where motors and joints were, and the torque, at the log's samples `(n, 7)` each."""
     pace, rows = np.gradient(wanted, 1.0 / RATE_HZ, axis=0), []
     kp, kd = KP * (1.0 + case.stiffer), KD * (1.0 + case.stiffer)
@@ -163,7 +165,7 @@ def followed(known: int, real: int, case: Case, wanted: FloatArray) -> tuple[Flo
         torque = kp * (wanted[i] - q) + kd * ((pace[i] if k >= 0 else 0.0) - v) + case.fed * np.array(held)
         if k >= 0 and k % (RATE_HZ // LOG_HZ) == 0:
             rows.append((wanted[i], q, case.away(q, v, torque), torque))
-        for _ in range(STEPS):
+        for _ in range(steps):
             q, v = state(real)
             forces = torque + case.torque(q, v, torque)
             pybullet.setJointMotorControlArray(real, range(7), pybullet.TORQUE_CONTROL, forces=forces.tolist())
