@@ -3,8 +3,9 @@
     pip install pybullet
     python bench/discrepancy_pybullet.py [--cases nothing,coulomb --motions 8 --seconds 8]
 
-Nothing of the project makes the recordings: PyBullet integrates the links (16 steps to each of the controller's, or `--steps`), its
-inverse dynamics hold the arm up, and what is hidden is a number of PyBullet's own or a torque written here.
+Nothing of the project makes the recordings: PyBullet integrates the links, in 16 steps to each of the controller's
+(`--steps`), its inverse dynamics hold the arm up, and what is hidden is a number of PyBullet's own or a torque written
+here.
 """
 
 from __future__ import annotations
