@@ -10,7 +10,7 @@ from discrepancy_core import EVERY, IN_SERVO, SERVO_MODEL, fine
 
 from gpcorrect.discrepancy import find_discrepancy
 from gpcorrect.discrepancy.naming.posterior import Alternative, Level, Named, like_steps
-from gpcorrect.discrepancy.naming.weigh import Own, Rival, Weighed
+from gpcorrect.discrepancy.naming.weigh import Own, Rival, Weighed, left_to_steps
 from gpcorrect.discrepancy.outcome.sentences import verdict_sentences
 from gpcorrect.discrepancy.recording import scene as scene_module
 from gpcorrect.discrepancy.recording.build import build_scene
@@ -19,7 +19,7 @@ from gpcorrect.discrepancy.recording.scene import Scene
 from gpcorrect.discrepancy.search.candidates import FittedEffect, all_candidates
 from gpcorrect.discrepancy.search.linearisation import refine
 from gpcorrect.discrepancy.search.prepared import prepare_data
-from gpcorrect.discrepancy.search.state import start_search
+from gpcorrect.discrepancy.search.state import start_search, view_of
 from gpcorrect.errors import DataError
 from gpcorrect.sim import machine_of
 from gpcorrect.sim.effects import (
@@ -305,3 +305,19 @@ def test_a_fit_that_begins_where_no_machine_is_comes_back_to_one() -> None:
     assert np.isfinite(prepared.dataset.predict([found.effect])).all()
     assert InertiaError(3, found.effect.inertia) == found.effect
     assert found.effect.inertia == pytest.approx(-1.0, abs=400.0 * (1 / 400 - 1 / 1000) / 2)  # as steps differ
+
+
+def test_what_steps_could_gain_beside_a_set_is_counted() -> None:
+    """Speeds seen half a step late, beside a payload: what steps could gain is counted until the lag is in the set."""
+    log = fine((Payload("all", 0.2), VelocityFilter("all", 0.0005)), runs=12, hz=50.0)
+    noise = np.random.default_rng(6).normal(0.0, [1e-4, 1e-4, 1e-5], log.external_jp.shape)
+    prepared = prepare_data(replace(log, external_jp=log.external_jp + noise), SERVO_MODEL, np.random.default_rng(0))
+    state = start_search(prepared.dataset, all_candidates(prepared.dataset.scene))
+    load = next(t.candidate for t in state.traces if t.candidate.name == "payload")
+    lag = next(t.candidate for t in state.traces if (t.candidate.name, t.candidate.joint) == ("velocity_filter", "all"))
+    both = refine(state.whitener, [], [FittedEffect(c, np.array(c.start)) for c in (load, lag)])
+    without, beside = (
+        left_to_steps(view_of(replace(state, fitted=tuple(fitted)), prepared)) for fitted in (both[:1], both)
+    )
+    assert without > state.misfit(both[:1]) - state.misfit(both) > 20.0  # of two parts, and of the first
+    assert 0.0 <= beside < 0.1

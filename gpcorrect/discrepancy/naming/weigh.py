@@ -19,6 +19,7 @@ from gpcorrect.discrepancy.search.state import Search, View, penalty
 from gpcorrect.discrepancy.search.stepwise import Ranked, rank
 from gpcorrect.discrepancy.settings import NAMING
 from gpcorrect.errors import DataError
+from gpcorrect.sim.effects.dynamics import VelocityFilter
 from gpcorrect.types import BoolArray, FloatArray
 
 
@@ -47,7 +48,7 @@ class Own:
     discovery: FloatArray  # (b,) nats of each trajectory of this part
     confirmation: FloatArray  # (b,)
     overdispersion: float  # by how much evidence counts less, because the residual is still larger than noise
-    of_steps: float = 0.0  # nats of what is a matter of the servo's steps beside it
+    of_steps: float = 0.0  # nats of what is a matter of the servo's steps beside it, and of what may still be
 
     @property
     def nats(self) -> float:
@@ -88,8 +89,31 @@ def own_gain(view: View, fit: FittedEffect) -> Own:
     scene = search.dataset.scene
     of_loop = [m for m in search.fitted if m.effect.is_a_matter_of_steps(scene.machine.drive, scene.joints)]
     others = [m for m in search.fitted if m is fit or m not in of_loop]
-    of_steps = search.misfit(others) - search.misfit(search.fitted)
+    of_steps = search.misfit(others) - search.misfit(search.fitted) + left_to_steps(view)
     return Own(rest, reference, *gains, max(left, size_overdispersion(search, fit)), of_steps)
+
+
+def left_to_steps(view: View) -> float:
+    """Return the nats that steps taken otherwise would gain beside the set: up to one step's lag of speeds, or lead.
+
+    Parameters
+    ----------
+    view : View
+    """
+    dataset, effects = view.search.dataset, [f.effect for f in view.search.fitted]
+    if dataset.scene.plan is None:
+        return 0.0
+    lag = VelocityFilter("all", 1.0 / dataset.scene.machine.drive.rate_hz)
+    try:
+        change = dataset.predict([*effects, lag]) - dataset.predict(effects)
+    except DataError:  # a loop that bears no lag
+        return 0.0
+    nats = 0.0
+    left, by_lag = view.whitened_residuals(view.search.fitted), view.whitened(change[:, :, None])
+    for z, (d,) in zip(left, (part.T for part in by_lag), strict=True):
+        fraction = float(np.clip(d @ z / max(float(d @ d), 1e-300), -1.0, 1.0))
+        nats += fraction * float(d @ z) - 0.5 * fraction**2 * float(d @ d)
+    return nats
 
 
 def weigh(view: View, fit: FittedEffect, own: Own) -> Weighed:
