@@ -225,11 +225,12 @@ class VelocityFilter(DriveEffect):
     def is_a_matter_of_steps(self, drive: Drive, joints: tuple[int, ...]) -> bool:
         """Up to a step: half by a difference of positions, half by when in a step they are read.
 
-        And by half a step of viscous damping that acts by the speed before it, which is as if the motor had that much
-        less inertia (:meth:`InertiaError.is_a_matter_of_steps`): a link without a rotor has no other words for it.
+        And up to a step of the joint's own viscous damping, which acts by a speed before that step as if the motor had
+        so much less inertia: a link without a rotor has no other words for it. PyBullet's arm in steps of 1 ms lags by
+        0.97 steps, and its last joint, with a damping of 1.7 kd, by 2.7.
         """
         damping = 0.0 if drive.damping is None else drive.damping
-        most = KNOWN_TO * (1.0 + 0.5 * damping / np.maximum(drive.kd, np.finfo(float).tiny)) / drive.rate_hz
+        most = KNOWN_TO * (1.0 + damping / np.maximum(drive.kd, np.finfo(float).tiny)) / drive.rate_hz
         most = np.broadcast_to(most, drive.kd.shape)
         return bool(self.time_constant <= (most.min() if self.joint == "all" else most[self.column(joints)]))
 
