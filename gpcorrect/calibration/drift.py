@@ -84,9 +84,9 @@ def chance_of_larger(baseline: FloatArray, scores: FloatArray) -> float:
     Parameters
     ----------
     baseline : (b,) array, scores of the training's left-out trajectories
-    scores : (n,) array, scores of one recording; 1 where there are none
+    scores : (n,) array, scores of one recording; 1 where there are none of either
     """
-    if not scores.size:
+    if not (scores.size and baseline.size):
         return 1.0
     return float(mannwhitneyu(scores, baseline, alternative="greater").pvalue)
 

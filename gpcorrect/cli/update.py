@@ -156,6 +156,8 @@ def drift(
             parts.append(measured.scores)
             if measured.scores.size:
                 beside.append(_Beside.of(path, baseline, measured))
+            else:
+                note(f"{path}: no trajectory lies in the model's training region")
         recorded += sum(float(np.ptp(log.time[rows])) for _, rows in log.trajectories()) / 3600
         ages.append(recorded if age is None else age[i])
     scores = np.concatenate(parts)

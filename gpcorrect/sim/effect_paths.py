@@ -64,16 +64,16 @@ def joint_path(
     """
     if known is None:
         return through(effects, motion.position, motion)
-    q, before = np.array(motion.position), dict[int, Hashable](zip(motion.joints, motion.joints, strict=True))
+    q, before = np.array(motion.position), list[Hashable](motion.joints)
     for effect in of_kind(effects, PathEffect):
         if not isinstance(effect, JointEffect) or not isinstance(effect.joint, int):
-            q, before = np.array(effect.act(q, motion)), {joint: object() for joint in before}
+            q, before = np.array(effect.act(q, motion)), [object() for _ in before]
             continue
-        key = (of, effect, *(before[joint] for joint in effect.joints))
+        key = (of, effect, *(before[effect.column(motion.joints, joint)] for joint in effect.joints))
         if (column := known.get(key)) is None:
             column = known.keep(key, Column(np.array(effect.own_path(q, motion))))
-        q[..., effect.column(motion.joints)] = column.path
-        before[effect.joint] = column
+        j = effect.column(motion.joints)
+        q[..., j], before[j] = column.path, column
     return q
 
 
